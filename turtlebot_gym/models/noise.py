@@ -1,0 +1,85 @@
+"""Counter-based randomness: a draw is a function of the episode's key, the step and the stream, and of nothing else.
+
+So environment *i* has the same trajectory alone and in any batch, in any order of stepping. Keys are 64-bit integers; the
+masks keep Python's unbounded integers in step with the machine's.
+"""
+
+from __future__ import annotations
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import PI, TWO_PI, sincos
+
+_M64 = 0xFFFFFFFFFFFFFFFF
+_M37 = _M64 >> 27
+_M31 = _M64 >> 33
+_M32 = 0xFFFFFFFF
+_WEYL = 0x1E3779B97F4A7C15
+_STREAMS = 16
+
+# Streams of the draws. Each yields two uniform or two normal numbers.
+PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL = range(7)
+
+
+@kernel
+def mix(x: int) -> int:
+    """Scramble 64 bits: every output bit depends on every input bit.
+
+    References:
+        Evensen, "Stronger, better, morer, Moremur; a better Murmur3-type mixer" (2019).
+    """
+    # Right shifts are masked because compiled integers are signed; the constants are below 2^63 for the same reason.
+    x = x ^ ((x >> 27) & _M37)
+    x = (x * 0x3C79AC492BA7B653) & _M64
+    x = x ^ ((x >> 33) & _M31)
+    x = (x * 0x1C69B3F74AC4AE35) & _M64
+    return x ^ ((x >> 27) & _M37)
+
+
+@kernel
+def episode_key(seed: int, episode: int) -> int:
+    """Return the key of an environment's episode."""
+    return mix(mix(seed) ^ (episode * _WEYL & _M64))
+
+
+@kernel
+def uniforms(key: int, step: int, stream: int) -> tuple[float, float]:
+    """Return two independent uniform numbers in (0, 1), of 32 bits each."""
+    bits = mix((key + (step * _STREAMS + stream + 1) * _WEYL) & _M64)
+    return (((bits >> 32) & _M32) + 0.5) * 2.0**-32, ((bits & _M32) + 0.5) * 2.0**-32
+
+
+@kernel
+def normals(key: int, step: int, stream: int) -> tuple[float, float]:
+    """Return two independent standard normal numbers, at most 6.8 in size (Box and Muller, 1958)."""
+    u1, u2 = uniforms(key, step, stream)
+    radius = sqrt(-2.0 * log_unit(u1))
+    sine, cosine = sincos(TWO_PI * u2 - PI)
+    return radius * cosine, radius * sine
+
+
+@kernel
+def log_unit(x: float) -> float:
+    """Return the natural logarithm of x in (2^-63, 1], to 1e-15 relative, without a branch.
+
+    Exact multiplications by powers of two bring x to [0.5, 1], one comparison each; then the series of fdlibm's log.
+
+    References:
+        Sun Microsystems, *fdlibm* (1993), e_log.c: the coefficients.
+    """
+    exponent = 0.0
+    exponent, x = (-32.0, x * 4294967296.0) if x < 2.0**-32 else (exponent, x)
+    exponent, x = (exponent - 16.0, x * 65536.0) if x < 2.0**-16 else (exponent, x)
+    exponent, x = (exponent - 8.0, x * 256.0) if x < 2.0**-8 else (exponent, x)
+    exponent, x = (exponent - 4.0, x * 16.0) if x < 2.0**-4 else (exponent, x)
+    exponent, x = (exponent - 2.0, x * 4.0) if x < 2.0**-2 else (exponent, x)
+    exponent, x = (exponent - 1.0, x * 2.0) if x < 0.7071067811865476 else (exponent, x)
+    f = x - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    r = z * (6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01 + z * (
+        2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01
+        + z * 1.479819860511658591e-01))))))  # fmt: skip
+    half = 0.5 * f * f
+    return exponent * 6.93147180369123816490e-01 - (
+        (half - (s * (half + r) + exponent * 1.90821492927058770002e-10)) - f
+    )

@@ -1,0 +1,62 @@
+"""Odometry: a measured pose, or the pose that the wheels have integrated."""
+
+from __future__ import annotations
+
+import math
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.parameters import OdometryNoise, Pose
+
+
+@kernel
+def quantize(value: float, resolution: float) -> float:
+    """Round to a multiple of the resolution; a resolution of zero leaves the value as it is."""
+    rounded = resolution * math.floor(value / (resolution if resolution > 0.0 else 1.0) + 0.5)
+    return rounded if resolution > 0.0 else value
+
+
+@kernel
+def measure(
+    pose: Pose,
+    wheels: Pose,
+    noise: OdometryNoise,
+    position: tuple[float, float],
+    heading: float,
+    event: float,
+) -> Pose:
+    """Measure a pose.
+
+    Args:
+        pose: The true pose.
+        wheels: The pose that the wheels have integrated.
+        noise: The odometry's errors.
+        position: Two standard normal numbers.
+        heading: A standard normal number.
+        event: A uniform number in (0, 1), which decides on a heading spike and its sign.
+    """
+    half = 0.5 * noise.spike_probability
+    spike = noise.spike if event < half else (-noise.spike if event < noise.spike_probability else 0.0)
+    x, y, theta = (wheels.x, wheels.y, wheels.theta) if noise.wheel else (pose.x, pose.y, pose.theta)
+    return Pose(
+        quantize(x + noise.bias[0] + sqrt(noise.R[0]) * position[0], noise.quantization[0]),
+        quantize(y + noise.bias[1] + sqrt(noise.R[1]) * position[1], noise.quantization[0]),
+        wrap(quantize(theta + noise.bias[2] + sqrt(noise.R[2]) * heading + spike, noise.quantization[1])),
+    )
+
+
+@kernel
+def increment(pose: Pose, before: Pose, after: Pose, sincos_turn: tuple[float, float]) -> Pose:
+    """Move a pose as the odometry moved from ``before`` to ``after``.
+
+    Args:
+        pose: The pose to move.
+        before: Odometry at the start of the interval.
+        after: Odometry at its end.
+        sincos_turn: Sine and cosine of ``pose.theta - before.theta``, the turn from odometry's frame into the pose's.
+    """
+    sine, cosine = sincos_turn
+    dx, dy = after.x - before.x, after.y - before.y
+    return Pose(
+        pose.x + cosine * dx - sine * dy, pose.y + sine * dx + cosine * dy, wrap(pose.theta + (after.theta - before.theta))
+    )

@@ -1,0 +1,77 @@
+"""A unicycle: its limits, how it executes a command, and how it moves.
+
+In one control interval the pose moves with the twist of the interval before, and then the twist follows the command:
+a command acts one step late, as in the reference system.
+"""
+
+from __future__ import annotations
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Command, Pose, ProcessNoise
+from turtlebot_gym.robots import Robot
+
+INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
+"""At which share of the interval the heading of the motion is taken: at its start (the tutorial's) or in its middle."""
+
+
+@kernel
+def limit(command: Command, robot: Robot) -> Command:
+    """Scale a command into a robot's limits, per axis and per wheel, and keep the curvature of its path."""
+    v, omega = abs(command.v), abs(command.omega)
+    wheel = v + omega * robot.wheel_separation * 0.5
+    excess = max(max(v / robot.max_linear, omega / robot.max_angular), max(wheel / robot.max_wheel, 1.0))
+    return Command(command.v / excess, command.omega / excess)
+
+
+@kernel
+def advance(pose: Pose, v: float, omega: float, dt: float, middle: float) -> Pose:
+    """Move a pose with a twist for one interval, by the rule of `INTEGRATORS` whose value is ``middle``."""
+    sine, cosine = sincos(pose.theta + middle * omega * dt)
+    return Pose(pose.x + v * cosine * dt, pose.y + v * sine * dt, wrap(pose.theta + omega * dt))
+
+
+@kernel
+def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tuple[float, float]:
+    """Return the variances of the executed speed and turning rate around the command; m^2/s^2, rad^2/s^2.
+
+    White noise on a twist makes a displacement whose variance grows with the *number* of steps times dt^2. Its variance is
+    therefore scaled by 0.1 s / dt: the drift per metre is then the same at every control rate.
+    """
+    v2, omega2 = command.v * command.v, command.omega * command.omega
+    scale = REFERENCE_PERIOD / dt
+    return (noise.alpha1 * v2 + noise.alpha2 * omega2) * scale, (noise.alpha3 * v2 + noise.alpha4 * omega2) * scale
+
+
+@kernel
+def execute(
+    command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[float, float], dt: float
+) -> Command:
+    """Return the twist that the robot really makes of a command.
+
+    Args:
+        command: What it is asked for, within its limits.
+        noise: The velocity motion model.
+        slipping: Whether the wheels slip at present.
+        draws: Two standard normal numbers, for the speed and the turning rate.
+        dt: Control interval, s.
+    """
+    var_v, var_omega = execution_variances(command, noise, dt)
+    grip = 1.0 - noise.slip if slipping else 1.0
+    return Command(
+        (command.v + sqrt(var_v) * draws[0]) * grip, (command.omega + sqrt(var_omega) * draws[1]) * grip
+    )
+
+
+@kernel
+def slips(slipping: bool, noise: ProcessNoise, draw: float, dt: float) -> bool:
+    """Return whether the wheels slip in the next step: a two-state Markov chain.
+
+    Args:
+        slipping: Whether they slip now.
+        noise: Its probabilities per 0.1 s.
+        draw: A uniform number in (0, 1).
+        dt: Control interval, s.
+    """
+    scale = dt / REFERENCE_PERIOD
+    return draw >= noise.slip_end * scale if slipping else draw < noise.slip_start * scale

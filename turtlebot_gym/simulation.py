@@ -1,0 +1,202 @@
+"""The one transition where it all meets: robot, odometry, filter and task, for a single environment, as pure functions."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from turtlebot_gym.estimation.ekf import Estimate, initialize, step
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, PROCESS, SLIP, normals, uniforms
+from turtlebot_gym.models.odometry import measure
+from turtlebot_gym.models.unicycle import advance, execute, limit, slips
+from turtlebot_gym.parameters import STOP, Command, FilterTuning, Noise, Pose, Reward, State
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.tasks import (
+    Observation,
+    Task,
+    arrived,
+    distance_to,
+    draw_start,
+    observe,
+    reward_of,
+    stated_deviations,
+)
+
+OBSERVED = {"ekf": 0.0, "odometry": 1.0, "truth": 2.0}
+"""What the policy is shown as the robot's pose."""
+
+
+class Parameters(NamedTuple):
+    """All that an environment's transition depends on, besides its state and its key."""
+
+    robot: Robot
+    noise: Noise
+    tuning: FilterTuning
+    task: Task
+    reward: Reward
+    dt: float
+    """Control interval, s."""
+    middle: float
+    """The integrator, a value of `models.unicycle.INTEGRATORS`."""
+    observed: float
+    """A value of `OBSERVED`."""
+
+
+class World(NamedTuple):
+    """All that an environment remembers from step to step."""
+
+    true_state: State
+    odometry: Pose
+    """The last measurement that arrived."""
+    estimate: Estimate
+    command: Command
+    """The last limited command."""
+    reference: Pose
+    """The waypoint to reach."""
+    following: Pose
+    """The one after it; itself where there is none."""
+    wheels: Pose
+    """The pose that the wheels have integrated."""
+    slipping: bool
+    visited: float
+    """Waypoints done with."""
+    steps: float
+
+
+class Outcome(NamedTuple):
+    """What a step has come to."""
+
+    reward: float
+    is_success: bool
+    terminated: bool
+    truncated: bool
+
+
+@kernel
+def _believed(world: World, observed: float) -> State:
+    """Return the state that the policy is shown."""
+    mean, z, truth, u = world.estimate.belief.mean, world.odometry, world.true_state, world.command
+    ekf, odometry = observed == 0.0, observed == 1.0
+    return State(
+        mean.x if ekf else (z.x if odometry else truth.x),
+        mean.y if ekf else (z.y if odometry else truth.y),
+        mean.theta if ekf else (z.theta if odometry else truth.theta),
+        mean.v if ekf else (u.v if odometry else truth.v),
+        mean.omega if ekf else (u.omega if odometry else truth.omega),
+    )
+
+
+@kernel
+def look(world: World, p: Parameters) -> Observation:
+    """Return what the policy observes of a world."""
+    position, heading = stated_deviations(world.estimate.belief.covariance)
+    ekf, odometry = p.observed == 0.0, p.observed == 1.0
+    R = p.tuning.R
+    std = (
+        position if ekf else (sqrt(R[0] + R[1]) if odometry else 0.0),
+        heading if ekf else (sqrt(R[2]) if odometry else 0.0),
+    )
+    nis = world.estimate.nis if ekf else 0.0
+    return observe(_believed(world, p.observed), std, nis, world.reference, world.following, p.robot)
+
+
+@kernel
+def _measure(key: int, at: int, pose: Pose, wheels: Pose, p: Parameters) -> tuple[Pose, bool]:
+    """Return the odometry of a step, and whether it arrives."""
+    heading, _ = normals(key, at, HEADING)
+    event, dropout = uniforms(key, at, EVENTS)
+    z = measure(pose, wheels, p.noise.odometry, normals(key, at, POSITION), heading, event)
+    return z, dropout >= p.noise.odometry.dropout_probability
+
+
+@kernel
+def start_pose(key: int, p: Parameters) -> Pose:
+    """Return the pose in which an episode starts."""
+    return draw_start(key, p.task) if p.task.random else Pose(0.0, 0.0, 0.0)
+
+
+@kernel
+def begin(key: int, p: Parameters) -> World:
+    """Return the world in which an episode starts: at rest, with a first measurement, which always arrives.
+
+    Its waypoints are still to be set, by `retarget`.
+
+    Args:
+        key: The episode's key, from `models.noise.episode_key`.
+        p: Parameters.
+    """
+    pose = start_pose(key, p)
+    z, _ = _measure(key, 0, pose, pose, p)
+    truth = State(pose.x, pose.y, pose.theta, 0.0, 0.0)
+    return World(truth, z, initialize(z, p.tuning), Command(0.0, 0.0), pose, pose, pose, False, 0.0, 0.0)
+
+
+@kernel
+def transition(world: World, command: Command, key: int, waypoints: int, p: Parameters) -> tuple[World, Outcome]:
+    """Advance an environment by one control interval.
+
+    Args:
+        world: Its state.
+        command: The twist that the policy asks for; m/s, rad/s.
+        key: The episode's key.
+        waypoints: How many waypoints the task has.
+        p: Parameters.
+
+    Returns:
+        The world after it, and what the step has come to. Where ``visited`` has grown, `retarget` is still to be called.
+    """
+    dt, noise, task = p.dt, p.noise, p.task
+    steps = world.steps + 1.0
+    at = int(steps)
+    command = limit(command, p.robot)
+
+    # The plant: the pose moves with the twist of the interval before, then the twist follows the command.
+    before = world.true_state
+    pose = advance(Pose(before.x, before.y, before.theta), before.v, before.omega, dt, p.middle)
+    wheels = advance(world.wheels, world.command.v, world.command.omega, dt, p.middle)
+    slip_draw, _ = uniforms(key, at, SLIP)
+    slipping = slips(world.slipping, noise.process, slip_draw, dt)
+    twist = execute(command, noise.process, slipping, normals(key, at, PROCESS), dt)
+    truth = State(pose.x, pose.y, pose.theta, twist.v, twist.omega)
+
+    # The odometry and the filter.
+    z, measured = _measure(key, at, pose, wheels, p)
+    last = world.odometry
+    z = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
+    estimate = step(world.estimate, command, last, z, measured, p.tuning, dt, p.middle)
+
+    # The task.
+    reference = world.reference
+    moved = World(truth, z, estimate, command, reference, world.following, wheels, slipping, world.visited, steps)
+    there = arrived(truth, reference, task)
+    reached = arrived(_believed(moved, p.observed), reference, task) if task.on_belief else there
+    by_time = task.switch_period < math.inf
+    due = steps * dt > (world.visited + 1.0) * task.switch_period - 0.5 * dt
+    visited = world.visited + (1.0 if (due if by_time else reached) else 0.0)
+    terminated = visited >= waypoints * task.laps and not by_time
+    success = terminated and there
+    reward = reward_of(
+        distance_to(before, reference), distance_to(truth, reference), command, success, p.reward, p.robot, dt
+    )
+    outcome = Outcome(reward, success, terminated, steps >= task.max_steps and not terminated)
+    return World(truth, z, estimate, command, reference, world.following, wheels, slipping, visited, steps), outcome
+
+
+@kernel
+def retarget(world: World, waypoints, p: Parameters) -> World:
+    """Return the world with the waypoint that is next after those visited, and the one that follows it.
+
+    Args:
+        world: The world.
+        waypoints: Shape (M, 3), or M poses, to be visited `Task.laps` times in turn; the last one stays.
+        p: Parameters.
+    """
+    last = len(waypoints) * p.task.laps - 1.0
+    now = waypoints[int(min(world.visited, last)) % len(waypoints)]
+    then = waypoints[int(min(world.visited + 1.0, last)) % len(waypoints)]
+    reference, following = Pose(now[0], now[1], now[2]), Pose(then[0], then[1], then[2])
+    w = world
+    return World(
+        w.true_state, w.odometry, w.estimate, w.command, reference, following, w.wheels, w.slipping, w.visited, w.steps
+    )
