@@ -1,0 +1,76 @@
+"""A TurtleBot that navigates on what a Kalman filter believes: Gymnasium environments, filter and odometry models.
+
+Importing this package registers the environments' ids where gymnasium and numba are installed. Without them, as on a robot,
+the filter, the models and the tasks still work.
+"""
+
+from importlib.util import find_spec
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.parameters import (
+    STOP,
+    Belief,
+    Command,
+    Covariance,
+    FilterTuning,
+    Noise,
+    OdometryNoise,
+    Pose,
+    ProcessNoise,
+    Reward,
+    State,
+)
+from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot
+from turtlebot_gym.robots import ROBOTS, Robot
+from turtlebot_gym.simulation import Parameters, World, make_parameters
+from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "NAV",
+    "NOISES",
+    "OBSERVATION_LAYOUT",
+    "POSE",
+    "ROBOTS",
+    "SQUARE",
+    "SQUARE_WAYPOINTS",
+    "STOP",
+    "Belief",
+    "Command",
+    "Covariance",
+    "Estimate",
+    "FilterTuning",
+    "Noise",
+    "Observation",
+    "OdometryNoise",
+    "Parameters",
+    "Pose",
+    "ProcessNoise",
+    "Reward",
+    "Robot",
+    "State",
+    "Task",
+    "World",
+    "make_filter",
+    "make_noise",
+    "make_parameters",
+    "make_robot",
+]
+
+
+def _register_environments() -> None:
+    from gymnasium.envs.registration import register
+
+    for name, steps in (("Nav", 300), ("Pose", 300), ("Square", 600)):
+        register(
+            id=f"turtlebot_gym/TurtleBot{name}-v0",
+            entry_point="turtlebot_gym.envs.navigation:NavigationEnv",
+            vector_entry_point="turtlebot_gym.envs.navigation_vector:NavigationVectorEnv",
+            max_episode_steps=steps,
+            kwargs={"task": name.lower()},
+        )
+
+
+if find_spec("gymnasium") is not None:
+    _register_environments()

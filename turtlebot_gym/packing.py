@@ -54,7 +54,7 @@ class Packing(NamedTuple):
     store: Callable[[Any, int, Any], None]
     """``store(buffer, at, value)`` writes it."""
     slices: dict[str, slice]
-    """Where each field of the value is among its numbers."""
+    """Where each tuple in the value is among its numbers, by its dotted path."""
 
 
 def packing(example: Any) -> Packing:
@@ -64,31 +64,30 @@ def packing(example: Any) -> Packing:
         example: A (nested) NamedTuple of numbers, with the structure and the types (float, bool) of all of its kind.
     """
     types: dict[str, type] = {}
-    reads: list[str] = []
+    places: list[str] = []
     writes: list[str] = []
+    slices: dict[str, slice] = {}
 
-    def expression(value: Any, path: str) -> str:
+    def read(value: Any, path: str) -> str:
+        """Return the expression that reads a value, and note how to write it."""
         if not isinstance(value, tuple):
-            place = f"buffer[at + {len(reads) * TILE}]"
-            reads.append(place)
-            writes.append(f"    {place} = {path}")
-            return f"({place} != 0.0)" if isinstance(value, bool) else place
-        if hasattr(value, "_fields"):
-            name = f"{type(value).__name__}_{id(type(value))}"
-            types[name] = type(value)
-            items = [expression(getattr(value, item), f"{path}.{item}") for item in value._fields]  # type: ignore[attr-defined]
-            return f"{types[name] and name}({', '.join(items)})"
-        return "(" + "".join(expression(item, f"{path}[{at}]") + ", " for at, item in enumerate(value)) + ")"
+            places.append(f"buffer[at + {len(places) * TILE}]")
+            writes.append(f"    {places[-1]} = {path}")
+            return f"({places[-1]} != 0.0)" if isinstance(value, bool) else places[-1]
+        start = len(places)
+        names = getattr(value, "_fields", None)
+        if names is None:
+            expression = "(" + "".join(f"{read(item, f'{path}[{at}]')}, " for at, item in enumerate(value)) + ")"
+        else:
+            kind = f"T{len(types)}"
+            types[kind] = type(value)
+            expression = f"{kind}({', '.join(read(getattr(value, name), f'{path}.{name}') for name in names)})"
+        slices[path.partition(".")[2]] = slice(start, len(places))
+        return expression
 
-    slices = {}
-    tree = []
-    for name in example._fields:
-        start = len(reads)
-        tree.append(expression(getattr(example, name), f"value.{name}"))
-        slices[name] = slice(start, len(reads))
     source = "\n".join(
-        ["def load(buffer, at):", f"    return example_type({', '.join(tree)})", "def store(buffer, at, value):", *writes]
+        ["def load(buffer, at):", f"    return {read(example, 'value')}", "def store(buffer, at, value):", *writes]
     )
-    scope: dict[str, Any] = {**types, "example_type": type(example)}
-    exec(source, scope)  # the source is made of field names only
-    return Packing(len(reads), kernel(scope["load"]), kernel(scope["store"]), slices)
+    scope: dict[str, Any] = dict(types)
+    exec(source, scope)  # made of field names only
+    return Packing(len(places), kernel(scope["load"]), kernel(scope["store"]), slices)

@@ -8,9 +8,11 @@ themselves: whoever holds one holds a valid one.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+T = TypeVar("T")
 
 REFERENCE_PERIOD = 0.1
 """Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.noise` and `estimation.ekf`)."""
@@ -103,6 +105,17 @@ def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
     if not all(0.0 <= variance < math.inf for variance in diagonal):  # also rejects NaN
         raise ValueError(f"{name} must hold finite variances >= 0, got {value!r}.")
     return diagonal
+
+
+def choose(what: str, name: str, known: Mapping[str, T]) -> T:
+    """Return a named choice.
+
+    Raises:
+        ValueError: If there is none of that name; the message lists those that there are.
+    """
+    if name not in known:
+        raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {name!r}.")
+    return known[name]
 
 
 def require(owner: Any, rule: str, *names: str) -> None:

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from typing import TypeVar
-
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, choose
 from turtlebot_gym.robots import ROBOTS, Robot
-
-T = TypeVar("T")
 
 _SPIKES = {"spike_probability": 0.02, "spike": 0.3}
 _DRIFT = ProcessNoise(alpha1=0.0, alpha2=0.0, alpha3=0.0, alpha4=0.0)
@@ -50,12 +44,6 @@ def matched(noise: Noise) -> FilterTuning:
         process=process,
         odometry_input=odometry.wheel,
     )
-
-
-def choose(what: str, name: str, known: Mapping[str, T]) -> T:
-    if name not in known:
-        raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {name!r}.")
-    return known[name]
 
 
 def make_robot(robot: str | Robot) -> Robot:

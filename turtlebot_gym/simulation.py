@@ -9,10 +9,12 @@ from turtlebot_gym.estimation.ekf import Estimate, initialize, step
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.odometry import measure
-from turtlebot_gym.models.unicycle import advance, execute, limit, slips
-from turtlebot_gym.parameters import STOP, Command, FilterTuning, Noise, Pose, Reward, State
+from turtlebot_gym.models.unicycle import INTEGRATORS, advance, execute, limit, slips
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Command, FilterTuning, Noise, Pose, Reward, State, choose
+from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import (
+    NAV,
     Observation,
     Task,
     arrived,
@@ -43,6 +45,47 @@ class Parameters(NamedTuple):
     """A value of `OBSERVED`."""
 
 
+def make_parameters(
+    task: Task = NAV,
+    *,
+    robot: str | Robot = "burger",
+    noise: str | Noise = "tutorial",
+    filter: str | FilterTuning = "matched",
+    integrator: str = "euler",
+    observation: str = "ekf",
+    reward: Reward | None = None,
+    dt: float = REFERENCE_PERIOD,
+) -> Parameters:
+    """Return the parameters of an environment, checked, from presets' names or values.
+
+    Args:
+        task: When waypoints count as reached, and when an episode ends.
+        robot: A name in `robots.ROBOTS`, or a robot.
+        noise: A name in `presets.NOISES`, or a noise model.
+        filter: "matched", "tutorial" or a tuning.
+        integrator: "euler" or "midpoint".
+        observation: What the policy is shown as the robot's pose: "ekf", "odometry" or "truth".
+        reward: Weights; None for the default ones.
+        dt: Control interval, s.
+
+    Raises:
+        ValueError: If a name is unknown or dt is not positive.
+    """
+    if not 0.0 < dt < math.inf:
+        raise ValueError(f"dt must be positive and finite, got {dt!r}.")
+    model = make_noise(noise)
+    return Parameters(
+        make_robot(robot),
+        model,
+        make_filter(filter, model),
+        task,
+        reward or Reward(),
+        float(dt),
+        choose("integrator", integrator, INTEGRATORS),
+        choose("observation", observation, OBSERVED),
+    )
+
+
 class World(NamedTuple):
     """All that an environment remembers from step to step."""
 
@@ -68,9 +111,13 @@ class Outcome(NamedTuple):
     """What a step has come to."""
 
     reward: float
+    distance: float
+    """True distance to the waypoint to reach, m."""
     is_success: bool
     terminated: bool
     truncated: bool
+    reached: bool
+    """Whether a waypoint was done with: the next one is then to be set by `retarget`."""
 
 
 @kernel
@@ -144,7 +191,7 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
         p: Parameters.
 
     Returns:
-        The world after it, and what the step has come to. Where ``visited`` has grown, `retarget` is still to be called.
+        The world after it, and what the step has come to. Where that says ``reached``, `retarget` is still to be called.
     """
     dt, noise, task = p.dt, p.noise, p.task
     steps = world.steps + 1.0
@@ -173,13 +220,14 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
     reached = arrived(_believed(moved, p.observed), reference, task) if task.on_belief else there
     by_time = task.switch_period < math.inf
     due = steps * dt > (world.visited + 1.0) * task.switch_period - 0.5 * dt
-    visited = world.visited + (1.0 if (due if by_time else reached) else 0.0)
+    done_with = due if by_time else reached
+    visited = world.visited + (1.0 if done_with else 0.0)
     terminated = visited >= waypoints * task.laps and not by_time
     success = terminated and there
-    reward = reward_of(
-        distance_to(before, reference), distance_to(truth, reference), command, success, p.reward, p.robot, dt
-    )
-    outcome = Outcome(reward, success, terminated, steps >= task.max_steps and not terminated)
+    distance = distance_to(truth, reference)
+    reward = reward_of(distance_to(before, reference), distance, command, success, p.reward, p.robot, dt)
+    truncated = steps >= task.max_steps and not terminated
+    outcome = Outcome(reward, distance, success, terminated, truncated, done_with)
     return World(truth, z, estimate, command, reference, world.following, wheels, slipping, visited, steps), outcome
 
 

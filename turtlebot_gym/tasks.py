@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import PI, sincos, wrap
 from turtlebot_gym.models.noise import GOAL, START, uniforms
-from turtlebot_gym.parameters import Command, Covariance, Pose, Reward, State, require
+from turtlebot_gym.parameters import Command, Covariance, Pose, Reward, State, choose, require
 from turtlebot_gym.robots import Robot
 
 OBSERVATION_LAYOUT = 1
@@ -65,6 +66,53 @@ SQUARE_WAYPOINTS = (
 """The tutorial's square of 2 m."""
 SQUARE_PERIOD = 15.0
 """The tutorial's time for each of its waypoints, s."""
+
+
+TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE}
+"""Tasks by name."""
+
+
+def make_task(
+    task: str | Task,
+    *,
+    waypoints: Sequence[Pose] | None = None,
+    arrival: str | None = None,
+    switch: str | None = None,
+    laps: int | None = None,
+    max_steps: float | None = None,
+) -> tuple[Task, tuple[Pose, ...]]:
+    """Return a task and its waypoints, changed as asked.
+
+    Args:
+        task: A name in `TASKS`, or a task.
+        waypoints: The poses to visit; None for the tutorial's square, or for what the task draws.
+        arrival: Who says that a waypoint is reached: "truth", or "belief", the pose that the policy observes.
+        switch: When the next waypoint is taken: on "arrival", or after a "time" of 15 s, reached or not.
+        laps: How often the waypoints are visited in turn.
+        max_steps: Steps after which an episode is truncated.
+
+    Raises:
+        ValueError: If a name is unknown, or waypoints, ``switch`` or ``laps`` are given for a task that draws its goal.
+    """
+    chosen = task if isinstance(task, Task) else choose("task", task, TASKS)
+    if chosen.random and (waypoints is not None or switch == "time" or laps not in (None, 1)):
+        raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
+    changes: dict[str, Any] = {}
+    if arrival is not None:
+        changes["on_belief"] = choose("arrival", arrival, {"truth": False, "belief": True})
+    if switch is not None:
+        changes["switch_period"] = choose("switch", switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
+    if laps is not None:
+        if not (isinstance(laps, int) and laps > 0):
+            raise ValueError(f"laps must be a positive whole number, got {laps!r}.")
+        changes["laps"] = float(laps)
+    if max_steps is not None:
+        changes["max_steps"] = float(max_steps)
+    given = tuple(Pose(*map(float, waypoint)) for waypoint in (SQUARE_WAYPOINTS if waypoints is None else waypoints))
+    if not given or not all(math.isfinite(number) for waypoint in given for number in waypoint):
+        raise ValueError(f"waypoints must be one or more finite poses (x, y, theta), got {waypoints!r}.")
+    poses = tuple(Pose(waypoint.x, waypoint.y, wrap(waypoint.theta)) for waypoint in given)
+    return replace(chosen, **changes), poses[:1] if chosen.random else poses
 
 
 class Observation(NamedTuple):
@@ -205,18 +253,18 @@ def draw_start(key: int, task: Task) -> Pose:
 
 
 @kernel
-def draw_goal(key: int, start: Pose, task: Task) -> Pose:
-    """Draw a goal pose in the arena, at least `Task.min_distance` from the start.
+def draw_goal(key: int, number: int, start: Pose, task: Task) -> Pose:
+    """Draw a goal pose in the arena, at least `Task.min_distance` from the pose before it; ``number`` counts goals.
 
     That distance is at most the arena's half side, so a draw is refused with probability below pi/4, and all of 64 with less
     than 2e-7; the last one then stands.
     """
     x, y = start.x, start.y
     for attempt in range(64):
-        u1, u2 = uniforms(key, attempt, GOAL)
+        u1, u2 = uniforms(key, 64 * number + attempt, GOAL)
         x, y = (2.0 * u1 - 1.0) * task.arena, (2.0 * u2 - 1.0) * task.arena
         dx, dy = x - start.x, y - start.y
         if dx * dx + dy * dy >= task.min_distance * task.min_distance:
             break
-    u3, _ = uniforms(key, 2, START)
+    u3, _ = uniforms(key, number + 2, START)
     return Pose(x, y, wrap(2.0 * PI * u3))

@@ -13,6 +13,8 @@ _M64 = 0xFFFFFFFFFFFFFFFF
 _M37 = _M64 >> 27
 _M31 = _M64 >> 33
 _M32 = 0xFFFFFFFF
+MAX_SEED = 0x7FFFFFFFFFFFFFFF
+"""Seeds and keys are integers from 0 to this; larger seeds are cut to it."""
 _WEYL = 0x1E3779B97F4A7C15
 _STREAMS = 16
 
@@ -37,8 +39,8 @@ def mix(x: int) -> int:
 
 @kernel
 def episode_key(seed: int, episode: int) -> int:
-    """Return the key of an environment's episode."""
-    return mix(mix(seed) ^ (episode * _WEYL & _M64))
+    """Return the key of an environment's episode: 63 bits, so that it fits a signed integer."""
+    return mix(mix(seed) ^ (episode * _WEYL & _M64)) & MAX_SEED
 
 
 @kernel

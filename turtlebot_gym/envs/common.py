@@ -1,0 +1,69 @@
+"""What the scalar and the vector environment share: their spaces, their arguments and what they tell in ``info``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from turtlebot_gym.loop import Batch
+from turtlebot_gym.parameters import Pose
+from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW, Task, make_task
+
+ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
+"""Forward speed and turning rate, as shares of the robot's limits."""
+OBSERVATION_SPACE = spaces.Box(np.array(OBSERVATION_LOW, np.float32), np.array(OBSERVATION_HIGH, np.float32))
+"""`turtlebot_gym.tasks.Observation`."""
+
+PARTS = {
+    "true_state": "true_state",
+    "odometry": "odometry",
+    "estimate": "estimate.belief.mean",
+    "covariance": "estimate.belief.covariance",
+    "reference": "reference",
+    "command": "command",
+}
+"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.loop.WORLD`."""
+
+SYMMETRIC = np.zeros((5, 5), np.intp)
+"""Which of the 15 independent entries of a covariance stands in each place of the matrix."""
+SYMMETRIC[np.triu_indices(5)] = np.arange(15)
+SYMMETRIC |= np.triu(SYMMETRIC, 1).T
+
+
+def make_batch(
+    num_envs: int,
+    task: str | Task,
+    *,
+    waypoints: Sequence[Pose] | None = None,
+    arrival: str | None = None,
+    switch: str | None = None,
+    laps: int | None = None,
+    max_steps: float | None = None,
+    **options: Any,
+) -> Batch:
+    """Return the environments that an environment's keyword arguments ask for.
+
+    Args:
+        num_envs: How many.
+        task: Passed to `turtlebot_gym.tasks.make_task`, as are waypoints, arrival, switch, laps and max_steps.
+        waypoints: See there.
+        arrival: See there.
+        switch: See there.
+        laps: See there.
+        max_steps: See there.
+        **options: Passed to `turtlebot_gym.simulation.make_parameters`.
+    """
+    chosen, poses = make_task(
+        task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps
+    )
+    return Batch(num_envs, make_parameters(chosen, **options), poses)
+
+
+def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return covariance matrices (..., 5, 5) from their independent entries (..., 15)."""
+    return entries[..., SYMMETRIC]

@@ -1,0 +1,249 @@
+"""The scalar environment: one TurtleBot that navigates on what its filter believes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import InvalidAction, ResetNeeded
+from numpy.typing import NDArray
+
+from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, SYMMETRIC, make_batch
+from turtlebot_gym.loop import WORLD
+from turtlebot_gym.models.noise import MAX_SEED
+from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.tasks import OBSERVATION_HIGH, Task
+
+_SLICES = {key: WORLD.slices[path] for key, path in PARTS.items() if key != "covariance"}
+_COVARIANCE = SYMMETRIC + WORLD.slices[PARTS["covariance"]].start
+
+
+class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A differential-drive robot that navigates on the estimate of an extended Kalman filter.
+
+    ## Description
+
+    A unicycle executes velocity commands, with slip and process noise; its odometry is noisy, spiky, biased or drifting; a
+    Kalman filter makes an estimate of it. The policy sees what the filter believes, and drives to a goal.
+
+    ## Action Space
+
+    ``Box(-1, 1, (2,), float32)``: forward speed and turning rate as shares of the robot's limits. Values beyond 1 are
+    clipped. The command is then scaled into the limits per axis and per wheel, which keeps the curvature of the path.
+
+    ## Observation Space
+
+    ``Box((13,), float32)`` with finite bounds, to which observations are clipped. All of it follows from the believed pose
+    (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true one).
+
+    | # | Observation | Unit | Min | Max |
+    |---|---|---|---|---|
+    | 0 | distance to the waypoint | m | 0 | 20 |
+    | 1, 2 | cosine and sine of its bearing in the body frame; (1, 0) at distance 0 | | -1 | 1 |
+    | 3, 4 | cosine and sine of the heading still to turn | | -1 | 1 |
+    | 5 | speed / limit | | -2 | 2 |
+    | 6 | turning rate / limit | | -2 | 2 |
+    | 7 | stated standard deviation of the position (of the odometry; 0 for the truth) | m | 0 | 5 |
+    | 8 | stated standard deviation of the heading | rad | 0 | pi |
+    | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
+    | 10 | distance to the waypoint after this one; to this one again where there is none | m | 0 | 20 |
+    | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
+
+    ## Rewards
+
+    Progress towards the waypoint, as a share of what full speed allows in a step; minus 0.1 a step; minus 0.01 times the
+    squared speed and turning rate as shares of their limits; plus 10 at success. Distances are true ones. The weights are
+    `turtlebot_gym.Reward`.
+
+    ## Starting State
+
+    Nav and Pose: start pose and goal are drawn in a square of 4 m, at least 0.5 m apart. Square: the origin. At rest. The
+    belief is the first measurement with its variances; with ``filter="tutorial"`` it is the origin with the tutorial's P0.
+
+    ## Episode End
+
+    Termination: the last waypoint is reached, within 0.15 m (Nav), within 0.15 m, 0.2 rad and at most 0.5 rad/s (Pose), or
+    within 0.3 m (Square); by the true pose, or by the observed one with ``arrival="belief"``. With ``switch="time"`` there
+    is no termination. Truncation: after 300 steps (Square: 600), by Gymnasium's ``TimeLimit``.
+
+    ## Info
+
+    At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
+    ``command`` (2,), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
+
+    ## Arguments
+
+    Args:
+        task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it.
+        robot: "burger", "waffle", "turtlebot4", "tutorial", or a `turtlebot_gym.Robot`.
+        noise: "clean", "tutorial", "documented", "wheel", "rough", or a `turtlebot_gym.Noise`.
+        filter: "matched", "tutorial", or a `turtlebot_gym.FilterTuning`.
+        integrator: "euler" or "midpoint".
+        observation: "ekf", "odometry" or "truth".
+        reward: Weights, a `turtlebot_gym.Reward`.
+        arrival: "truth" or "belief".
+        switch: "arrival" or "time"; for tasks with given waypoints, as are the next two.
+        laps: How often the waypoints are visited in turn.
+        waypoints: Poses to visit instead of the square.
+        dt: Control interval, s.
+        render_mode: None, "human" or "rgb_array".
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+
+    ## Version History
+
+    * v0: first version, observation layout 1.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012  # as Gymnasium declares it
+
+    def __init__(
+        self,
+        *,
+        task: str | Task = "nav",
+        robot: str | Robot = "burger",
+        noise: str | Noise = "tutorial",
+        filter: str | FilterTuning = "matched",
+        integrator: str = "euler",
+        observation: str = "ekf",
+        reward: Reward | None = None,
+        arrival: str = "truth",
+        switch: str | None = None,
+        laps: int | None = None,
+        waypoints: Sequence[Pose] | None = None,
+        dt: float = 0.1,
+        render_mode: str | None = None,
+    ) -> None:
+        self._batch = make_batch(
+            1,
+            task,
+            waypoints=waypoints,
+            arrival=arrival,
+            switch=switch,
+            laps=laps,
+            max_steps=math.inf,  # truncating is Gymnasium's TimeLimit's
+            robot=robot,
+            noise=noise,
+            filter=filter,
+            integrator=integrator,
+            observation=observation,
+            reward=reward,
+            dt=dt,
+        )
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode must be one of None, 'human', 'rgb_array', got {render_mode!r}.")
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
+        self.action_space = ACTION_SPACE
+        self.observation_space = OBSERVATION_SPACE
+        self._action = np.zeros((1, 2), np.float32)
+        self._everything = np.ones(1, np.bool_)
+        self._started = False
+        self._seeded = False
+        self._renderer: Any = None
+
+    @property
+    def parameters(self):
+        """All that the environment's transition depends on; a `turtlebot_gym.simulation.Parameters`."""
+        return self._batch.parameters
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode: the first one of a seed, or the next one.
+
+        Args:
+            seed: Where it is None the next episode of the seed in use begins.
+            options: There are none.
+        """
+        super().reset(seed=seed)
+        batch = self._batch
+        if seed is None and self._seeded:
+            batch.episodes += 1
+        else:
+            batch.seeds[0] = (self.np_random_seed if seed is None else seed) & MAX_SEED
+            batch.episodes[0] = 0
+            self._seeded = True
+        observations, outcomes = batch.empty()
+        batch.reset(self._everything, observations, outcomes)
+        self._started = True
+        if self.render_mode == "human":
+            self._draw(anew=True)
+        elif self._renderer is not None:
+            self._renderer.reset()
+        return observations[0], self._info(outcomes[1, 0], False)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Advance by one control interval.
+
+        Args:
+            action: Shape (2,), shares of the speed and turning rate limits; values beyond 1 are clipped.
+
+        Raises:
+            InvalidAction: If the action has another shape or is not finite.
+            ResetNeeded: If no episode was begun.
+        """
+        if not self._started:
+            raise ResetNeeded("Call reset() before step().")
+        values = np.asarray(action, np.float32)
+        if values.shape != (2,):
+            raise InvalidAction(f"Environment 0: an action has shape (2,), got {values.shape}.")
+        self._action[0] = values
+        forward, turn = values.tolist()
+        if not math.isfinite(forward + turn):
+            raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
+        observations, outcomes = self._batch.step(self._action)
+        reward, distance, success, terminated, truncated, _ = outcomes[:, 0].tolist()
+        if self.render_mode == "human":
+            self._draw()
+        return (
+            observations[0], reward, terminated != 0.0, truncated != 0.0, self._info(distance, success != 0.0)
+        )  # fmt: skip
+
+    def _info(self, distance: float, success: bool) -> dict[str, Any]:
+        """Return what ``info`` holds, as views of a fresh copy of the world."""
+        numbers = self._batch.first_world()
+        info: dict[str, Any] = {key: numbers[part] for key, part in _SLICES.items()}
+        info["covariance"] = numbers[_COVARIANCE]
+        info["distance"] = float(distance)
+        info["is_success"] = success
+        return info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture of the world, (height, width, 3), in mode "rgb_array"; the mode "human" draws by itself.
+
+        Raises:
+            ResetNeeded: If no episode was begun.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
+            return None
+        if not self._started:
+            raise ResetNeeded("Call reset() before render().")
+        return self._draw() if self.render_mode == "rgb_array" else None
+
+    def _draw(self, *, anew: bool = False) -> NDArray[np.uint8] | None:
+        """Draw the world; ``anew`` begins with empty trails."""
+        if self._renderer is None:
+            from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
+
+            p = self._batch.parameters
+            waypoints = None if p.task.random else [Pose(*pose) for pose in self._batch.waypoints[0].tolist()]
+            fps = self.metadata["render_fps"]
+            self._renderer = Renderer(self.render_mode, robot=p.robot, task=p.task, waypoints=waypoints, fps=fps)
+        elif anew:
+            self._renderer.reset()
+        return self._renderer.draw(self._batch.world(0))
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -1,0 +1,239 @@
+"""The native vector environment: many TurtleBots in one compiled loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import Error, InvalidAction, ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, make_batch, matrices
+from turtlebot_gym.models.noise import MAX_SEED
+from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward, choose
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.simulation import Outcome, Parameters
+from turtlebot_gym.tasks import Task
+
+_REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = (
+    Outcome._fields.index(name) for name in ("reward", "distance", "is_success", "terminated", "truncated")
+)
+
+
+class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
+    """Many `NavigationEnv`s at once; row *i* has the trajectory of the scalar environment with seed ``seed + i``.
+
+    Observations, actions, rewards and episode ends are those of `NavigationEnv`, stacked. All arrays that `reset` and `step`
+    return are fresh.
+
+    ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
+    ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3) and ``command`` (N, 2); each key
+    has its mask, as Gymnasium wants it. In the mode SAME_STEP, ``final_obs`` and ``final_info`` hold what the finished
+    episodes ended with.
+
+    Args:
+        num_envs: How many.
+        max_episode_steps: Steps after which an episode is truncated; None for the task's own.
+        autoreset_mode: What happens after an episode's end, `gymnasium.vector.AutoresetMode` or its name: NEXT_STEP (the
+            default; the next step ignores the action and returns the new episode's first observation with reward 0),
+            SAME_STEP (the same step returns it), or DISABLED (whoever steps a finished environment gets an error).
+        info: "default" or "full".
+        render_mode: None; draw a single environment instead.
+        task: And all further arguments: see `NavigationEnv`.
+        robot: See there.
+        noise: See there.
+        filter: See there.
+        integrator: See there.
+        observation: See there.
+        reward: See there.
+        arrival: See there.
+        switch: See there.
+        laps: See there.
+        waypoints: See there.
+        dt: See there.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        info: str = "default",
+        render_mode: str | None = None,
+        task: str | Task = "nav",
+        robot: str | Robot = "burger",
+        noise: str | Noise = "tutorial",
+        filter: str | FilterTuning = "matched",
+        integrator: str = "euler",
+        observation: str = "ekf",
+        reward: Reward | None = None,
+        arrival: str = "truth",
+        switch: str | None = None,
+        laps: int | None = None,
+        waypoints: Sequence[Pose] | None = None,
+        dt: float = 0.1,
+    ) -> None:
+        if not (isinstance(num_envs, (int, np.integer)) and num_envs > 0):
+            raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}.")
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, got {render_mode!r}: draw a single environment instead.")
+        modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
+        self._mode = choose("autoreset_mode", autoreset_mode, modes)
+        self._full = choose("info", info, {"default": False, "full": True})
+        self._batch = make_batch(
+            int(num_envs),
+            task,
+            waypoints=waypoints,
+            arrival=arrival,
+            switch=switch,
+            laps=laps,
+            max_steps=max_episode_steps,
+            robot=robot,
+            noise=noise,
+            filter=filter,
+            integrator=integrator,
+            observation=observation,
+            reward=reward,
+            dt=dt,
+        )
+        self.num_envs = int(num_envs)
+        self.render_mode = None
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self.single_action_space = ACTION_SPACE
+        self.single_observation_space = OBSERVATION_SPACE
+        self.action_space = batch_space(ACTION_SPACE, self.num_envs)
+        self.observation_space = batch_space(OBSERVATION_SPACE, self.num_envs)
+        self._done = np.zeros(self.num_envs, np.bool_)
+        self._begun = np.zeros(self.num_envs, np.bool_)
+
+    @property
+    def parameters(self) -> Parameters | Sequence[Parameters]:
+        """All that the environments' transitions depend on: one for all of them, or one for each."""
+        return self._batch.parameters
+
+    def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
+        """Use other parameters from the next step on: one for all environments, or one for each."""
+        self._batch.set_parameters(parameters)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start episodes.
+
+        Args:
+            seed: An int gives environment *i* the seed ``seed + i``; a list has one for each; None, or None in the list,
+                begins the next episode of the seed in use.
+            options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state.
+
+        Returns:
+            All environments' observations, and infos.
+
+        Raises:
+            ValueError: If the list of seeds or the mask has the wrong form.
+        """
+        mask = self._reset_mask(options)
+        batch = self._batch
+        if seed is None or isinstance(seed, (int, np.integer)):
+            super().reset(seed=None if seed is None else int(seed))
+            first = int(seed) if seed is not None else (self.np_random_seed if not self._begun.any() else None)
+            seeds = [None if first is None else first + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+            if len(seeds) != self.num_envs:
+                raise ValueError(f"seed must hold {self.num_envs} seeds, got {len(seeds)}.")
+            super().reset(seed=next((one for one in seeds if one is not None), None))
+            entropy = self.np_random_seed
+            seeds = [entropy + i if s is None and not self._begun[i] else s for i, s in enumerate(seeds)]
+        given = np.array([one is not None for one in seeds]) & mask
+        batch.seeds[given] = [one & MAX_SEED for one, use in zip(seeds, given, strict=True) if use]
+        batch.episodes[mask] += 1
+        batch.episodes[given] = 0
+        observations, outcomes = batch.last()
+        batch.reset(mask, observations, outcomes)
+        self._begun |= mask
+        self._done[mask] = False
+        return observations, self._info(outcomes)
+
+    def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        """Return which environments to reset."""
+        if options is None or "reset_mask" not in options:
+            return np.ones(self.num_envs, np.bool_)
+        mask = options["reset_mask"]
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}.")
+        if not mask.any():
+            raise ValueError("reset_mask must be true somewhere.")
+        return mask
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Advance all environments by one control interval.
+
+        Args:
+            actions: Shape (N, 2), shares of the speed and turning rate limits; values beyond 1 are clipped.
+
+        Raises:
+            InvalidAction: If the actions have another shape or one is not finite.
+            ResetNeeded: If an environment was never reset.
+            Error: In the mode DISABLED, if an environment's episode has ended and it was not reset.
+        """
+        batch = self._batch
+        values = np.asarray(actions, np.float32)
+        if values.shape != (self.num_envs, 2):
+            raise InvalidAction(f"Actions have shape ({self.num_envs}, 2), got {values.shape}.")
+        if not np.isfinite(values).all():
+            bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+            raise InvalidAction(f"Environment {bad}: an action must be finite, got {values[bad]}.")
+        if not self._begun.all():
+            raise ResetNeeded(f"Environment {int(np.argmin(self._begun))}: call reset() before step().")
+        ended = self._done
+        if self._mode is AutoresetMode.DISABLED and ended.any():
+            raise Error(
+                f"Environment {int(np.argmax(ended))}: its episode has ended, and autoreset is disabled: "
+                "reset it with options={'reset_mask': mask}."
+            )
+        observations, outcomes = batch.step(values)
+        if self._mode is AutoresetMode.NEXT_STEP and ended.any():
+            self._begin_next(ended, observations, outcomes)
+        rewards = outcomes[_REWARD].copy()
+        terminated, truncated = outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
+        self._done = done = terminated | truncated
+        if self._mode is not AutoresetMode.SAME_STEP or not done.any():
+            return observations, rewards, terminated, truncated, self._info(outcomes)
+        final = {"final_obs": np.where(done[:, None], observations, 0), "_final_obs": done.copy()}
+        final |= {"final_info": self._info(outcomes, done), "_final_info": done.copy()}
+        self._begin_next(done, observations, outcomes)
+        return observations, rewards, terminated, truncated, self._info(outcomes) | final
+
+    def _begin_next(
+        self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
+    ) -> None:
+        """Begin the next episode of some environments, and write over what is returned for them."""
+        self._batch.episodes[mask] += 1
+        self._batch.reset(mask, observations, outcomes)
+
+    def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+        """Return infos of all environments, or of those in the mask; zeros stand for the others."""
+        infos: dict[str, Any] = {"distance": outcomes[_DISTANCE].copy(), "is_success": outcomes[_SUCCESS] != 0.0}
+        if self._full:
+            infos |= {key: self._batch.numbers(path) for key, path in PARTS.items()}
+            infos["covariance"] = matrices(infos["covariance"])
+        if mask is not None:
+            for value in infos.values():
+                value[~mask] = 0
+        for key in list(infos):
+            infos[f"_{key}"] = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
+        return infos

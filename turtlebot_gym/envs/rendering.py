@@ -1,0 +1,250 @@
+"""The picture of the scalar environment: where the robot is, where it believes to be, and where it is to go."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from turtlebot_gym.parameters import Belief, Covariance, Pose, State
+from turtlebot_gym.plotting import BLACK, GREEN, SKY_BLUE, VERMILLION, ellipse
+from turtlebot_gym.simulation import Parameters, World
+
+if TYPE_CHECKING:
+    from pygame import Surface
+
+SIDE, HEADER = 640, 64
+"""Side of the map, and height of the strip above it with the legend; pixels."""
+_FINE = 2
+"""The picture is drawn so many times larger and then scaled down, which smooths every edge."""
+_MARGIN = 0.4
+"""Room round what is to be seen, m."""
+_GROWTH = 1.25
+"""A robot that leaves the view widens it by this factor."""
+_WHITE, _GRID, _GREY, _PALE_GREEN, _PALE_VERMILLION = "#ffffff", "#ebebeb", "#666666", "#99d8c7", "#f0c4a5"
+
+
+class Renderer:
+    """Draws the world of one environment.
+
+    The arena, or the waypoints that are given, fill the map. A robot that drives out of it widens the view until the reset.
+    """
+
+    def __init__(
+        self,
+        mode: Literal["human", "rgb_array"],
+        parameters: Parameters,
+        *,
+        waypoints: Sequence[Pose],
+        fps: float,
+    ) -> None:
+        """Prepare to draw; the window of mode "human" opens with the first picture.
+
+        Args:
+            mode: "human" for a window, "rgb_array" for arrays, which need no display.
+            parameters: The robot's size, the task's arena and radius, and the control interval are used.
+            waypoints: Where the task has given ones.
+            fps: Pictures per second in the window.
+
+        Raises:
+            DependencyNotInstalled: If pygame is missing.
+        """
+        try:
+            import pygame
+        except ImportError as error:
+            raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
+        pygame.font.init()
+        self._pygame = pygame
+        self._mode, self._parameters, self._fps = mode, parameters, fps
+        self._waypoints = [] if parameters.task.random else [Pose(*waypoint) for waypoint in waypoints]
+        self._font = pygame.font.Font(None, 21 * _FINE)
+        self._window: Surface | None = None
+        self._clock = pygame.time.Clock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the trails, and return to the view of the start."""
+        arena = self._parameters.task.arena
+        start = (-arena, -arena), (arena, arena)
+        corners = [(0.0, 0.0), *((x, y) for x, y, _ in self._waypoints)] if self._waypoints else start
+        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        self._centre = (low + high) / 2.0
+        self._half = float(np.max(high - low)) / 2.0 + _MARGIN
+        self._history: list[World] = []
+        self._paper = self._blank()
+
+    def draw(self, world: World) -> NDArray[np.uint8] | None:
+        """Draw a world, and add it to the trails.
+
+        Returns:
+            In mode "rgb_array" the picture, shape (HEADER + SIDE, SIDE, 3); the mode "human" shows it instead.
+        """
+        self._history.append(world)
+        if self._widen(world):
+            self._paper = self._blank()
+            for before, after in zip(self._history, self._history[1:], strict=False):
+                self._draw_trails(before, after)
+        else:
+            self._draw_trails(self._history[max(len(self._history) - 2, 0)], world)
+        fine = self._paper.copy()
+        self._draw_present(fine, world)
+        picture = self._pygame.transform.smoothscale(fine, (SIDE, HEADER + SIDE))
+        if self._mode == "rgb_array":
+            return np.ascontiguousarray(self._pygame.surfarray.array3d(picture).transpose(1, 0, 2))
+        self._show(picture)
+        return None
+
+    def pixel(self, x: float, y: float) -> tuple[int, int]:
+        """Return row and column of the picture for a point of the world, m."""
+        column, row = self._at(x, y)
+        return int(row // _FINE), int(column // _FINE)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._pygame.display.quit()
+            self._window = None
+
+    def _show(self, picture: Surface) -> None:
+        display = self._pygame.display
+        if self._window is None:
+            display.init()
+            display.set_caption("TurtleBot")
+            self._window = display.set_mode(picture.get_size())
+        self._window.blit(picture, (0, 0))
+        self._pygame.event.pump()
+        display.flip()
+        self._clock.tick(self._fps)
+
+    def _widen(self, world: World) -> bool:
+        """Widen the view until the robot is in it, and return whether that was necessary."""
+        x, y = world.true_state.x - self._centre[0], world.true_state.y - self._centre[1]
+        needed = max(abs(x), abs(y)) + self._parameters.robot.radius
+        if needed <= self._half:
+            return False
+        self._half *= _GROWTH ** math.ceil(math.log(needed / self._half, _GROWTH))
+        return True
+
+    # Drawing is done in fine pixels, columns to the right and rows downwards.
+
+    def _at(self, x: float, y: float) -> tuple[float, float]:
+        """Return column and row of a point of the world."""
+        left, top = self._centre[0] - self._half, self._centre[1] + self._half
+        return self._length(x - left), _FINE * HEADER + self._length(top - y)
+
+    def _length(self, metres: float) -> float:
+        return metres * _FINE * SIDE / (2.0 * self._half)
+
+    def _line(self, surface: Surface, color: str, start: tuple, end: tuple, width: float) -> None:
+        self._pygame.draw.line(surface, color, start, end, round(width * _FINE))
+
+    def _disc(self, surface: Surface, color: str, centre: tuple, radius: float, width: float = 0.0) -> None:
+        self._pygame.draw.circle(surface, color, centre, radius, round(width * _FINE))
+
+    def _arrow(self, surface: Surface, color: str, foot: tuple, theta: float, length: float, width: float) -> None:
+        """Draw a line from a foot towards a heading."""
+        tip = foot[0] + length * math.cos(theta), foot[1] - length * math.sin(theta)
+        self._line(surface, color, foot, tip, width)
+
+    def _write(self, surface: Surface, text: str, color: str, **anchor: tuple) -> None:
+        """Write, with an anchor of pygame's rectangles: ``midleft=(column, row)``."""
+        written = self._font.render(text, True, color)
+        surface.blit(written, written.get_rect(**anchor))
+
+    def _blank(self) -> Surface:
+        """Return the paper: what stays behind the trails."""
+        paper = self._pygame.Surface((_FINE * SIDE, _FINE * (HEADER + SIDE)), depth=32)
+        paper.fill(_WHITE)
+        self._draw_grid(paper)
+        if self._waypoints:
+            for waypoint in self._waypoints:
+                self._draw_waypoint(paper, waypoint, _PALE_GREEN, 1.5)
+        else:
+            arena = self._parameters.task.arena
+            side = self._length(2.0 * arena)
+            self._pygame.draw.rect(paper, _GREY, (*self._at(-arena, arena), side, side), round(1.5 * _FINE))
+        self._pygame.draw.rect(paper, _WHITE, (0, 0, _FINE * SIDE, _FINE * HEADER))
+        self._draw_legend(paper)
+        return paper
+
+    def _draw_grid(self, paper: Surface) -> None:
+        """Draw lines at whole metres, with their coordinates along the lower and the left edge."""
+        spacing = max(1, round(self._half / 4.0))
+        left, bottom = self._centre - self._half
+        for axis in (0, 1):
+            first, last = self._centre[axis] - self._half, self._centre[axis] + self._half
+            for metres in range(math.ceil(first / spacing) * spacing, math.floor(last) + 1, spacing):
+                if axis == 0:
+                    column, row = self._at(metres, bottom)
+                    self._line(paper, _GRID, (column, 0), (column, row), 1.0)
+                    self._write(paper, f"{metres} m", _GREY, midbottom=(column, row - 4 * _FINE))
+                else:
+                    column, row = self._at(left, metres)
+                    self._line(paper, _GRID, (column, row), (_FINE * SIDE, row), 1.0)
+                    self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
+
+    def _draw_legend(self, paper: Surface) -> None:
+        """Explain the symbols, in the strip above the map."""
+        size, row = 9 * _FINE, 44 * _FINE
+        for column, text in (
+            (24, "robot"),
+            (120, "estimate, 2 sigma"),
+            (300, "odometry"),
+            (424, "waypoint, reached within"),
+        ):
+            centre = column * _FINE, row
+            if text == "robot":
+                self._draw_robot(paper, centre, 0.0, size)
+            elif text == "odometry":
+                self._disc(paper, SKY_BLUE, centre, 3 * _FINE)
+            elif text.startswith("estimate"):
+                self._pygame.draw.ellipse(
+                    paper, VERMILLION, (centre[0] - 1.4 * size, row - size, 2.8 * size, 2 * size), 2 * _FINE
+                )
+                self._arrow(paper, VERMILLION, centre, 0.0, size, 2.0)
+            else:
+                self._disc(paper, GREEN, centre, size, 2.5)
+                self._arrow(paper, GREEN, centre, 0.0, size, 2.5)
+            self._write(paper, text, BLACK, midleft=(centre[0] + 1.8 * size, row))
+
+    def _draw_trails(self, before: World, after: World) -> None:
+        """Add a step to the paper."""
+        z, truth, mean = after.odometry, after.true_state, after.estimate.belief.mean
+        self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
+        was, believed = before.true_state, before.estimate.belief.mean
+        self._line(self._paper, BLACK, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
+        self._line(self._paper, VERMILLION, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
+
+    def _draw_present(self, surface: Surface, world: World) -> None:
+        """Draw what moves."""
+        self._draw_waypoint(surface, world.reference, GREEN, 3.0)
+        truth = world.true_state
+        size = self._length(self._parameters.robot.radius)
+        self._draw_robot(surface, self._at(truth.x, truth.y), truth.theta, size)
+        self._draw_belief(surface, world.estimate.belief, size)
+        time = world.steps * self._parameters.dt
+        self._write(surface, f"time {time:.1f} s", BLACK, midleft=(15 * _FINE, 18 * _FINE))
+        distance = math.hypot(world.reference.x - truth.x, world.reference.y - truth.y)
+        self._write(surface, f"{distance:.2f} m to go", BLACK, midleft=(120 * _FINE, 18 * _FINE))
+
+    def _draw_waypoint(self, surface: Surface, waypoint: Pose, color: str, width: float) -> None:
+        """Draw the circle within which a waypoint is reached, and its heading."""
+        radius = self._length(self._parameters.task.radius)
+        centre = self._at(waypoint.x, waypoint.y)
+        self._disc(surface, color, centre, radius, width)
+        self._arrow(surface, color, centre, waypoint.theta, radius, width)
+
+    def _draw_robot(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
+        self._disc(surface, BLACK, centre, size)
+        self._arrow(surface, _WHITE, centre, theta, 0.85 * size, 2.5)
+
+    def _draw_belief(self, surface: Surface, belief: Belief, size: float) -> None:
+        """Draw the ellipse and the heading of what the filter believes."""
+        mean, P = belief
+        outline = ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy)))
+        self._pygame.draw.lines(surface, VERMILLION, True, [self._at(x, y) for x, y in outline], 2 * _FINE)
+        self._arrow(surface, VERMILLION, self._at(mean.x, mean.y), mean.theta, size, 2.5)

@@ -1,0 +1,222 @@
+"""Plots of a drive, for screen and print.
+
+Every ``draw_`` function draws into the axes that it is given, labels what it draws and returns the axes; the legend is the
+caller's to place. The figures are plain `matplotlib.figure.Figure` objects: nothing here touches pyplot or opens a window.
+Colours are those that colour-blind readers can tell apart, and line styles differ too.
+
+References:
+    Okabe, Ito, *Color Universal Design* (2008): the palette.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BLACK, ORANGE, SKY_BLUE, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
+BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
+
+SIGMAS = 2.0
+"""Ellipses and bands are drawn at so many standard deviations."""
+
+_TRUTH = {"color": BLACK, "linestyle": "-", "linewidth": 1.8, "label": "truth"}
+_ESTIMATE = {"color": VERMILLION, "linestyle": (0, (4, 1.5)), "linewidth": 1.5, "label": "estimate"}
+_ODOMETRY = {"color": SKY_BLUE, "linestyle": "", "marker": ".", "markersize": 4.0, "zorder": 1.0, "label": "odometry"}
+_REFERENCE = {"color": GREEN, "linestyle": "-.", "linewidth": 1.2, "drawstyle": "steps-post", "label": "waypoint"}
+_BAND = {"color": VERMILLION, "alpha": 0.2, "linewidth": 0.0, "zorder": 1.5, "label": "estimate ± 2σ"}
+_COMMAND = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
+_PATHS = (
+    (BLUE, "-"),
+    (VERMILLION, "--"),
+    (GREEN, "-."),
+    (PURPLE, ":"),
+    (ORANGE, (0, (5, 1, 1, 1, 1, 1))),
+    (SKY_BLUE, "-"),
+)
+_COMPONENTS = {"x": "x (m)", "y": "y (m)", "theta": "heading (rad)"}
+_COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
+
+
+def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS, points: int = 49) -> NDArray[np.float64]:
+    """Return the closed outline, shape (points, 2), of the ellipse ``sigmas`` standard deviations round a position.
+
+    Args:
+        mean: x and y, m; what follows them is not used.
+        covariance: Shape (2, 2) or larger, x and y first; positive semi-definite.
+        sigmas: Its size.
+        points: Points on the outline.
+    """
+    variances, directions = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[:2, :2])
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return np.asarray(mean)[:2] + sigmas * circle * np.sqrt(np.maximum(variances, 0.0)) @ directions.T
+
+
+def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -> Axes:
+    """Draw a drive seen from above: truth, estimate, odometry, waypoints, start, and the estimate's ellipse now and then.
+
+    Args:
+        axes: Where to draw.
+        trajectory: The drive.
+        ellipses: How many ellipses, evenly spaced in time.
+    """
+    truth, estimate, covariance = trajectory.true_state, trajectory.estimate, trajectory.covariance
+    axes.plot(trajectory.odometry[:, 0], trajectory.odometry[:, 1], **_ODOMETRY)
+    known = np.flatnonzero(np.isfinite(covariance[:, :2, :2]).all((1, 2)) & np.isfinite(estimate[:, :2]).all(1))
+    for at in known[np.unique(np.linspace(0, len(known) - 1, ellipses).astype(int))] if len(known) else ():
+        axes.fill(*ellipse(estimate[at], covariance[at]).T, **_BAND)
+    axes.plot(truth[:, 0], truth[:, 1], **_TRUTH)
+    axes.plot(estimate[:, 0], estimate[:, 1], **_ESTIMATE)
+    _draw_places(axes, [trajectory])
+    return axes
+
+
+def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "y", "theta"]) -> Axes:
+    """Draw x, y or the heading over time: truth, estimate with its band, measurements and the waypoint's.
+
+    Headings are drawn in the turn that is nearest to the true one, so that wrapping leaves no jump.
+    """
+    at = list(_COMPONENTS).index(component)
+    time = trajectory.time
+    series = (trajectory.true_state, trajectory.estimate, trajectory.odometry, trajectory.reference)
+    truth, estimate, odometry, reference = (rows[:, at] for rows in series)
+    if component == "theta":
+        guide = np.unwrap(truth if np.isfinite(truth).all() else estimate)
+        truth, estimate, odometry, reference = (
+            angle + 2.0 * np.pi * np.round((guide - angle) / (2.0 * np.pi))
+            for angle in (truth, estimate, odometry, reference)
+        )
+    margin = SIGMAS * np.sqrt(np.maximum(trajectory.covariance[:, at, at], 0.0))
+    axes.plot(time, odometry, **_ODOMETRY)
+    axes.fill_between(time, estimate - margin, estimate + margin, **_BAND)
+    axes.plot(*_without_jumps(time, reference, component), **_REFERENCE)
+    axes.plot(*_without_jumps(time, truth, component), **_TRUTH)
+    axes.plot(*_without_jumps(time, estimate, component), **_ESTIMATE)
+    return _over_time(axes, _COMPONENTS[component])
+
+
+def draw_command(axes: Axes, trajectory: Trajectory, component: Literal["v", "omega"]) -> Axes:
+    """Draw the commanded speed or turning rate over time."""
+    axes.plot(trajectory.time, trajectory.command[:, list(_COMMANDS).index(component)], **_COMMAND)
+    return _over_time(axes, _COMMANDS[component])
+
+
+def draw_position_error(axes: Axes, trajectory: Trajectory) -> Axes:
+    """Draw how far estimate and odometry are from the true position, over time."""
+    return _draw_errors(axes, trajectory, position_error, "position error (m)")
+
+
+def draw_heading_error(axes: Axes, trajectory: Trajectory) -> Axes:
+    """Draw how far estimate and odometry are from the true heading, over time."""
+    return _draw_errors(axes, trajectory, heading_error, "heading error (rad)")
+
+
+def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figure:
+    """Return a drive at a glance: its trajectory; x, y and heading, commands and position error over time.
+
+    Args:
+        trajectory: The drive.
+        title: What stands above.
+    """
+    figure = _figure(13.5, 7.2, title)
+    mosaic = [["trajectory", "x", "v"], ["trajectory", "y", "omega"], ["trajectory", "theta", "error"]]
+    panels = figure.subplot_mosaic(mosaic, width_ratios=(1.35, 1.0, 1.0))  # pyright: ignore[reportArgumentType]
+    draw_trajectory(panels["trajectory"], trajectory)
+    draw_component(panels["x"], trajectory, "x")
+    draw_component(panels["y"], trajectory, "y")
+    draw_component(panels["theta"], trajectory, "theta")
+    draw_command(panels["v"], trajectory, "v")
+    draw_command(panels["omega"], trajectory, "omega")
+    draw_position_error(panels["error"], trajectory)
+    _legend(figure)
+    return figure
+
+
+def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: str | None = None) -> Figure:
+    """Return the true paths of several drives in one picture; a cross marks where each one ends.
+
+    Args:
+        trajectories: Label and drive of each.
+        title: What stands above.
+    """
+    figure = _figure(6.4, 6.8, title)
+    axes = figure.subplots()
+    for at, (label, trajectory) in enumerate(trajectories):
+        color, style = _PATHS[at % len(_PATHS)]
+        path = trajectory.true_state
+        axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
+        axes.plot(
+            path[-1:, 0], path[-1:, 1], color=color, marker="X", markersize=9.0, markeredgecolor="white", zorder=4.0
+        )
+    _draw_places(axes, [trajectory for _, trajectory in trajectories])
+    _legend(figure)
+    return figure
+
+
+def _draw_places(axes: Axes, trajectories: Iterable[Trajectory]) -> None:
+    """Draw waypoints, with their headings, and starts; and make the axes a map."""
+    waypoints = np.concatenate([trajectory.reference for trajectory in trajectories])
+    waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)
+    x, y, theta = waypoints.T
+    axes.plot(x, y, color=GREEN, linestyle="", marker="o", markersize=9.0, fillstyle="none", mew=1.8, label="waypoint")
+    axes.quiver(x, y, np.cos(theta), np.sin(theta), color=GREEN, angles="xy", scale=16.0, width=0.006, zorder=3.0)
+    starts = np.unique([_first_pose(trajectory) for trajectory in trajectories], axis=0)
+    axes.plot(
+        starts[:, 0], starts[:, 1], color=BLACK, linestyle="", marker="s", markersize=7.0, label="start", zorder=4.0
+    )
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3)
+
+
+def _first_pose(trajectory: Trajectory) -> NDArray[np.float64]:
+    """Return the position where a drive starts: the true one, where it is known."""
+    truth = trajectory.true_state[0, :2]
+    return truth if np.isfinite(truth).all() else trajectory.estimate[0, :2]
+
+
+def _draw_errors(axes: Axes, trajectory: Trajectory, error, label: str) -> Axes:
+    axes.plot(trajectory.time, error(trajectory.odometry, trajectory.true_state), **_ODOMETRY)
+    axes.plot(trajectory.time, error(trajectory.estimate, trajectory.true_state), **_ESTIMATE)
+    axes.set_ylim(bottom=0.0)
+    return _over_time(axes, label)
+
+
+def _over_time(axes: Axes, label: str) -> Axes:
+    axes.set(xlabel="time (s)", ylabel=label)
+    axes.margins(x=0.02)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def _without_jumps(time: NDArray, values: NDArray, component: str) -> tuple[NDArray, NDArray]:
+    """Interrupt a heading where it jumps by more than half a turn: where it is as far off as it can be."""
+    jumps = np.flatnonzero(np.abs(np.diff(values)) > np.pi) + 1 if component == "theta" else []
+    return np.insert(time, jumps, np.nan), np.insert(values, jumps, np.nan)
+
+
+def _figure(width: float, height: float, title: str | None) -> Figure:
+    from matplotlib.figure import Figure  # heavy, and not needed on a robot
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def _legend(figure: Figure) -> None:
+    """Put one legend for all panels below them, where it hides nothing."""
+    entries = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=7, frameon=False)
