@@ -10,8 +10,8 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,22 +26,29 @@ BLACK, ORANGE, SKY_BLUE, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 
 SIGMAS = 2.0
-"""Ellipses and bands are drawn at so many standard deviations."""
+"""Ellipses and bands are drawn at so many standard deviations ..."""
+ESTIMATE_WITHIN = f"estimate ± {SIGMAS:g}\N{GREEK SMALL LETTER SIGMA}"
+"""... and called so in legends."""
 
-_TRUTH = {"color": BLACK, "linestyle": "-", "linewidth": 1.8, "label": "truth"}
-_ESTIMATE = {"color": VERMILLION, "linestyle": (0, (4, 1.5)), "linewidth": 1.5, "label": "estimate"}
-_ODOMETRY = {"color": SKY_BLUE, "linestyle": "", "marker": ".", "markersize": 4.0, "zorder": 1.0, "label": "odometry"}
-_REFERENCE = {"color": GREEN, "linestyle": "-.", "linewidth": 1.2, "drawstyle": "steps-post", "label": "waypoint"}
-_BAND = {"color": VERMILLION, "alpha": 0.2, "linewidth": 0.0, "zorder": 1.5, "label": "estimate ± 2σ"}
-_COMMAND = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
-_PATHS = (
-    (BLUE, "-"),
-    (VERMILLION, "--"),
-    (GREEN, "-."),
-    (PURPLE, ":"),
-    (ORANGE, (0, (5, 1, 1, 1, 1, 1))),
-    (SKY_BLUE, "-"),
-)
+_Style = dict[str, Any]
+_TRUTH: _Style = {"color": BLACK, "linestyle": "-", "linewidth": 1.8, "zorder": 3.0, "label": "truth"}
+_ESTIMATE: _Style = {"color": VERMILLION, "linestyle": (0, (4, 1.5)), "linewidth": 1.5, "zorder": 3.1, "label": "estimate"}
+_BAND: _Style = {
+    "facecolor": (VERMILLION, 0.2), "edgecolor": (VERMILLION, 0.5), "linewidth": 0.6, "zorder": 2.1, "label": ESTIMATE_WITHIN
+}  # fmt: skip
+_ODOMETRY: _Style = {
+    "color": SKY_BLUE, "linestyle": "", "marker": ".", "markersize": 4.0, "zorder": 2.0, "label": "odometry"
+}  # fmt: skip
+_REFERENCE: _Style = {
+    "color": GREEN, "linestyle": "-.", "linewidth": 1.2, "zorder": 2.2, "drawstyle": "steps-post", "label": "reference"
+}  # fmt: skip
+_WAYPOINT: _Style = {
+    "color": GREEN, "linestyle": "", "marker": "o", "markersize": 9.0, "fillstyle": "none", "mew": 1.8, "label": "waypoint"
+}  # fmt: skip
+_START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
+_COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
+_PATHS = ((BLUE, "-"), (VERMILLION, "--"), (PURPLE, "-."), (ORANGE, (0, (6, 1, 1, 1, 1, 1))), (SKY_BLUE, ":"))
+"""Colour and line style of each path in turn."""
 _COMPONENTS = {"x": "x (m)", "y": "y (m)", "theta": "heading (rad)"}
 _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
 
@@ -67,15 +74,15 @@ def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -
     Args:
         axes: Where to draw.
         trajectory: The drive.
-        ellipses: How many ellipses, evenly spaced in time.
+        ellipses: About how many, evenly spaced in time.
     """
     truth, estimate, covariance = trajectory.true_state, trajectory.estimate, trajectory.covariance
-    axes.plot(trajectory.odometry[:, 0], trajectory.odometry[:, 1], **_ODOMETRY)
+    _plot(axes, truth[:, 0], truth[:, 1], _TRUTH)
+    _plot(axes, estimate[:, 0], estimate[:, 1], _ESTIMATE)
     known = np.flatnonzero(np.isfinite(covariance[:, :2, :2]).all((1, 2)) & np.isfinite(estimate[:, :2]).all(1))
-    for at in known[np.unique(np.linspace(0, len(known) - 1, ellipses).astype(int))] if len(known) else ():
+    for at in known[:: max(1, len(known) // ellipses)]:
         axes.fill(*ellipse(estimate[at], covariance[at]).T, **_BAND)
-    axes.plot(truth[:, 0], truth[:, 1], **_TRUTH)
-    axes.plot(estimate[:, 0], estimate[:, 1], **_ESTIMATE)
+    _plot(axes, trajectory.odometry[:, 0], trajectory.odometry[:, 1], _ODOMETRY)
     _draw_places(axes, [trajectory])
     return axes
 
@@ -92,21 +99,20 @@ def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "
     if component == "theta":
         guide = np.unwrap(truth if np.isfinite(truth).all() else estimate)
         truth, estimate, odometry, reference = (
-            angle + 2.0 * np.pi * np.round((guide - angle) / (2.0 * np.pi))
-            for angle in (truth, estimate, odometry, reference)
+            angle + 2.0 * np.pi * np.round((guide - angle) / (2.0 * np.pi)) for angle in (truth, estimate, odometry, reference)
         )
     margin = SIGMAS * np.sqrt(np.maximum(trajectory.covariance[:, at, at], 0.0))
-    axes.plot(time, odometry, **_ODOMETRY)
+    _plot(axes, *_without_jumps(time, truth, component), _TRUTH)
+    _plot(axes, *_without_jumps(time, estimate, component), _ESTIMATE)
     axes.fill_between(time, estimate - margin, estimate + margin, **_BAND)
-    axes.plot(*_without_jumps(time, reference, component), **_REFERENCE)
-    axes.plot(*_without_jumps(time, truth, component), **_TRUTH)
-    axes.plot(*_without_jumps(time, estimate, component), **_ESTIMATE)
+    _plot(axes, time, odometry, _ODOMETRY)
+    _plot(axes, *_without_jumps(time, reference, component), _REFERENCE)
     return _over_time(axes, _COMPONENTS[component])
 
 
 def draw_command(axes: Axes, trajectory: Trajectory, component: Literal["v", "omega"]) -> Axes:
     """Draw the commanded speed or turning rate over time."""
-    axes.plot(trajectory.time, trajectory.command[:, list(_COMMANDS).index(component)], **_COMMAND)
+    _plot(axes, trajectory.time, trajectory.command[:, list(_COMMANDS).index(component)], _COMMAND)
     return _over_time(axes, _COMMANDS[component])
 
 
@@ -127,9 +133,11 @@ def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figu
         trajectory: The drive.
         title: What stands above.
     """
-    figure = _figure(13.5, 7.2, title)
-    mosaic = [["trajectory", "x", "v"], ["trajectory", "y", "omega"], ["trajectory", "theta", "error"]]
-    panels = figure.subplot_mosaic(mosaic, width_ratios=(1.35, 1.0, 1.0))  # pyright: ignore[reportArgumentType]
+    figure = _figure(14.0, 7.0, title)
+    panels = figure.subplot_mosaic(
+        [["trajectory", "x", "v"], ["trajectory", "y", "omega"], ["trajectory", "theta", "error"]],
+        width_ratios=[1.75, 1.0, 1.0],
+    )
     draw_trajectory(panels["trajectory"], trajectory)
     draw_component(panels["x"], trajectory, "x")
     draw_component(panels["y"], trajectory, "y")
@@ -137,7 +145,7 @@ def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figu
     draw_command(panels["v"], trajectory, "v")
     draw_command(panels["omega"], trajectory, "omega")
     draw_position_error(panels["error"], trajectory)
-    _legend(figure)
+    _legend(figure, columns=8)
     return figure
 
 
@@ -154,41 +162,41 @@ def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: 
         color, style = _PATHS[at % len(_PATHS)]
         path = trajectory.true_state
         axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
-        axes.plot(
-            path[-1:, 0], path[-1:, 1], color=color, marker="X", markersize=9.0, markeredgecolor="white", zorder=4.0
-        )
+        axes.plot(path[-1:, 0], path[-1:, 1], color=color, marker="X", markersize=9.0, markeredgecolor="white", zorder=4.0)
     _draw_places(axes, [trajectory for _, trajectory in trajectories])
-    _legend(figure)
+    _legend(figure, columns=3)
     return figure
 
 
-def _draw_places(axes: Axes, trajectories: Iterable[Trajectory]) -> None:
+def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
     """Draw waypoints, with their headings, and starts; and make the axes a map."""
     waypoints = np.concatenate([trajectory.reference for trajectory in trajectories])
     waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)
     x, y, theta = waypoints.T
-    axes.plot(x, y, color=GREEN, linestyle="", marker="o", markersize=9.0, fillstyle="none", mew=1.8, label="waypoint")
-    axes.quiver(x, y, np.cos(theta), np.sin(theta), color=GREEN, angles="xy", scale=16.0, width=0.006, zorder=3.0)
-    starts = np.unique([_first_pose(trajectory) for trajectory in trajectories], axis=0)
-    axes.plot(
-        starts[:, 0], starts[:, 1], color=BLACK, linestyle="", marker="s", markersize=7.0, label="start", zorder=4.0
-    )
+    _plot(axes, x, y, _WAYPOINT)
+    if len(waypoints):
+        axes.quiver(x, y, np.cos(theta), np.sin(theta), color=GREEN, scale=16.0, width=0.006, zorder=3.2)
+    first = [(trajectory.true_state[0, :2], trajectory.estimate[0, :2]) for trajectory in trajectories]
+    starts = np.unique([truth if np.isfinite(truth).all() else estimate for truth, estimate in first], axis=0)
+    _plot(axes, starts[:, 0], starts[:, 1], _START)
     axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.margins(0.15)
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.3)
 
 
-def _first_pose(trajectory: Trajectory) -> NDArray[np.float64]:
-    """Return the position where a drive starts: the true one, where it is known."""
-    truth = trajectory.true_state[0, :2]
-    return truth if np.isfinite(truth).all() else trajectory.estimate[0, :2]
-
-
-def _draw_errors(axes: Axes, trajectory: Trajectory, error, label: str) -> Axes:
-    axes.plot(trajectory.time, error(trajectory.odometry, trajectory.true_state), **_ODOMETRY)
-    axes.plot(trajectory.time, error(trajectory.estimate, trajectory.true_state), **_ESTIMATE)
+def _draw_errors(axes: Axes, trajectory: Trajectory, error: Callable[..., NDArray], label: str) -> Axes:
+    """Draw an error of estimate and odometry over time."""
+    _plot(axes, trajectory.time, error(trajectory.estimate, trajectory.true_state), _ESTIMATE)
+    _plot(axes, trajectory.time, error(trajectory.odometry, trajectory.true_state), _ODOMETRY)
     axes.set_ylim(bottom=0.0)
     return _over_time(axes, label)
+
+
+def _plot(axes: Axes, x: NDArray, y: NDArray, style: _Style) -> None:
+    """Draw a series, unless nothing of it is known: it would stand in the legend all the same."""
+    if np.isfinite(y).any():
+        axes.plot(x, y, **style)
 
 
 def _over_time(axes: Axes, label: str) -> Axes:
@@ -213,10 +221,10 @@ def _figure(width: float, height: float, title: str | None) -> Figure:
     return figure
 
 
-def _legend(figure: Figure) -> None:
+def _legend(figure: Figure, *, columns: int) -> None:
     """Put one legend for all panels below them, where it hides nothing."""
     entries = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=7, frameon=False)
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False)

@@ -167,9 +167,7 @@ def _towards(pose_x: float, pose_y: float, sine: float, cosine: float, to: Pose)
 
 
 @kernel
-def observe(
-    state: State, std: tuple[float, float], nis: float, reference: Pose, following: Pose, robot: Robot
-) -> Observation:
+def observe(state: State, std: tuple[float, float], nis: float, reference: Pose, following: Pose, robot: Robot) -> Observation:
     """Return what a policy observes.
 
     Args:
@@ -223,9 +221,7 @@ def arrived(state: State, reference: Pose, task: Task) -> bool:
 
 
 @kernel
-def reward_of(
-    before: float, after: float, command: Command, success: bool, weights: Reward, robot: Robot, dt: float
-) -> float:
+def reward_of(before: float, after: float, command: Command, success: bool, weights: Reward, robot: Robot, dt: float) -> float:
     """Return the reward of a step.
 
     Args:

@@ -40,7 +40,7 @@ class Trajectory(NamedTuple):
         """
         infos = list(infos)
         rows = {name: np.array([info[name] for info in infos], dtype=np.float64) for name in cls._fields[1:]}
-        return cls(time=dt * np.arange(len(infos)), **rows)
+        return cls(time=np.arange(len(infos), dtype=np.float64) * dt, **rows)
 
 
 def position_error(pose: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:

@@ -58,9 +58,7 @@ def make_batch(
         max_steps: See there.
         **options: Passed to `turtlebot_gym.simulation.make_parameters`.
     """
-    chosen, poses = make_task(
-        task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps
-    )
+    chosen, poses = make_task(task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps)
     return Batch(num_envs, make_parameters(chosen, **options), poses)
 
 

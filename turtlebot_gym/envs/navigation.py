@@ -16,7 +16,7 @@ from turtlebot_gym.loop import WORLD
 from turtlebot_gym.models.noise import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.tasks import OBSERVATION_HIGH, Task
+from turtlebot_gym.tasks import Task
 
 _SLICES = {key: WORLD.slices[path] for key, path in PARTS.items() if key != "covariance"}
 _COVARIANCE = SYMMETRIC + WORLD.slices[PARTS["covariance"]].start
@@ -178,9 +178,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer.reset()
         return observations[0], self._info(outcomes[1, 0], False)
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by one control interval.
 
         Args:

@@ -218,9 +218,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._begin_next(done, observations, outcomes)
         return observations, rewards, terminated, truncated, self._info(outcomes) | final
 
-    def _begin_next(
-        self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
-    ) -> None:
+    def _begin_next(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
         """Begin the next episode of some environments, and write over what is returned for them."""
         self._batch.episodes[mask] += 1
         self._batch.reset(mask, observations, outcomes)

@@ -10,9 +10,11 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from turtlebot_gym.parameters import Belief, Covariance, Pose, State
-from turtlebot_gym.plotting import BLACK, GREEN, SKY_BLUE, VERMILLION, ellipse
-from turtlebot_gym.simulation import Parameters, World
+from turtlebot_gym.parameters import Belief, Pose
+from turtlebot_gym.plotting import BLACK, ESTIMATE_WITHIN, GREEN, SKY_BLUE, VERMILLION, ellipse
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.simulation import World
+from turtlebot_gym.tasks import Task, distance_to
 
 if TYPE_CHECKING:
     from pygame import Surface
@@ -25,7 +27,7 @@ _MARGIN = 0.4
 """Room round what is to be seen, m."""
 _GROWTH = 1.25
 """A robot that leaves the view widens it by this factor."""
-_WHITE, _GRID, _GREY, _PALE_GREEN, _PALE_VERMILLION = "#ffffff", "#ebebeb", "#666666", "#99d8c7", "#f0c4a5"
+_WHITE, _GRID, _GREY, _PALE_GREEN, _BODY = "#ffffff", "#ebebeb", "#666666", "#99d8c7", "#c8c8c8"
 
 
 class Renderer:
@@ -37,17 +39,21 @@ class Renderer:
     def __init__(
         self,
         mode: Literal["human", "rgb_array"],
-        parameters: Parameters,
         *,
-        waypoints: Sequence[Pose],
+        robot: Robot,
+        task: Task,
+        waypoints: Sequence[Pose] | None,
+        dt: float,
         fps: float,
     ) -> None:
         """Prepare to draw; the window of mode "human" opens with the first picture.
 
         Args:
             mode: "human" for a window, "rgb_array" for arrays, which need no display.
-            parameters: The robot's size, the task's arena and radius, and the control interval are used.
-            waypoints: Where the task has given ones.
+            robot: Its size is drawn.
+            task: Its arena and the radius of arrival are drawn.
+            waypoints: The given ones, which fill the map together with the origin; None where the arena does.
+            dt: Control interval, s; for the time.
             fps: Pictures per second in the window.
 
         Raises:
@@ -59,23 +65,24 @@ class Renderer:
             raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
         pygame.font.init()
         self._pygame = pygame
-        self._mode, self._parameters, self._fps = mode, parameters, fps
-        self._waypoints = [] if parameters.task.random else [Pose(*waypoint) for waypoint in waypoints]
+        self._mode, self._robot, self._task, self._dt, self._fps = mode, robot, task, dt, fps
+        self._waypoints = [Pose(*waypoint) for waypoint in waypoints or ()]
         self._font = pygame.font.Font(None, 21 * _FINE)
         self._window: Surface | None = None
         self._clock = pygame.time.Clock()
+        self._legend = self._make_legend()
         self.reset()
 
     def reset(self) -> None:
         """Forget the trails, and return to the view of the start."""
-        arena = self._parameters.task.arena
-        start = (-arena, -arena), (arena, arena)
-        corners = [(0.0, 0.0), *((x, y) for x, y, _ in self._waypoints)] if self._waypoints else start
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        arena = self._task.arena
+        corners = [(0.0, 0.0)] if self._waypoints else [(-arena, -arena), (arena, arena)]
+        seen = [*corners, *((x, y) for x, y, _ in self._waypoints)]
+        low, high = np.min(seen, axis=0), np.max(seen, axis=0)
         self._centre = (low + high) / 2.0
         self._half = float(np.max(high - low)) / 2.0 + _MARGIN
         self._history: list[World] = []
-        self._paper = self._blank()
+        self._paper = self._make_paper()
 
     def draw(self, world: World) -> NDArray[np.uint8] | None:
         """Draw a world, and add it to the trails.
@@ -85,23 +92,21 @@ class Renderer:
         """
         self._history.append(world)
         if self._widen(world):
-            self._paper = self._blank()
+            self._paper = self._make_paper()
             for before, after in zip(self._history, self._history[1:], strict=False):
                 self._draw_trails(before, after)
         else:
             self._draw_trails(self._history[max(len(self._history) - 2, 0)], world)
-        fine = self._paper.copy()
-        self._draw_present(fine, world)
+        fine = self._surface(HEADER + SIDE)
+        fine.blit(self._legend, (0, 0))
+        self._write_numbers(fine, world)
+        fine.blit(self._paper, (0, _FINE * HEADER))
+        self._draw_present(fine.subsurface((0, _FINE * HEADER, _FINE * SIDE, _FINE * SIDE)), world)
         picture = self._pygame.transform.smoothscale(fine, (SIDE, HEADER + SIDE))
         if self._mode == "rgb_array":
             return np.ascontiguousarray(self._pygame.surfarray.array3d(picture).transpose(1, 0, 2))
         self._show(picture)
         return None
-
-    def pixel(self, x: float, y: float) -> tuple[int, int]:
-        """Return row and column of the picture for a point of the world, m."""
-        column, row = self._at(x, y)
-        return int(row // _FINE), int(column // _FINE)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -113,8 +118,8 @@ class Renderer:
         display = self._pygame.display
         if self._window is None:
             display.init()
-            display.set_caption("TurtleBot")
             self._window = display.set_mode(picture.get_size())
+            display.set_caption("TurtleBot")
         self._window.blit(picture, (0, 0))
         self._pygame.event.pump()
         display.flip()
@@ -123,21 +128,24 @@ class Renderer:
     def _widen(self, world: World) -> bool:
         """Widen the view until the robot is in it, and return whether that was necessary."""
         x, y = world.true_state.x - self._centre[0], world.true_state.y - self._centre[1]
-        needed = max(abs(x), abs(y)) + self._parameters.robot.radius
+        needed = max(abs(x), abs(y)) + self._robot.radius
         if needed <= self._half:
             return False
         self._half *= _GROWTH ** math.ceil(math.log(needed / self._half, _GROWTH))
         return True
 
-    # Drawing is done in fine pixels, columns to the right and rows downwards.
-
     def _at(self, x: float, y: float) -> tuple[float, float]:
-        """Return column and row of a point of the world."""
+        """Return column and row of a point of the world on the map, in fine pixels as all that follows."""
         left, top = self._centre[0] - self._half, self._centre[1] + self._half
-        return self._length(x - left), _FINE * HEADER + self._length(top - y)
+        return self._length(x - left), self._length(top - y)
 
     def _length(self, metres: float) -> float:
         return metres * _FINE * SIDE / (2.0 * self._half)
+
+    def _surface(self, height: int) -> Surface:
+        surface = self._pygame.Surface((_FINE * SIDE, _FINE * height), depth=32)
+        surface.fill(_WHITE)
+        return surface
 
     def _line(self, surface: Surface, color: str, start: tuple, end: tuple, width: float) -> None:
         self._pygame.draw.line(surface, color, start, end, round(width * _FINE))
@@ -145,30 +153,26 @@ class Renderer:
     def _disc(self, surface: Surface, color: str, centre: tuple, radius: float, width: float = 0.0) -> None:
         self._pygame.draw.circle(surface, color, centre, radius, round(width * _FINE))
 
-    def _arrow(self, surface: Surface, color: str, foot: tuple, theta: float, length: float, width: float) -> None:
+    def _draw_heading(self, surface: Surface, color: str, foot: tuple, theta: float, length: float, width: float) -> None:
         """Draw a line from a foot towards a heading."""
         tip = foot[0] + length * math.cos(theta), foot[1] - length * math.sin(theta)
         self._line(surface, color, foot, tip, width)
 
     def _write(self, surface: Surface, text: str, color: str, **anchor: tuple) -> None:
         """Write, with an anchor of pygame's rectangles: ``midleft=(column, row)``."""
-        written = self._font.render(text, True, color)
+        written = self._font.render(text, True, color, _WHITE)
         surface.blit(written, written.get_rect(**anchor))
 
-    def _blank(self) -> Surface:
-        """Return the paper: what stays behind the trails."""
-        paper = self._pygame.Surface((_FINE * SIDE, _FINE * (HEADER + SIDE)), depth=32)
-        paper.fill(_WHITE)
+    def _make_paper(self) -> Surface:
+        """Return the map without a robot: what stays behind the trails."""
+        paper = self._surface(SIDE)
         self._draw_grid(paper)
-        if self._waypoints:
-            for waypoint in self._waypoints:
-                self._draw_waypoint(paper, waypoint, _PALE_GREEN, 1.5)
-        else:
-            arena = self._parameters.task.arena
+        for waypoint in self._waypoints:
+            self._draw_waypoint(paper, waypoint, _PALE_GREEN, 1.5)
+        if not self._waypoints:
+            arena = self._task.arena
             side = self._length(2.0 * arena)
             self._pygame.draw.rect(paper, _GREY, (*self._at(-arena, arena), side, side), round(1.5 * _FINE))
-        self._pygame.draw.rect(paper, _WHITE, (0, 0, _FINE * SIDE, _FINE * HEADER))
-        self._draw_legend(paper)
         return paper
 
     def _draw_grid(self, paper: Surface) -> None:
@@ -187,29 +191,30 @@ class Renderer:
                     self._line(paper, _GRID, (column, row), (_FINE * SIDE, row), 1.0)
                     self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
 
-    def _draw_legend(self, paper: Surface) -> None:
-        """Explain the symbols, in the strip above the map."""
-        size, row = 9 * _FINE, 44 * _FINE
-        for column, text in (
-            (24, "robot"),
-            (120, "estimate, 2 sigma"),
-            (300, "odometry"),
-            (424, "waypoint, reached within"),
-        ):
-            centre = column * _FINE, row
-            if text == "robot":
-                self._draw_robot(paper, centre, 0.0, size)
-            elif text == "odometry":
-                self._disc(paper, SKY_BLUE, centre, 3 * _FINE)
-            elif text.startswith("estimate"):
-                self._pygame.draw.ellipse(
-                    paper, VERMILLION, (centre[0] - 1.4 * size, row - size, 2.8 * size, 2 * size), 2 * _FINE
-                )
-                self._arrow(paper, VERMILLION, centre, 0.0, size, 2.0)
-            else:
-                self._disc(paper, GREEN, centre, size, 2.5)
-                self._arrow(paper, GREEN, centre, 0.0, size, 2.5)
-            self._write(paper, text, BLACK, midleft=(centre[0] + 1.8 * size, row))
+    def _make_legend(self) -> Surface:
+        """Return the strip above the map, which explains the symbols."""
+        strip, size, row = self._surface(HEADER), 9 * _FINE, 44 * _FINE
+        robot, estimate, odometry, waypoint = ((column * _FINE, row) for column in (26, 124, 284, 396))
+        self._draw_robot(strip, robot, 0.0, size)
+        outline = self._pygame.Rect(0, 0, 2.8 * size, 2.0 * size)
+        outline.center = estimate
+        self._pygame.draw.ellipse(strip, VERMILLION, outline, 2 * _FINE)
+        self._draw_heading(strip, VERMILLION, estimate, 0.0, size, 2.0)
+        self._disc(strip, SKY_BLUE, odometry, 3 * _FINE)
+        self._disc(strip, GREEN, waypoint, size, 2.5)
+        self._draw_heading(strip, GREEN, waypoint, 0.0, size, 2.5)
+        self._write(strip, "robot", BLACK, midleft=(robot[0] + 1.6 * size, row))
+        self._write(strip, ESTIMATE_WITHIN, BLACK, midleft=(estimate[0] + 2.0 * size, row))
+        self._write(strip, "odometry", BLACK, midleft=(odometry[0] + 1.0 * size, row))
+        self._write(strip, "waypoint", BLACK, midleft=(waypoint[0] + 1.6 * size, row))
+        return strip
+
+    def _write_numbers(self, surface: Surface, world: World) -> None:
+        """Write the time and the distance to the waypoint above the legend."""
+        row = 18 * _FINE
+        self._write(surface, f"time {world.steps * self._dt:.1f} s", BLACK, midleft=(15 * _FINE, row))
+        to_go = distance_to(world.true_state, world.reference)
+        self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(124 * _FINE, row))
 
     def _draw_trails(self, before: World, after: World) -> None:
         """Add a step to the paper."""
@@ -223,28 +228,25 @@ class Renderer:
         """Draw what moves."""
         self._draw_waypoint(surface, world.reference, GREEN, 3.0)
         truth = world.true_state
-        size = self._length(self._parameters.robot.radius)
+        size = self._length(self._robot.radius)
         self._draw_robot(surface, self._at(truth.x, truth.y), truth.theta, size)
         self._draw_belief(surface, world.estimate.belief, size)
-        time = world.steps * self._parameters.dt
-        self._write(surface, f"time {time:.1f} s", BLACK, midleft=(15 * _FINE, 18 * _FINE))
-        distance = math.hypot(world.reference.x - truth.x, world.reference.y - truth.y)
-        self._write(surface, f"{distance:.2f} m to go", BLACK, midleft=(120 * _FINE, 18 * _FINE))
 
     def _draw_waypoint(self, surface: Surface, waypoint: Pose, color: str, width: float) -> None:
         """Draw the circle within which a waypoint is reached, and its heading."""
-        radius = self._length(self._parameters.task.radius)
+        radius = self._length(self._task.radius)
         centre = self._at(waypoint.x, waypoint.y)
         self._disc(surface, color, centre, radius, width)
-        self._arrow(surface, color, centre, waypoint.theta, radius, width)
+        self._draw_heading(surface, color, centre, waypoint.theta, radius, width)
 
     def _draw_robot(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
-        self._disc(surface, BLACK, centre, size)
-        self._arrow(surface, _WHITE, centre, theta, 0.85 * size, 2.5)
+        self._disc(surface, _BODY, centre, size)
+        self._disc(surface, BLACK, centre, size, 2.5)
+        self._draw_heading(surface, BLACK, centre, theta, size, 4.0)
 
     def _draw_belief(self, surface: Surface, belief: Belief, size: float) -> None:
         """Draw the ellipse and the heading of what the filter believes."""
         mean, P = belief
         outline = ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy)))
         self._pygame.draw.lines(surface, VERMILLION, True, [self._at(x, y) for x, y in outline], 2 * _FINE)
-        self._arrow(surface, VERMILLION, self._at(mean.x, mean.y), mean.theta, size, 2.5)
+        self._draw_heading(surface, VERMILLION, self._at(mean.x, mean.y), mean.theta, size, 2.5)

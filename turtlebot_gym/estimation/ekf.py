@@ -66,9 +66,7 @@ def predict(belief: Belief, command: Command, tuning: FilterTuning, dt: float, m
     """
     mean, P = belief
     sine, cosine = sincos(mean.theta + middle * mean.omega * dt)
-    pose = Pose(
-        mean.x + mean.v * cosine * dt, mean.y + mean.v * sine * dt, wrap(mean.theta + mean.omega * dt)
-    )
+    pose = Pose(mean.x + mean.v * cosine * dt, mean.y + mean.v * sine * dt, wrap(mean.theta + mean.omega * dt))
     # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
     a, c = -mean.v * sine * dt, cosine * dt
     b, s = mean.v * cosine * dt, sine * dt
@@ -113,9 +111,7 @@ def predict(belief: Belief, command: Command, tuning: FilterTuning, dt: float, m
 
 
 @kernel
-def _condition(
-    P: Covariance, column: tuple[float, float, float, float, float], inverse: float
-) -> Covariance:
+def _condition(P: Covariance, column: tuple[float, float, float, float, float], inverse: float) -> Covariance:
     """Take out of P what a scalar measurement tells: ``P - column column' / S``, with ``inverse`` for 1 / S."""
     x, y, t, v, w = column
     i, j, k, m, n = x * inverse, y * inverse, t * inverse, v * inverse, w * inverse

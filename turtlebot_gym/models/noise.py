@@ -40,7 +40,8 @@ def mix(x: int) -> int:
 @kernel
 def episode_key(seed: int, episode: int) -> int:
     """Return the key of an environment's episode: 63 bits, so that it fits a signed integer."""
-    return mix(mix(seed) ^ (episode * _WEYL & _M64)) & MAX_SEED
+    # mix(0) is 0: the constants keep seed 0 and episode 0 away from it
+    return mix(mix((seed + _WEYL) & _M64) ^ ((episode + 1) * _WEYL & _M64)) & MAX_SEED
 
 
 @kernel
@@ -82,6 +83,4 @@ def log_unit(x: float) -> float:
         2.222219843214978396e-01 + z * (1.818357216161805012e-01 + z * (1.531383769920937332e-01
         + z * 1.479819860511658591e-01))))))  # fmt: skip
     half = 0.5 * f * f
-    return exponent * 6.93147180369123816490e-01 - (
-        (half - (s * (half + r) + exponent * 1.90821492927058770002e-10)) - f
-    )
+    return exponent * 6.93147180369123816490e-01 - ((half - (s * (half + r) + exponent * 1.90821492927058770002e-10)) - f)

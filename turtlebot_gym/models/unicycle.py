@@ -44,9 +44,7 @@ def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tup
 
 
 @kernel
-def execute(
-    command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[float, float], dt: float
-) -> Command:
+def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[float, float], dt: float) -> Command:
     """Return the twist that the robot really makes of a command.
 
     Args:
@@ -58,9 +56,7 @@ def execute(
     """
     var_v, var_omega = execution_variances(command, noise, dt)
     grip = 1.0 - noise.slip if slipping else 1.0
-    return Command(
-        (command.v + sqrt(var_v) * draws[0]) * grip, (command.omega + sqrt(var_omega) * draws[1]) * grip
-    )
+    return Command((command.v + sqrt(var_v) * draws[0]) * grip, (command.omega + sqrt(var_omega) * draws[1]) * grip)
 
 
 @kernel

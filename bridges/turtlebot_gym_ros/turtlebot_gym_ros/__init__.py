@@ -1,0 +1,28 @@
+"""The closed loop as ROS 2 nodes: any block with a ``step`` becomes a node, and the project's own five are here.
+
+`Input`, `Output`, `Every`, `On` and `Block` know no ROS. `register`, `Shell` and `run` need rclpy, from a ROS installation or
+from ``pip install "turtlebot-gym[ros]"``, and are imported when first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from turtlebot_gym_ros.block import Block, Every, Input, On, Output
+
+if TYPE_CHECKING:
+    from turtlebot_gym_ros.bringup import Graph
+    from turtlebot_gym_ros.convert import register
+    from turtlebot_gym_ros.runner import run
+    from turtlebot_gym_ros.shell import Shell
+
+__all__ = ["Block", "Every", "Graph", "Input", "On", "Output", "Shell", "register", "run"]
+
+_NEED_ROS = {"Graph": "bringup", "register": "convert", "run": "runner", "Shell": "shell"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _NEED_ROS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_NEED_ROS[name]}"), name)

@@ -1,0 +1,90 @@
+"""What a block is: a plain object with a ``step``, and the declaration of what goes in, what comes out and when it runs.
+
+There is no ROS in here: a ``for`` loop drives a block as well as the shell does (`shell`), which makes a node of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """A value that a block is given: the latest one that arrived."""
+
+    topic: str
+    """Relative topic name, which a namespace and remappings change as usual."""
+    type: type
+    """Its value type, which `convert` knows: `Pose`, `Estimate`, `Command`; never a message."""
+    max_age: float | None = 0.5
+    """Age from which on it counts as missing, s, by the steady clock; None holds the last value for ever."""
+    required: bool = True
+    """Whether ``step`` needs it: where it is missing, ``step`` is not called and the outputs stop. An optional one is None."""
+    once: bool = False
+    """Whether each value is delivered to a single step."""
+    reliable: bool = True
+    """Whether lost messages are sent again; without, publishers of either kind are understood."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """A value that a block returns under its name; where it leaves it out, nothing is published."""
+
+    topic: str
+    """Relative topic name."""
+    type: type
+    """Its value type."""
+    stop: Any = None
+    """What stops the robot: sent for a second when an input is missing, after a fault, when disabled and at the end.
+
+    A block with such an output moves a robot: it starts disabled and is switched by the service ``~/enable``.
+    """
+
+
+@dataclass(frozen=True)
+class Every:
+    """Run by the ROS clock, at stamps on an exact grid of nanoseconds."""
+
+    period: float
+    """s"""
+    speed: float | None = None
+    """Where given, the block is the plant: it runs so many times faster than real time, and other than at 1 sets ``/clock``."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.period < 1e3 or not (self.speed is None or 0.0 < self.speed < 1e3):
+            raise ValueError(f"Every: period and speed must be positive and below 1000, got {self!r}.")
+
+
+@dataclass(frozen=True)
+class On:
+    """Run on each message of an input, at its stamp."""
+
+    input: str
+    """Name of the input."""
+    period: float = 0.0
+    """Decimate to this period, s; 0 runs on every message."""
+    max_gap: float = 1.0
+    """Gap between two messages from which on the block is reset, s."""
+
+
+class Block(Protocol):
+    """What the shell turns into a node."""
+
+    inputs: Mapping[str, Input]
+    outputs: Mapping[str, Output]
+    trigger: Every | On
+
+    def reset(self) -> None:
+        """Forget everything; the next step is the first."""
+        ...
+
+    def step(self, dt: float, **inputs: Any) -> Mapping[str, Any]:
+        """Return the outputs.
+
+        Args:
+            dt: Time since the last step, s; 0 on the first step of a block that runs on messages.
+            **inputs: The values of the declared inputs, by name.
+        """
+        ...

@@ -1,0 +1,76 @@
+"""Parameters: from dataclasses to ROS parameters, which are checked once, before anything is published, and fixed from then on.
+
+rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; here it is the other way round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from difflib import get_close_matches
+from typing import Any, get_type_hints
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Common:
+    """Parameters of every node; a block's own parameters may give them other defaults."""
+
+    frame: str = "odom"
+    """The world frame. Poses in another one are refused."""
+    body_frame: str = "base_footprint"
+    """The robot's frame, named in estimates and commands."""
+    enable_stamped_cmd_vel: bool = True
+    """Whether velocities travel as TwistStamped, as on a Jazzy robot, or as Twist, as on a Humble one."""
+    start_enabled: bool = False
+    """Whether a node that moves a robot does so from the start, without a call of ``~/enable``."""
+
+
+def _values(params: type) -> dict[str, tuple[type, Any]]:
+    """Return type and default of each field of a parameter class."""
+    types = get_type_hints(params)
+    return {
+        item.name: (types[item.name], item.default if item.default_factory is MISSING else item.default_factory())
+        for item in fields(params)
+    }
+
+
+def _convert(name: str, value: Any, kind: type) -> Any:
+    """Return a parameter's value in its type; an integer will do for a float."""
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if type(value) is not kind:
+        raise ValueError(f"parameter {name} must be of type {kind.__name__}, got {value!r} ({type(value).__name__}).")
+    return value
+
+
+def declare(node: Node, *params: type) -> tuple[Any, ...]:
+    """Declare the fields of parameter classes as read-only parameters of a node, and return the filled classes.
+
+    Args:
+        node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
+        *params: Dataclasses with defaults for all fields. Where two share a name, the later default counts.
+
+    Raises:
+        ValueError: If a parameter was given that does not exist, is of the wrong type, or that its class refuses.
+    """
+    declared: dict[str, tuple[type, Any]] = {}
+    for each in params:
+        declared |= _values(each)
+    given: Mapping[str, Any] = node.get_parameters_by_prefix("")
+    for name in given:
+        if name not in declared and not name.startswith(_ROS_OWN):
+            close = get_close_matches(name, declared, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(declared))}."
+            raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
+    values: dict[str, Any] = {}
+    for name, (kind, default) in declared.items():
+        values[name] = _convert(name, given[name].value, kind) if name in given else default
+        if name in given:
+            node.undeclare_parameter(name)
+        node.declare_parameter(name, values[name], ParameterDescriptor(read_only=True), ignore_override=True)
+    return tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)

@@ -1,0 +1,110 @@
+"""Whether a node may move the robot: a small state machine that knows no ROS and is told the time.
+
+    silent --step--> active --stop--> stopping (one second of zeros) --> silent
+                       ^                  |
+                       +------step--------+
+
+Steps count only while it is enabled. A fault and an emergency stop disable it; so it starts, unless told otherwise. Whatever
+stops it advances the ``ticket``, so that the result of a step that began before can be told and dropped.
+"""
+
+from __future__ import annotations
+
+from threading import RLock
+
+STOP_FOR = 1.0
+"""So long are zeros sent before the topic is left to others, s ..."""
+STOP_PERIOD = 0.05
+"""... with this period, s."""
+SILENCE = 0.5
+"""An emergency stop that was heard once and is silent for longer is a stop, s."""
+BLOCKED = 0.5
+"""A step that takes longer is a fault, s."""
+
+
+class Safety:
+    """The state, with a lock for the threads that step, watch and serve.
+
+    Args:
+        enabled: Whether it starts enabled.
+    """
+
+    def __init__(self, *, enabled: bool) -> None:
+        self.lock = RLock()
+        self.enabled = enabled
+        self.phase = "silent"
+        self.reason = "no step yet" if enabled else "not enabled"
+        self.ticket = 0
+        self._stop_until = 0.0
+        self._next_stop = 0.0
+        self._emergency = False
+        self._heard: float | None = None
+        self._began: float | None = None
+
+    @property
+    def state(self) -> str:
+        """The phase, and in words what keeps it from being active."""
+        return self.phase if self.phase == "active" else f"{self.phase}: {self.reason}"
+
+    def enable(self, *, now: float) -> str | None:
+        """Let it move the robot again, or return why not."""
+        with self.lock:
+            if self._emergency:
+                return "the emergency stop is pressed, or was heard and is silent"
+            if self._began is not None and now - self._began > BLOCKED:
+                return "the last step is still blocked"
+            if not self.enabled:
+                self.enabled, self.reason = True, "no step yet"
+            return None
+
+    def stop(self, reason: str, *, now: float, disable: bool = False) -> None:
+        """Stop, until the next step or, where disabled, until enabled again."""
+        with self.lock:
+            if self.enabled or self.phase == "active":
+                self.reason = reason
+            self.enabled = self.enabled and not disable
+            self.ticket += 1
+            if self.phase == "active":
+                self.phase, self._stop_until, self._next_stop = "stopping", now + STOP_FOR, now
+
+    def begin(self, *, now: float) -> int:
+        """Note that a step begins, and return its ticket."""
+        with self.lock:
+            self._began = now
+            return self.ticket
+
+    def end(self) -> None:
+        """Note that the step has ended."""
+        with self.lock:
+            self._began = None
+
+    def activate(self, ticket: int) -> bool:
+        """Return whether the result of a step may be sent: nothing has stopped it since it began."""
+        with self.lock:
+            if not self.enabled or ticket != self.ticket:
+                return False
+            self.phase = "active"
+            return True
+
+    def hear_emergency(self, pressed: bool, *, now: float) -> None:
+        """Note what the emergency stop says."""
+        with self.lock:
+            self._heard, self._emergency = now, pressed
+            if pressed:
+                self.stop("emergency stop", now=now, disable=True)
+
+    def tick(self, *, now: float) -> bool:
+        """Watch over blocked steps and the emergency stop, and return whether a stop is to be sent now."""
+        with self.lock:
+            if self._began is not None and now - self._began > BLOCKED and self.enabled:
+                self.stop(f"fault: a step takes longer than {BLOCKED} s", now=now, disable=True)
+            if self._heard is not None and now - self._heard > SILENCE and not self._emergency:
+                self._emergency = True
+                self.stop("the emergency stop is silent", now=now, disable=True)
+            if self.phase != "stopping" or now < self._next_stop:
+                return False
+            if now >= self._stop_until:
+                self.phase = "silent"
+                return False
+            self._next_stop = now + STOP_PERIOD
+            return True

@@ -1,0 +1,112 @@
+"""When a block runs: rules on integer nanoseconds, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from turtlebot_gym_ros.block import Every, On
+
+SECOND = 1_000_000_000
+SLOW_AFTER = 5
+"""So many steps in a row that come too late are no drop-outs any more."""
+
+
+class Grid:
+    """Steps at exact multiples of a period after the first one; steps that are late are made up for.
+
+    Args:
+        trigger: The declaration.
+    """
+
+    slow: str | None = None
+
+    def __init__(self, trigger: Every) -> None:
+        self.period = trigger.period
+        self._speed = trigger.speed or 1.0
+        self._period_ns = round(trigger.period * SECOND)
+        self._next: int | None = None
+        self._began: int | None = None
+
+    def simulated(self, steady: int) -> int:
+        """Return the time of a simulation that begins at one second, for a steady clock; ns."""
+        self._began = steady if self._began is None else self._began
+        return SECOND + round((steady - self._began) * self._speed)
+
+    def due_until(self, now: int) -> Iterator[int]:
+        """Yield the stamps up to now, ns; one only where the clock has leaped or stood still."""
+        if self._next is None or not -SECOND < now - self._next < SECOND * max(self._speed, 1.0):
+            self._next = now
+        while self._next <= now:
+            stamp = self._next
+            self._next += self._period_ns
+            yield stamp
+
+    def interval(self, stamp: int) -> float:
+        """Return the time that a step covers, s."""
+        return self.period
+
+    def reset(self) -> None:
+        """Nothing is remembered of steps: the grid stays."""
+
+
+class Messages:
+    """Steps on the messages of an input, decimated to a period.
+
+    Args:
+        trigger: The declaration.
+    """
+
+    def __init__(self, trigger: On) -> None:
+        self.input = trigger.input
+        self.period = trigger.period
+        self.slow: str | None = None
+        self._period_ns = round(trigger.period * SECOND)
+        self._gap_ns = round(trigger.max_gap * SECOND)
+        self._seen: int | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Let the next message be the first."""
+        self._due: int | None = None
+        self._stepped: int | None = None
+        self._late = 0
+        self.slow = None
+
+    def check(self, stamp: int) -> None:
+        """Refuse a stamp that is not after the last one, unless it is so far back that the clock must have been set.
+
+        Raises:
+            ValueError: If it is refused.
+        """
+        if self._seen is not None and 0 <= self._seen - stamp <= self._gap_ns:
+            raise ValueError(f"its stamp is {(self._seen - stamp) / SECOND:.3f} s before the last one's, or the same")
+
+    def due(self, stamp: int) -> tuple[bool, str | None]:
+        """Return whether a message at a stamp makes a step, and what to say of the gap where the block must be reset first."""
+        spacing = 0 if self._seen is None else stamp - self._seen
+        self._seen = stamp
+        gap = None
+        if not 0 <= spacing <= self._gap_ns:
+            gap = f"{spacing / SECOND:.2f} s between two messages"
+            self.reset()
+        if self._due is not None and stamp + spacing // 2 < self._due:
+            return False, gap
+        on_time = self._due is not None and stamp - self._due < self._period_ns
+        self._count_late(stamp)
+        self._due = (self._due if on_time and self._due is not None else stamp) + self._period_ns
+        return True, gap
+
+    def _count_late(self, stamp: int) -> None:
+        """Note where messages come more slowly than the steps should."""
+        last = None if self._due is None else self._due - self._period_ns
+        late = last is not None and self.period > 0.0 and stamp - last > 1.5 * self._period_ns
+        self._late = self._late + 1 if late else 0
+        self.slow = None
+        if self._late >= SLOW_AFTER and last is not None:
+            every = (stamp - last) / SECOND
+            self.slow = f"{self.input} comes every {every:.3f} s, but a step is due every {self.period} s"
+
+    def interval(self, stamp: int) -> float:
+        """Return the time since the last step, s; 0 for the first one."""
+        last, self._stepped = self._stepped, stamp
+        return 0.0 if last is None else (stamp - last) / SECOND

@@ -1,0 +1,211 @@
+"""What is trained is what is deployed: plain Python, the scalar and the vector environment agree to the last bit.
+
+The reference is the transition as plain Python on floats, driven by the actions that a vector environment was given. Where
+it agrees with a row of every batch and with the scalar environment, all of them agree with each other.
+"""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numba
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import turtlebot_gym
+from turtlebot_gym.models.noise import episode_key
+from turtlebot_gym.parameters import Command, Pose
+from turtlebot_gym.simulation import begin, look, make_parameters, retarget, transition
+from turtlebot_gym.tasks import distance_to, draw_goal, make_task
+
+STEPS, SEED, LIMIT = 1000, 7, 90
+NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
+
+SHAKY = turtlebot_gym.Noise(
+    process=turtlebot_gym.ProcessNoise(
+        alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2
+    ),
+    odometry=turtlebot_gym.OdometryNoise(
+        R=(0.01, 0.02, 0.03), bias=(0.02, -0.01, 0.03), spike_probability=0.1, spike=0.5, dropout_probability=0.1,
+        quantization=(0.005, 0.01),
+    ),
+)  # fmt: skip
+"""Every kind of error at once."""
+GATED = turtlebot_gym.FilterTuning(
+    Q=(1e-4, 1e-4, 1e-4, 1e-3, 1e-3), R=(0.01, 0.02, 0.03), process=SHAKY.process, gate=9.0, max_rejections=2
+)
+"""A gate that is often shut, and often enough for a restart."""
+
+CASES = {
+    "nav": {"task": "nav"},
+    "pose, everything noisy": {"task": "pose", "noise": SHAKY, "filter": GATED, "integrator": "midpoint", "arrival": "belief"},
+    "square by time": {"task": "square", "noise": "documented", "filter": "tutorial", "switch": "time", "robot": "tutorial"},
+    "square twice, on wheels": {"task": "square", "noise": "wheel", "laps": 2, "dt": 0.2, "robot": "turtlebot4"},
+    "odometry shown": {"task": "nav", "noise": "rough", "observation": "odometry"},
+    "truth shown": {"task": "nav", "noise": "clean", "observation": "truth", "integrator": "midpoint"},
+}
+IDS = {"nav": "turtlebot_gym/TurtleBotNav-v0", "pose": "turtlebot_gym/TurtleBotPose-v0", "square": "turtlebot_gym/TurtleBotSquare-v0"}
+
+
+class Plain:
+    """An environment in plain Python: no arrays, no compiled code."""
+
+    def __init__(self, *, limit, seed, task, arrival=None, switch=None, laps=None, **options):
+        task, self.waypoints = make_task(task, arrival=arrival, switch=switch, laps=laps, max_steps=limit)
+        self.p = make_parameters(task, **options)
+        self.seed, self.episode = seed, -1
+
+    def reset(self):
+        self.episode += 1
+        self.key = episode_key(self.seed, self.episode)
+        self.world = begin(self.key, self.p)
+        if self.p.task.random:
+            self.waypoints = (draw_goal(self.key, 0, self.world.reference, self.p.task),)
+        self.world = retarget(self.world, self.waypoints, self.p)
+        return self.row(0.0, False, False, False, distance_to(self.world.true_state, self.world.reference))
+
+    def step(self, action):
+        forward, turn = (min(max(float(share), -1.0), 1.0) for share in action)
+        command = Command(forward * self.p.robot.max_linear, turn * self.p.robot.max_angular)
+        self.world, come = transition(self.world, command, self.key, len(self.waypoints), self.p)
+        distance = come.distance
+        if come.reached:
+            self.world = retarget(self.world, self.waypoints, self.p)
+            distance = distance_to(self.world.true_state, self.world.reference)
+        return self.row(come.reward, come.terminated, come.truncated, come.is_success, distance)
+
+    def row(self, reward, terminated, truncated, success, distance):
+        """Return all that there is to compare, as numbers in a fixed order."""
+        w = self.world
+        parts = (*w.true_state, *w.odometry, *w.estimate.belief.mean, *w.estimate.belief.covariance, *w.reference, *w.command)
+        observation = np.array(look(w, self.p), np.float32)
+        return np.array([*observation, reward, terminated, truncated, success, distance, *parts], np.float64)
+
+
+def rows(observations, rewards, terminated, truncated, infos):
+    """Return what a vector environment gave, a row per environment, in the order of `Plain.row`."""
+    covariance = infos["covariance"][:, *np.triu_indices(5)]
+    parts = [infos["true_state"], infos["odometry"], infos["estimate"], covariance, infos["reference"], infos["command"]]
+    columns = [rewards, terminated, truncated, infos["is_success"], infos["distance"]]
+    return np.hstack([observations.astype(np.float64), np.column_stack(columns).astype(np.float64), *parts])
+
+
+def drive(observations, rng):
+    """Return noisy actions that often arrive, sometimes leave the action space, and are far from the same in each row."""
+    bearing = np.arctan2(observations[:, 2], observations[:, 1])
+    actions = np.column_stack([np.cos(bearing), 1.5 * bearing]) + rng.normal(0.0, 0.5, (len(observations), 2))
+    return actions.astype(np.float32)
+
+
+def record(case, mode, num_envs, watched, steps=STEPS):
+    """Drive a vector environment; return its actions (T, W, 2), rows (T + 1, W, .) and final rows by (time, watched)."""
+    options = dict(CASES[case])
+    limit = 400 if options["task"] == "square" and not options.get("switch") else LIMIT
+    env = gym.make_vec(
+        IDS[options.pop("task")], num_envs=num_envs, max_episode_steps=limit, autoreset_mode=mode, info="full", **options
+    )
+    rng = np.random.default_rng(0)
+    observations, infos = env.reset(seed=SEED)
+    nothing = np.zeros(num_envs)
+    log, actions, finals = [rows(observations, nothing, nothing, nothing, infos)[watched]], [], {}
+    for t in range(steps):
+        actions.append(drive(observations, rng))
+        observations, rewards, terminated, truncated, infos = env.step(actions[-1])
+        log.append(rows(observations, rewards, terminated, truncated, infos)[watched])
+        actions[-1] = actions[-1][watched]
+        if mode is SAME_STEP and "final_obs" in infos:
+            last = rows(infos["final_obs"], rewards, terminated, truncated, infos["final_info"])[watched]
+            finals |= {(t, row): last[row] for row in np.flatnonzero(infos["_final_obs"][watched])}
+        done = terminated | truncated
+        if mode is DISABLED and done.any():
+            observations, infos = env.reset(options={"reset_mask": done})
+            again = rows(observations, nothing, nothing, nothing, infos)[watched]
+            finals |= {(t, row): again[row] for row in np.flatnonzero(done[watched])}
+    env.close()
+    return np.array(actions), np.array(log), finals, limit
+
+
+def compare(case, mode, watched, actions, log, finals, limit):
+    """Replay the actions in plain Python and compare every number; return how often an episode ended in each way."""
+    ends = np.zeros(3, int)
+    for column, row in enumerate(watched):
+        plain = Plain(limit=limit, seed=SEED + int(row), **CASES[case])
+        expected = plain.reset()
+        done = False
+        np.testing.assert_array_equal(log[0, column], expected)
+        for t, action in enumerate(actions[:, column]):
+            if mode is NEXT_STEP and done:
+                expected, done = plain.reset(), False
+            else:
+                expected = plain.step(action)
+                done = bool(expected[14] or expected[15])
+                ends += [expected[14] != 0, expected[15] != 0, expected[16] != 0]
+            if mode is SAME_STEP and done:
+                np.testing.assert_array_equal(finals[t, column], expected, err_msg=f"final, step {t}, row {row}")
+                reward_and_ends = expected[13:16]
+                expected = plain.reset()
+                expected[13:16] = reward_and_ends
+            np.testing.assert_array_equal(log[t + 1, column], expected, err_msg=f"step {t}, row {row}")
+            if mode is DISABLED and done:
+                np.testing.assert_array_equal(finals[t, column], plain.reset(), err_msg=f"reset, step {t}, row {row}")
+    return ends
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("case", CASES)
+def test_rows_equal_plain_python(case, mode):
+    watched = np.arange(7)
+    ends = compare(case, mode, watched, *record(case, mode, 7, watched))
+    assert ends[0] > 0 or CASES[case].get("switch") == "time", "no episode terminated: the test saw too little"
+    assert ends[1] > 0 or CASES[case].get("laps") == 2, "no episode was truncated: the test saw too little"
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("case", ["nav", "pose, everything noisy"])
+def test_a_batch_of_one_equals_plain_python(case, mode):
+    watched = np.arange(1)
+    compare(case, mode, watched, *record(case, mode, 1, watched))
+
+
+@pytest.fixture
+def threads():
+    """Let a test choose numba's number of threads, and put it back."""
+    before = numba.get_num_threads()
+    yield numba.set_num_threads
+    numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_a_large_batch_equals_plain_python_on_any_number_of_threads(mode, n_threads, threads):
+    if n_threads > numba.config.NUMBA_NUM_THREADS:
+        pytest.skip(f"numba has {numba.config.NUMBA_NUM_THREADS} thread(s) here")
+    threads(n_threads)
+    watched = np.array([0, 31, 32, 2047, 2048, 4095])  # both sides of a tile's and of the threads' border
+    compare("pose, everything noisy", mode, watched, *record("pose, everything noisy", mode, 4096, watched))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_scalar_environment_equals_plain_python(case):
+    watched = np.arange(1)
+    actions, log, _, limit = record(case, NEXT_STEP, 1, watched)
+    options = dict(CASES[case])
+    env = gym.make(IDS[options.pop("task")], max_episode_steps=limit, **options)
+    observation, info = env.reset(seed=SEED)
+    done = False
+    for t, action in enumerate(actions[:, 0]):
+        if done:
+            observation, info = env.reset()
+            reward, terminated, truncated = 0.0, False, False
+        else:
+            observation, reward, terminated, truncated, info = env.step(action)
+        done = terminated or truncated
+        info = {key: np.asarray(value)[None] for key, value in info.items()}
+        row = rows(observation[None], [reward], [terminated], [truncated], info)
+        np.testing.assert_array_equal(row[0], log[t + 1, 0], err_msg=f"step {t}")
+    env.close()
+
+
+def test_waypoints_are_poses():
+    # `Plain` hands them over as tuples, the loop as an array: `retarget` takes both.
+    assert all(isinstance(waypoint, Pose) for waypoint in turtlebot_gym.SQUARE_WAYPOINTS)

@@ -1,0 +1,191 @@
+"""Pictures of the environment: things are drawn where they are, trails end with the episode, and no display is needed."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gymnasium.error import DependencyNotInstalled
+
+from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.parameters import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.simulation import World
+from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS
+
+BODY, GREEN, BLACK, VERMILLION = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0)
+FAR = Pose(-1.8, -1.8, 0.0)
+
+
+def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> World:
+    """Return a world with everything at its place, and all else in a corner."""
+    variance = deviation**2
+    covariance = Covariance(variance, 0.0, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return World(
+        true_state=State(*truth, 0.0, 0.0),
+        odometry=odometry,
+        estimate=Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),
+        command=Command(0.0, 0.0),
+        reference=reference,
+        following=reference,
+        wheels=Pose(*truth),
+        slipping=False,
+        visited=0.0,
+        steps=steps,
+    )
+
+
+def make(mode="rgb_array", *, waypoints=None, **options):
+    task = SQUARE if waypoints else NAV
+    return Renderer(mode, **{"robot": ROBOTS["burger"], "task": task, "waypoints": waypoints, "dt": 0.1, "fps": 10, **options})
+
+
+def pixel(picture, x, y, *, centre=0.0, half=2.4):
+    """Return the colour at a point of the world: the view is the arena, or the square, and 0.4 m round it."""
+    row = HEADER + (centre + half - y) / (2.0 * half) * SIDE
+    column = (x - centre + half) / (2.0 * half) * SIDE
+    return tuple(picture[int(row), int(column)])
+
+
+def count(picture, color):
+    return int((np.abs(picture[HEADER:].astype(int) - color).max(-1) < 12).sum())
+
+
+def test_picture_is_an_array_that_owns_its_pixels():
+    renderer = make()
+    first = renderer.draw(world())
+    kept = first.copy()
+    second = renderer.draw(world(Pose(1.0, 1.0, 0.0)))
+    for picture in (first, second):
+        assert picture.shape == (HEADER + SIDE, SIDE, 3)
+        assert picture.dtype == np.uint8
+        assert picture.flags.c_contiguous
+    np.testing.assert_array_equal(first, kept)
+    assert (first != second).any()
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (1.5, -0.5), (-1.0, 1.9)])
+def test_robot_is_drawn_where_it_is(x, y):
+    heading = 0.7
+    picture = make().draw(world(Pose(x, y, heading)))
+    half_radius = 0.5 * ROBOTS["burger"].radius
+    ahead = pixel(picture, x + half_radius * np.cos(heading), y + half_radius * np.sin(heading))
+    behind = pixel(picture, x - half_radius * np.cos(heading), y - half_radius * np.sin(heading))
+    assert ahead == BLACK
+    assert behind == BODY
+    assert pixel(picture, x + 0.3, y) not in (BLACK, BODY)
+
+
+def test_robot_is_drawn_in_its_size():
+    sizes = [count(make(robot=ROBOTS[name]).draw(world(Pose(0.0, 0.0, 0.0))), BODY) for name in ("burger", "waffle")]
+    assert sizes[1] > 2 * sizes[0]
+
+
+def test_the_square_fills_the_view():
+    for corner in SQUARE_WAYPOINTS:
+        picture = make(waypoints=SQUARE_WAYPOINTS).draw(world(corner, reference=Pose(1.0, 1.0, 0.0)))
+        behind = corner.x - 0.05 * np.cos(corner.theta), corner.y - 0.05 * np.sin(corner.theta)
+        assert pixel(picture, *behind, centre=1.0, half=1.4) == BODY
+
+
+def test_the_current_waypoint_stands_out_among_all():
+    pictures = [make(waypoints=SQUARE_WAYPOINTS).draw(world(Pose(1.0, 1.0, 0.0), reference=at)) for at in SQUARE_WAYPOINTS]
+    for picture, current in zip(pictures, SQUARE_WAYPOINTS, strict=True):
+        for waypoint in SQUARE_WAYPOINTS:
+            on_heading = waypoint.x + 0.15 * np.cos(waypoint.theta), waypoint.y + 0.15 * np.sin(waypoint.theta)
+            color = pixel(picture, *on_heading, centre=1.0, half=1.4)
+            assert (color == GREEN) == (waypoint is current)
+            assert max(color) - min(color) > 30  # the others are there too, paler
+
+
+def test_the_goal_has_the_radius_of_arrival():
+    picture = make().draw(world(reference=Pose(1.0, 1.0, 0.0)))
+    inside = NAV.radius - 0.01
+    assert pixel(picture, 1.0, 1.0 + inside) == pixel(picture, 1.0, 1.0 - inside) == GREEN
+    assert pixel(picture, 1.0, 1.0 + NAV.radius + 0.05) != GREEN
+
+
+@pytest.mark.parametrize("scale", [2.0, 4.0])
+def test_ellipse_grows_with_the_deviation(scale):
+    def extent(deviation):
+        picture = make().draw(world(believed=Pose(0.0, 0.0, 0.0), deviation=deviation))
+        rows, columns = np.nonzero(np.abs(picture[HEADER:].astype(int) - VERMILLION).max(-1) < 12)
+        return np.ptp(rows), np.ptp(columns)
+
+    per_metre = SIDE / 4.8
+    for size in (0.1, 0.1 * scale):
+        np.testing.assert_allclose(extent(size), 4.0 * size * per_metre, atol=4)
+
+
+def test_trails_grow_and_reset_forgets_them():
+    renderer = make()
+    start = renderer.draw(world(Pose(-1.0, 0.5, 0.0)))
+    for x in np.linspace(-1.0, 1.0, 20):
+        last = renderer.draw(world(Pose(x, 0.5, 0.0), believed=Pose(x, -0.5, 0.0), odometry=Pose(x, -1.0, 0.0)))
+    assert pixel(last, 0.025, 0.5) == BLACK
+    assert pixel(last, 0.025, -0.5) == VERMILLION
+    renderer.reset()
+    np.testing.assert_array_equal(renderer.draw(world(Pose(-1.0, 0.5, 0.0))), start)
+
+
+def test_odometry_stays_as_dots():
+    renderer = make()
+    for x in (-1.0, 0.05, 1.05):
+        picture = renderer.draw(world(odometry=Pose(x, 1.55, 0.0)))
+    assert pixel(picture, 0.05, 1.55) == pixel(picture, 1.05, 1.55) == (86, 180, 233)
+    assert pixel(picture, 0.55, 1.55) == (255, 255, 255)
+
+
+def test_a_robot_that_drives_away_stays_in_view_with_its_trail():
+    renderer = make(robot=replace(ROBOTS["burger"], radius=0.5))
+    for x in np.linspace(0.0, 9.0, 40):
+        picture = renderer.draw(world(Pose(x, 0.5, 0.0)))
+        half = next(half for half in (2.4 * 1.25**step for step in range(9)) if x + 0.5 <= half)
+        assert pixel(picture, x - 0.15, 0.5, half=half) == BODY
+        assert pixel(picture, x / 2.0, 0.5, half=half) == BLACK or x < 1.1  # a shorter trail is under the robot
+    renderer.reset()
+    assert pixel(renderer.draw(world(Pose(1.0, 0.5, np.pi))), 1.15, 0.5) == BODY
+
+
+def test_what_leaves_the_map_does_not_cover_the_legend():
+    renderer, other = make(), make()
+    above = Pose(0.0, 2.6, 0.0)
+    strips = [r.draw(world(believed=at, odometry=at))[:HEADER] for r, at in ((renderer, above), (other, FAR))]
+    np.testing.assert_array_equal(*strips)
+
+
+def test_the_time_is_shown():
+    renderer = make()
+    early, late = (renderer.draw(world(steps=steps)) for steps in (0.0, 123.0))
+    assert (early[:HEADER] != late[:HEADER]).any()
+    np.testing.assert_array_equal(early[HEADER:], late[HEADER:])
+
+
+def test_window_shows_the_picture_and_closes(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    import pygame
+
+    renderer = make("human", fps=1000)
+    now = world(Pose(0.5, 0.5, 0.0))
+    assert renderer.draw(now) is None
+    shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
+    np.testing.assert_array_equal(shown, make().draw(now))
+    renderer.close()
+    assert not pygame.display.get_init()
+    renderer.close()
+
+
+def test_arrays_open_no_display():
+    import pygame
+
+    renderer = make()
+    renderer.draw(world())
+    assert not pygame.display.get_init()
+    renderer.close()
+
+
+def test_missing_pygame_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(DependencyNotInstalled, match="pip install"):
+        make()

@@ -1,0 +1,138 @@
+"""Whether a filter's stated uncertainty is true, and how good any filter could be.
+
+References:
+    Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4: NEES, NIS.
+    Tichavsky, Muravchik, Nehorai, "Posterior Cramer-Rao bounds for discrete-time nonlinear filtering" (1998).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import Belief, Command, FilterTuning, OdometryNoise, Pose, State, choose
+
+
+def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, components: int = 5) -> NDArray[np.float64]:
+    """Return the normalized estimation error squared, ``e' P^-1 e``, with the heading's error wrapped.
+
+    Of a consistent filter it is chi-square distributed, with as many degrees of freedom as components.
+
+    Args:
+        estimate: Believed states, shape (..., 5); m, m, rad, m/s, rad/s.
+        truth: True states, shape (..., 5).
+        covariance: Shape (..., 5, 5).
+        components: How many of the state's components to judge: 5, or 3 for the pose alone (at rest a filter may be certain of
+            the twist, and P singular).
+
+    Returns:
+        Shape (...).
+    """
+    error = np.asarray(estimate, np.float64) - np.asarray(truth, np.float64)
+    error[..., 2] = np.remainder(error[..., 2] + math.pi, TWO_PI) - math.pi
+    return normalized(error[..., :components], np.asarray(covariance)[..., :components, :components])
+
+
+def normalized(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
+    """Return ``e' P^-1 e``; of an innovation and its covariance this is the NIS, with 3 degrees of freedom.
+
+    Args:
+        error: Shape (..., n).
+        covariance: Shape (..., n, n), positive definite.
+
+    Returns:
+        Shape (...).
+    """
+    error = np.asarray(error, np.float64)[..., None]
+    return (np.swapaxes(error, -1, -2) @ np.linalg.solve(np.asarray(covariance, np.float64), error))[..., 0, 0]
+
+
+def mean_bounds(degrees: int, runs: int, *, false_alarm: float) -> tuple[float, float]:
+    """Return the interval in which the mean of independent NEES or NIS lies, but for a stated rate of false alarms.
+
+    Args:
+        degrees: Degrees of freedom of each: 5 for the NEES, 3 for the NIS.
+        runs: How many independent ones the mean is over. Along one run they are correlated: take runs, not steps.
+        false_alarm: Probability that a consistent filter falls outside.
+
+    Raises:
+        ValueError: If an argument is out of its range.
+    """
+    if degrees < 1 or runs < 1:
+        raise ValueError(f"degrees and runs must be at least 1, got {degrees!r} and {runs!r}.")
+    if not 0.0 < false_alarm < 1.0:
+        raise ValueError(f"false_alarm must be between 0 and 1, got {false_alarm!r}.")
+    low, high = stats.chi2.interval(1.0 - false_alarm, df=degrees * runs)
+    return float(low / runs), float(high / runs)
+
+
+def heading_information(noise: OdometryNoise) -> float:
+    """Return the Fisher information of a measured heading, 1/rad^2; without spikes it is one over the variance.
+
+    With spikes the noise is the mixture ``(1 - e) N(0, s^2) + e/2 N(a, s^2) + e/2 N(-a, s^2)``, and the information is the
+    integral of ``p'^2 / p``. A filter that knew the mixture could use it all; one that takes the noise for Gaussian gets
+    ``1 / (s^2 + e a^2)`` at most.
+
+    Raises:
+        ValueError: If the heading is measured without white noise: its information is then infinite.
+    """
+    variance, share, spike = noise.R[2], noise.spike_probability, noise.spike
+    if not variance > 0.0:
+        raise ValueError(f"OdometryNoise.R must have a positive heading variance for this, got {variance!r}.")
+    s = math.sqrt(variance)
+    reach = spike + 12.0 * s
+    # The sum of a smooth function that vanishes at both ends converges faster than any power of the spacing.
+    x, spacing = np.linspace(-reach, reach, 2 * math.ceil(reach / s * 10.0) + 1, retstep=True)
+    means = np.array([0.0, spike, -spike])[:, None]
+    weights = np.array([1.0 - share, 0.5 * share, 0.5 * share])[:, None]
+    parts = weights * stats.norm.pdf(x, means, s)
+    density, slope = parts.sum(axis=0), (parts * (means - x) / variance).sum(axis=0)
+    integrand = np.divide(slope**2, density, out=np.zeros_like(x), where=density > 0.0)
+    return float(integrand.sum() * spacing)
+
+
+def cramer_rao_bound(
+    true_states: ArrayLike,
+    commands: ArrayLike,
+    tuning: FilterTuning,
+    *,
+    dt: float = 0.1,
+    integrator: str = "euler",
+) -> NDArray[np.float64]:
+    """Return the posterior Cramer-Rao bound: no filter's mean squared error is below it.
+
+    The process noise enters v and omega only, so Q is singular, and the bound is taken in covariance form: the filter's Riccati
+    equation along the true trajectories, averaged over them.
+
+    Args:
+        true_states: Shape (T + 1, 5), or (N, T + 1, 5) for N runs; m, m, rad, m/s, rad/s.
+        commands: Executed from each state on (limited ones), shape (T, 2) or (N, T, 2); m/s, rad/s.
+        tuning: The *true* noise: its Q and ``process`` the execution's; its R the measurement's, with
+            ``1 / heading_information(noise)`` for the heading where there are spikes.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
+
+    Returns:
+        Bound on the error covariance at each time, shape (T + 1, 5, 5).
+    """
+    middle = choose("integrator", integrator, INTEGRATORS)
+    states = np.asarray(true_states, np.float64).reshape(-1, *np.shape(true_states)[-2:])
+    inputs = np.asarray(commands, np.float64).reshape(len(states), -1, 2)
+    total = np.zeros((states.shape[1], 5, 5))
+    for run, controls in zip(states.tolist(), inputs.tolist(), strict=True):
+        x, y, theta, _, _ = run[0]
+        P = ekf.initialize(Pose(x, y, theta), tuning).belief.covariance
+        total[0] += matrix(P)
+        for k, (before, after, command) in enumerate(zip(run, run[1:], controls, strict=False)):
+            prior = ekf.predict(Belief(State(*before), P), Command(*command), tuning, dt, middle)
+            at_truth = Belief(State(*after), prior.covariance)
+            P = ekf.update(at_truth, Pose(*after[:3]), tuning)[0].covariance
+            total[k + 1] += matrix(P)
+    return total / len(states)

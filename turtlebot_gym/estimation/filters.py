@@ -1,0 +1,236 @@
+"""Filters as objects, to look into: ours, and filterpy's as the reference beside it.
+
+Environments and nodes call the functions of `estimation.ekf`; these objects are for people, notebooks and tests.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import Belief, Command, Covariance, FilterTuning, Pose, State, choose
+
+if TYPE_CHECKING:
+    from filterpy.kalman import ExtendedKalmanFilter
+
+_UPPER = np.triu_indices(5)
+
+
+def matrix(covariance: Covariance) -> NDArray[np.float64]:
+    """Return a covariance's 15 independent entries as the symmetric matrix (5, 5)."""
+    P = np.zeros((5, 5))
+    P[_UPPER] = covariance
+    return P + np.triu(P, 1).T
+
+
+def entries(P: ArrayLike, *, name: str = "covariance") -> Covariance:
+    """Return the 15 independent entries of a covariance matrix, checked.
+
+    Args:
+        P: Shape (5, 5).
+        name: What the error messages call it.
+
+    Raises:
+        ValueError: If it is not finite, not symmetric, not positive semidefinite or of another shape.
+    """
+    P = np.asarray(P, np.float64)
+    if P.shape != (5, 5) or not np.isfinite(P).all():
+        raise ValueError(f"{name} must be a finite 5 x 5 matrix, got {P.tolist()!r}.")
+    scale = np.abs(P).max()
+    if np.abs(P - P.T).max() > 1e-12 * scale:  # rounding of F P F' is not the caller's mistake
+        raise ValueError(f"{name} must be symmetric, got {P.tolist()!r}.")
+    least = np.linalg.eigvalsh(P)[0]
+    if least < -1e-12 * scale or np.diag(P).min() < 0.0:
+        raise ValueError(f"{name} must be positive semidefinite, got one with the eigenvalue {least:.3g}.")
+    return Covariance(*P[_UPPER].tolist())
+
+
+class KalmanFilter:
+    """The extended Kalman filter of `estimation.ekf`, with its state, covariance and innovation to look at.
+
+    ``step`` does what environments and nodes do in a control interval; ``predict`` and ``update`` are its two halves, for
+    those who want to see between them (there is then no gate, and the odometry corrects even where the tuning makes it the
+    filter's input).
+
+    Args:
+        tuning: Noise, gate and mode.
+        state: Mean of the initial belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s.
+        covariance: Its covariance, shape (5, 5), symmetric and positive semidefinite; None for the tuning's P0.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+
+    def __init__(
+        self,
+        tuning: FilterTuning,
+        *,
+        state: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0),
+        covariance: ArrayLike | None = None,
+        dt: float = 0.1,
+        integrator: str = "euler",
+    ) -> None:
+        mean = np.asarray(state, np.float64)
+        if mean.shape != (5,) or not np.isfinite(mean).all():
+            raise ValueError(f"state must be 5 finite numbers, got {state!r}.")
+        self.tuning = tuning
+        self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
+        P = entries(np.diag(tuning.P0) if covariance is None else covariance)
+        self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
+        self._odometry: Pose | None = None
+        self._innovation = np.full(3, np.nan)
+        self._innovation_covariance = np.full((3, 3), np.nan)
+
+    @property
+    def belief(self) -> Belief:
+        """What the filter holds true, as the functions of `estimation.ekf` take it."""
+        return self._estimate.belief
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """Mean of the belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s."""
+        return np.array(self.belief.mean)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the belief, shape (5, 5)."""
+        return matrix(self.belief.covariance)
+
+    @property
+    def innovation(self) -> NDArray[np.float64]:
+        """Last measured minus predicted pose, shape (3,); m, m, rad. NaN before a measurement."""
+        return self._innovation.copy()
+
+    @property
+    def innovation_covariance(self) -> NDArray[np.float64]:
+        """Covariance that the filter expected the last innovation to have, shape (3, 3). NaN before a measurement."""
+        return self._innovation_covariance.copy()
+
+    @property
+    def nis(self) -> float:
+        """Normalized innovation squared of the last measurement; of a correct filter chi-square with 3 degrees of freedom."""
+        return self._estimate.nis
+
+    @property
+    def rejections(self) -> int:
+        """How many measurements in a row the gate has refused."""
+        return int(self._estimate.rejections)
+
+    def start(self, odometry: Pose) -> None:
+        """Begin anew from a first measurement, as an episode does (or from the origin, where the tuning says so)."""
+        self._odometry = Pose(*odometry)
+        self._estimate = ekf.initialize(self._odometry, self.tuning)
+
+    def predict(self, command: Command) -> None:
+        """Move the belief by one control interval, with the twist that is commanded from now on."""
+        belief = ekf.predict(self.belief, Command(*command), self.tuning, self.dt, self._middle)
+        self._estimate = self._estimate._replace(belief=belief)
+
+    def update(self, odometry: Pose) -> None:
+        """Condition the belief on a measured pose."""
+        z = Pose(*odometry)
+        self._note(self.belief, z)
+        belief, nis = ekf.update(self.belief, z, self.tuning)
+        self._estimate = Estimate(belief, nis, self._estimate.rejections)
+
+    def step(self, command: Command, odometry: Pose | None = None) -> None:
+        """Predict with the command and correct by the odometry, gate included; None means that none arrived."""
+        command = Command(*command)
+        measured = odometry is not None
+        mean = self.belief.mean
+        z = Pose(*odometry) if measured else (self._odometry or Pose(mean.x, mean.y, mean.theta))
+        if measured and not self.tuning.odometry_input:
+            self._note(ekf.predict(self.belief, command, self.tuning, self.dt, self._middle), z)
+        before = self._odometry or z
+        self._estimate = ekf.step(self._estimate, command, before, z, measured, self.tuning, self.dt, self._middle)
+        self._odometry = z
+
+    def _note(self, prior: Belief, z: Pose) -> None:
+        """Keep what a measurement says against the prior: nu, and S = H P H' + R."""
+        self._innovation = np.array(ekf.innovation(prior.mean, z, self.tuning))
+        self._innovation_covariance = matrix(prior.covariance)[:3, :3] + np.diag(self.tuning.R)
+
+
+def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str = "euler") -> ExtendedKalmanFilter:
+    """Return filterpy's extended Kalman filter of the same robot, as an oracle and for notebooks.
+
+    It has our motion, the Jacobian as a matrix, ``H = [I 0]`` and our innovation; the algebra is filterpy's. Call
+    ``predict((v, omega))`` and ``update((x, y, theta))``, or ``update(None)`` where a measurement is lost; not
+    ``predict_update``, which knows neither our motion nor the wrapped heading. It has no gate.
+
+    Args:
+        tuning: Its Q, R, P0, ``process``, ``remember_velocity`` and ``wrap_innovation`` count.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
+
+    Returns:
+        The filter, at the origin with the tuning's P0: set ``x`` (5,) and ``P`` (5, 5) to start elsewhere.
+
+    Raises:
+        ValueError: If dt is not positive or the integrator unknown.
+        ImportError: If filterpy is not installed.
+
+    References:
+        Labbe, *Kalman and Bayesian Filters in Python* (2015), chapter 11.
+    """
+    try:
+        from filterpy.kalman import ExtendedKalmanFilter
+    except ImportError as error:
+        raise ImportError("The reference filter needs filterpy: pip install filterpy") from error
+
+    dt, middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
+    H = np.eye(3, 5)
+    certain = Covariance(*[0.0] * 15)
+
+    def residual(z: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
+        at = State(*np.asarray(pose, np.float64).tolist(), 0.0, 0.0)
+        return np.array(ekf.innovation(at, Pose(*np.asarray(z, np.float64).tolist()), tuning))
+
+    class Reference(ExtendedKalmanFilter):
+        def predict_x(self, u: Any = (0.0, 0.0)) -> None:
+            mean = State(*self.x.tolist())
+            self.F = jacobian(mean, dt=dt, integrator=integrator)
+            self.F[3, 3] = self.F[4, 4] = float(tuning.remember_velocity)
+            # Prediction of a belief without uncertainty: f as the mean, and Q, which depends on the command, as covariance.
+            moved = ekf.predict(Belief(mean, certain), Command(*u), tuning, dt, middle)
+            self.x, self.Q = np.array(moved.mean), matrix(moved.covariance)
+
+        def update(self, z: Any, HJacobian=lambda x: H, Hx=lambda x: x[:3], residual=residual, **options: Any) -> None:
+            super().update(z if z is None else np.asarray(z), HJacobian, Hx, residual=residual, **options)
+
+    reference = Reference(dim_x=5, dim_z=3, dim_u=2)
+    reference.x = np.zeros(5)
+    reference.P = np.diag(tuning.P0)
+    reference.R = np.diag(tuning.R)
+    return reference
+
+
+def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[np.float64]:
+    """Return the derivative F (5, 5) of the motion with respect to the state.
+
+    Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` has the products with it written out.
+    """
+    middle = choose("integrator", integrator, INTEGRATORS)
+    sine, cosine = sincos(state.theta + middle * state.omega * dt)
+    F = np.zeros((5, 5))
+    F[:3, :3] = np.eye(3)
+    F[:2, 2] = -state.v * sine * dt, state.v * cosine * dt
+    F[:2, 3] = cosine * dt, sine * dt
+    F[:2, 4] = middle * dt * F[:2, 2]
+    F[2, 4] = dt
+    return F
+
+
+def _interval(dt: float) -> float:
+    if not 0.0 < dt < math.inf:
+        raise ValueError(f"dt must be positive and finite, got {dt!r}.")
+    return float(dt)
