@@ -104,7 +104,8 @@ def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "
     margin = SIGMAS * np.sqrt(np.maximum(trajectory.covariance[:, at, at], 0.0))
     _plot(axes, *_without_jumps(time, truth, component), _TRUTH)
     _plot(axes, *_without_jumps(time, estimate, component), _ESTIMATE)
-    axes.fill_between(time, estimate - margin, estimate + margin, **_BAND)
+    if np.isfinite(margin).any():
+        axes.fill_between(time, estimate - margin, estimate + margin, **_BAND)
     _plot(axes, time, odometry, _ODOMETRY)
     _plot(axes, *_without_jumps(time, reference, component), _REFERENCE)
     return _over_time(axes, _COMPONENTS[component])
@@ -174,13 +175,16 @@ def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
     waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)
     x, y, theta = waypoints.T
     _plot(axes, x, y, _WAYPOINT)
-    if len(waypoints):
-        axes.quiver(x, y, np.cos(theta), np.sin(theta), color=GREEN, scale=16.0, width=0.006, zorder=3.2)
     first = [(trajectory.true_state[0, :2], trajectory.estimate[0, :2]) for trajectory in trajectories]
     starts = np.unique([truth if np.isfinite(truth).all() else estimate for truth, estimate in first], axis=0)
     _plot(axes, starts[:, 0], starts[:, 1], _START)
+    if len(waypoints):
+        length = 0.08 * max(axes.dataLim.size)
+        u, v = length * np.cos(theta), length * np.sin(theta)
+        axes.quiver(x, y, u, v, color=GREEN, angles="xy", scale_units="xy", scale=1.0, width=0.006, zorder=3.2)
+        axes.update_datalim(np.stack([x + u, y + v], axis=-1))  # or the axes could end short of the tips
     axes.set(xlabel="x (m)", ylabel="y (m)")
-    axes.margins(0.15)
+    axes.margins(0.05)
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.3)
 

@@ -19,10 +19,12 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
+from turtlebot_gym_ros.guard import Guard, Parameters
 
 from turtlebot_gym.parameters import STOP, Command
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym_ros.guard import Guard, Parameters
+
+pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # rclpy's parser, on Python 3.11
 
 TICK = 0.02
 AHEAD = Command(0.1, 0.2)
@@ -366,16 +368,18 @@ def start(environment):
 
 @pytest.fixture
 def make_probe(environment):
-    contexts = []
+    probes = []
 
     def make(stamped=True):
-        contexts.append(Context())
-        contexts[-1].init([])
-        return Probe(contexts[-1], stamped)
+        context = Context()
+        context.init([])
+        probes.append(Probe(context, stamped))
+        return probes[-1]
 
     yield make
-    for context in contexts:
-        context.shutdown()
+    for probe in probes:
+        probe.destroy_node()
+        probe.context.shutdown()
 
 
 @pytest.fixture

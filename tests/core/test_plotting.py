@@ -11,6 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from turtlebot_gym.plotting import (
+    ESTIMATE_WITHIN,
     comparison_figure,
     draw_command,
     draw_component,
@@ -42,7 +43,7 @@ def drive(*, samples: int = 200, turns: float = 2.0, deviation: float = 0.1, see
         estimate=estimate,
         covariance=np.tile((0.2 * deviation) ** 2 * np.eye(5), (samples, 1, 1)),
         reference=np.repeat([[1.0, 0.0, 0.5], [-1.0, 0.0, 3.1]], samples // 2, axis=0),
-        command=truth[:, 3:],
+        command=truth[:, 3:].copy(),
     )
 
 
@@ -155,6 +156,19 @@ def test_the_legend_hides_nothing_and_names_each_series_once():
     assert box.x1 <= figure.bbox.x1
 
 
+@pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, np.pi, -0.5 * np.pi])
+def test_a_waypoint_at_the_edge_shows_its_heading(heading):
+    flown = drive()
+    flown.reference[:] = [2.0, 2.0, heading]
+    figure = comparison_figure([("policy", flown)])
+    figure.draw_without_rendering()
+    (drawn,) = figure.axes
+    (left, right), (bottom, top) = drawn.get_xlim(), drawn.get_ylim()
+    tip = np.array([2.0, 2.0]) + 0.2 * np.array([np.cos(heading), np.sin(heading)])
+    assert left < tip[0] < right
+    assert bottom < tip[1] < top
+
+
 def test_what_is_unknown_is_not_in_the_legend():
     flown = drive()
     for part in (flown.true_state, flown.reference, flown.covariance):
@@ -162,8 +176,8 @@ def test_what_is_unknown_is_not_in_the_legend():
     figure = tutorial_figure(flown)
     figure.draw_without_rendering()
     names = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"truth", "waypoint", "reference"}.isdisjoint(names)
-    assert {"estimate", "odometry", "start"} < names
+    assert {"truth", "waypoint", "reference", ESTIMATE_WITHIN}.isdisjoint(names)
+    assert names == {"estimate", "odometry", "start", "command"}
     heading = line(figure.axes[5], "estimate").get_ydata()
     assert np.abs(np.diff(heading)).max() < 1.0
 

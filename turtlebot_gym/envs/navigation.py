@@ -235,7 +235,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             p = self._batch.parameters
             waypoints = None if p.task.random else [Pose(*pose) for pose in self._batch.waypoints[0].tolist()]
             fps = self.metadata["render_fps"]
-            self._renderer = Renderer(self.render_mode, robot=p.robot, task=p.task, waypoints=waypoints, fps=fps)
+            self._renderer = Renderer(self.render_mode, robot=p.robot, task=p.task, waypoints=waypoints, dt=p.dt, fps=fps)
         elif anew:
             self._renderer.reset()
         return self._renderer.draw(self._batch.world(0))

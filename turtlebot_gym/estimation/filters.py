@@ -192,8 +192,8 @@ def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str =
     certain = Covariance(*[0.0] * 15)
 
     def residual(z: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-        at = State(*np.asarray(pose, np.float64).tolist(), 0.0, 0.0)
-        return np.array(ekf.innovation(at, Pose(*np.asarray(z, np.float64).tolist()), tuning))
+        x, y, theta = np.asarray(pose, np.float64).tolist()
+        return np.array(ekf.innovation(State(x, y, theta, 0.0, 0.0), Pose(*np.asarray(z, np.float64).tolist()), tuning))
 
     class Reference(ExtendedKalmanFilter):
         def predict_x(self, u: Any = (0.0, 0.0)) -> None:
@@ -204,8 +204,8 @@ def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str =
             moved = ekf.predict(Belief(mean, certain), Command(*u), tuning, dt, middle)
             self.x, self.Q = np.array(moved.mean), matrix(moved.covariance)
 
-        def update(self, z: Any, HJacobian=lambda x: H, Hx=lambda x: x[:3], residual=residual, **options: Any) -> None:
-            super().update(z if z is None else np.asarray(z), HJacobian, Hx, residual=residual, **options)
+        def update(self, z: Any, HJacobian=lambda x: H, Hx=lambda x: x[:3], R=None, args=(), hx_args=(), residual=residual):
+            super().update(z if z is None else np.asarray(z), HJacobian, Hx, R, args, hx_args, residual)
 
     reference = Reference(dim_x=5, dim_z=3, dim_u=2)
     reference.x = np.zeros(5)

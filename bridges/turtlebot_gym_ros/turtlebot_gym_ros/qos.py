@@ -5,7 +5,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 STREAM = QoSProfile(depth=10)
 """Reliable and volatile: what is lost is sent again, what was sent before somebody listened is gone."""
-SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """A subscription with it understands reliable and best-effort publishers."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Who comes late is given the last value."""

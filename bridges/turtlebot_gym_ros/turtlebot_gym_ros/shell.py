@@ -40,7 +40,7 @@ WATCH_PERIOD = 0.02
 """Period of the watching thread, s."""
 CLOCK_SILENCE = 0.5
 """A ROS clock that stands still for longer stops the robot, s."""
-CLOCK_JUMP = 1.0
+CLOCK_JUMP = 5.0
 """A ROS clock that leaps ahead by more, or back at all, resets the block and stops the robot, s."""
 NO_OBSTACLE_AVOIDANCE = "It drives without obstacle avoidance: whoever enables it watches the robot."
 
@@ -103,7 +103,7 @@ class Shell:
         self.safety = Safety(enabled=self.common.start_enabled) if moves else None
         self._waits: str | None = "has not run yet"
         self._trouble: str | None = None
-        self._known: set[str] = set()
+        self._known: set[Problem] = set()
         self._steps = self._overruns = self._dropped = 0
 
         self._publishers: dict[str, Any] = {}
@@ -202,6 +202,7 @@ class Shell:
             return
         self._waits = next((why for feed in self._feeds.values() if (why := feed.missing(now))), None) or self._rule.slow
         if self._waits:
+            self._rule.pause()
             if safety:
                 safety.stop(self._waits, now=now)
                 self._send_stops()
@@ -325,7 +326,7 @@ class Shell:
     # What watches, in a thread of its own.
 
     def _watch(self) -> None:
-        next_report = self._now()
+        next_report = self._now() + 1.0
         while not self._closing.wait(WATCH_PERIOD):
             now = self._now()
             if self.safety:
@@ -370,21 +371,19 @@ class Shell:
                 self._told = state
                 self._state.publish(String(data=state))
 
-    @property
-    def problems(self) -> list[Problem]:
-        """What is wrong with this node and with the graph around it."""
-        found = graph_problems(self.node, self._endpoints, plant=self._plant)
-        found += [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self._feeds.values() if feed.refusal]
-        if self._trouble:
-            found.append(Problem(ERROR, self._trouble))
-        return found
+    def _own_problems(self) -> list[Problem]:
+        """Return what is wrong with this node itself."""
+        refused = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self._feeds.values() if feed.refusal]
+        slow = [Problem(ERROR, self._rule.slow)] if self._rule.slow else []
+        return refused + slow + ([Problem(ERROR, self._trouble)] if self._trouble else [])
 
     def _report(self, now: float) -> None:
-        problems = self.problems
-        texts = {problem.text for problem in problems}
-        for text in sorted(texts - self._known):
-            self._log.error(text)
-        self._known = texts
+        around = graph_problems(self.node, self._endpoints, plant=self._plant)
+        for problem in around:
+            if problem not in self._known:
+                (self._log.error if problem.level == ERROR else self._log.warning)(problem.text)
+        self._known = set(around)
+        problems = around + self._own_problems()
         state = self.safety.state if self.safety else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         for feed in self._feeds.values():

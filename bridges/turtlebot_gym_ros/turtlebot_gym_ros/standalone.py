@@ -35,8 +35,8 @@ def declare(node: Node, params: type[P]) -> P:
     """
     known = {field.name: field.default for field in fields(params)}  # type: ignore[arg-type]
     given = {
-        name: node.get_parameter(name).value
-        for name in node.list_parameters([], 0).names
+        name: parameter.value
+        for name, parameter in node.get_parameters_by_prefix("").items()
         if name not in ("use_sim_time", "start_type_description_service") and not name.startswith("qos_overrides.")
     }
     for name, value in given.items():

@@ -45,8 +45,11 @@ class Grid:
         """Return the time that a step covers, s."""
         return self.period
 
+    def pause(self) -> None:
+        """Note that a step was left out: the grid stays."""
+
     def reset(self) -> None:
-        """Nothing is remembered of steps: the grid stays."""
+        """Start again: the grid stays."""
 
 
 class Messages:
@@ -106,7 +109,11 @@ class Messages:
             every = (stamp - last) / SECOND
             self.slow = f"{self.input} comes every {every:.3f} s, but a step is due every {self.period} s"
 
+    def pause(self) -> None:
+        """Note that a step was left out: the next one is like the first."""
+        self._stepped = None
+
     def interval(self, stamp: int) -> float:
-        """Return the time since the last step, s; 0 for the first one."""
+        """Return the time since the last step, s; 0 for the first one and after a pause."""
         last, self._stepped = self._stepped, stamp
         return 0.0 if last is None else (stamp - last) / SECOND

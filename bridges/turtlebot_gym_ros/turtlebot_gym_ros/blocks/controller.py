@@ -1,0 +1,103 @@
+"""The controller: any policy, given the environment's observation, answering with a command within the robot's limits."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.models.unicycle import limit
+from turtlebot_gym.parameters import STOP, Command, Pose
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.tasks import NAV, arrived, observe, stated_deviations
+from turtlebot_gym_ros.block import Input, On, Output
+
+VARIANCE_FLOOR = 1e-6
+"""A stated variance of exactly zero is taken as (1 mm)^2 or (1 mrad)^2: nobody knows a pose exactly."""
+
+
+class VelocityController:
+    """Drive to the reference by a policy. There is no obstacle avoidance: it sees poses, not the room.
+
+    It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: the
+    robot is stopped and left to others, until the reference changes.
+
+    Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
+    ``next_reference``; optional: the waypoint after it). All in the world frame.
+    Outputs: ``command`` (`Command`, on ``cmd_vel``).
+    Parameters: those of `Params`.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the controller."""
+
+        policy: str = "bearing"
+        """"proportional", "bearing", or "module:callable" for a callable from observations to actions."""
+        robot: str = "burger"
+        """A name in `turtlebot_gym.robots.ROBOTS`."""
+        period: float = 0.1
+        """Period for which the policy was made, s. Estimates that come more slowly are an error."""
+        goal_tolerance: float = 0.15
+        """Believed distance to a last waypoint within which the robot is done, m; 0 never is."""
+
+        def __post_init__(self) -> None:
+            if not 0.001 <= self.period <= 10.0:
+                raise ValueError(f"period must be in [0.001, 10] s, got {self.period!r}.")
+            if not (self.goal_tolerance == 0.0 or 0.01 <= self.goal_tolerance < math.inf):
+                raise ValueError(
+                    f"goal_tolerance must be 0, or at least 0.01 m, the resolution of a TurtleBot3, got {self.goal_tolerance!r}."
+                )
+
+    inputs = {
+        "estimate": Input(topic="estimate", type=Estimate, reliable=False),
+        "reference": Input(topic="reference", type=Pose),
+        "following": Input(topic="next_reference", type=Pose, required=False),
+    }
+    outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
+
+    def __init__(self, params: Params) -> None:
+        from turtlebot_gym_agents.policies import make_policy
+
+        self.trigger = On("estimate", period=params.period)
+        self._robot = make_robot(params.robot)
+        self._policy = make_policy(params.policy, robot=self._robot, dt=params.period)
+        self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
+        self._warned = False
+        self.observation: NDArray[np.float32] = np.zeros(13, np.float32)
+        """What the policy was last given; shape (13,)."""
+        self.action: NDArray[np.float32] = np.zeros(2, np.float32)
+        """What it answered; shape (2,)."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last episode, also in a policy with memory."""
+        self._done_with: Pose | None = None
+        if hasattr(self._policy, "reset"):
+            self._policy.reset(np.ones(1, np.bool_))
+
+    def step(self, dt: float, estimate: Estimate, reference: Pose, following: Pose | None) -> dict[str, Any]:
+        """Return the command, or nothing where the robot is done."""
+        mean, P = estimate.belief
+        if min(P.xx, P.yy, P.tt) <= 0.0:
+            P = P._replace(**{name: getattr(P, name) or VARIANCE_FLOOR for name in ("xx", "yy", "tt")})
+            if not self._warned:
+                logging.getLogger(__name__).warning("An estimate states a variance of zero; taken as %g.", VARIANCE_FLOOR)
+            self._warned = True
+        is_last = following is None or following == reference
+        if self._goal and is_last and (reference == self._done_with or arrived(mean, reference, self._goal)):
+            self._done_with = reference
+            return {}
+        self._done_with = None
+        seen = observe(mean, stated_deviations(P), estimate.nis, reference, following or reference, self._robot)
+        self.observation = np.array(seen, np.float32)
+        self.action = np.asarray(self._policy(self.observation), np.float32)
+        if self.action.shape != (2,) or not np.isfinite(self.action).all():
+            raise ValueError(f"a policy must answer with two finite numbers, got {self.action!r}")
+        forward, turn = np.clip(self.action, -1.0, 1.0).tolist()
+        return {"command": limit(Command(forward * self._robot.max_linear, turn * self._robot.max_angular), self._robot)}

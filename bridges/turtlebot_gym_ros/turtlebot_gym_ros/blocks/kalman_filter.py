@@ -1,0 +1,83 @@
+"""The estimator: the environment's own filter, run by the odometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from turtlebot_gym.estimation.ekf import Estimate, initialize, step
+from turtlebot_gym.models.unicycle import INTEGRATORS, limit
+from turtlebot_gym.parameters import STOP, Command, Pose, State, choose
+from turtlebot_gym.presets import make_filter, make_noise, make_robot
+from turtlebot_gym_ros.block import Input, On, Output
+
+
+class KalmanFilter:
+    """Estimate the pose from odometry.
+
+    It begins with the first odometry, without any command. Where a measurement drops out it predicts, period by period, with
+    the command that holds; after ``max_gap`` it begins again. Nothing is published without odometry, so dead odometry shows.
+
+    Inputs: ``odometry`` (`State`, on ``odom``, every message; its pose counts), ``command`` (`Command`, on ``cmd_vel``; optional, the
+    last value holds).
+    Outputs: ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp and in its frame.
+    Parameters: those of `Params`.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the filter."""
+
+        robot: str = "burger"
+        """A name in `turtlebot_gym.robots.ROBOTS`."""
+        noise: str = "tutorial"
+        """The noise that the filter is matched to: a name in `turtlebot_gym.presets.NOISES`."""
+        filter: str = "matched"
+        """"matched" or "tutorial"."""
+        integrator: str = "euler"
+        """"euler" or "midpoint"."""
+        period: float = 0.1
+        """Longest interval that is predicted in one go, s."""
+        max_gap: float = 1.0
+        """Gap in the odometry from which on the filter begins again, s."""
+
+        def __post_init__(self) -> None:
+            if not 0.0 < self.period <= self.max_gap < 60.0:
+                raise ValueError(
+                    f"period and max_gap must satisfy 0 < period <= max_gap < 60, got {self.period!r} and {self.max_gap!r}."
+                )
+
+    inputs = {
+        "odometry": Input(topic="odom", type=State, reliable=False),
+        "command": Input(topic="cmd_vel", type=Command, max_age=None, required=False),
+    }
+    outputs = {"estimate": Output(topic="estimate", type=Estimate)}
+
+    def __init__(self, params: Params) -> None:
+        self.trigger = On("odometry", max_gap=params.max_gap)
+        self._period = params.period
+        self._robot = make_robot(params.robot)
+        self._tuning = make_filter(params.filter, make_noise(params.noise))
+        self._middle = choose("integrator", params.integrator, INTEGRATORS)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again with the next odometry."""
+        self._estimate: Estimate | None = None
+        self._odometry = Pose(0.0, 0.0, 0.0)
+
+    def step(self, dt: float, odometry: State, command: Command | None) -> dict[str, Any]:
+        """Return the estimate after an odometry message that came ``dt`` after the one before."""
+        z = Pose(odometry.x, odometry.y, odometry.theta)
+        if self._estimate is None:
+            estimate = initialize(z, self._tuning)
+        else:
+            estimate, before = self._estimate, self._odometry
+            u = limit(command or STOP, self._robot)
+            n = max(1, round(dt / self._period))
+            share = round(dt / n, 9)  # stamps are whole nanoseconds, and so 0.3 s are three times exactly 0.1 s
+            for _ in range(n - 1):
+                estimate = step(estimate, u, before, before, False, self._tuning, share, self._middle)
+            estimate = step(estimate, u, before, z, True, self._tuning, share, self._middle)
+        self._estimate, self._odometry = estimate, z
+        return {"estimate": estimate}

@@ -1,0 +1,81 @@
+"""The plant: the environment's own transition."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from turtlebot_gym.models.noise import EVENTS, MAX_SEED, episode_key, uniforms
+from turtlebot_gym.parameters import STOP, Command, State
+from turtlebot_gym.simulation import begin, make_parameters, transition
+from turtlebot_gym.tasks import NAV
+from turtlebot_gym_ros.block import Every, Input, Output
+
+
+class TurtlebotSimulator:
+    """Simulate a TurtleBot: each step is the environment's, with the noise that it would have for the same seed and episode.
+
+    Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest).
+    Outputs: ``truth`` (`State`, on ``true_state``) and ``odometry`` (`State`, on ``odom``: the measured pose with the wheels'
+    twist; left out where the measurement drops out), both in the world frame.
+    Parameters: those of `Params`. A reset begins the next episode.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the simulator."""
+
+        robot: str = "burger"
+        """A name in `turtlebot_gym.robots.ROBOTS`."""
+        noise: str = "tutorial"
+        """A name in `turtlebot_gym.presets.NOISES`."""
+        integrator: str = "euler"
+        """"euler" or "midpoint"."""
+        period: float = 0.1
+        """Period of the odometry and of the simulation, s."""
+        speed: float = 1.0
+        """How many times faster than real time it runs; other than at 1 it sets ``/clock``."""
+        seed: int = 0
+        """Seed of the noise."""
+        random_start: bool = False
+        """Whether an episode starts where the navigation task draws it, instead of at the origin."""
+
+        def __post_init__(self) -> None:
+            if not 0 <= self.seed <= MAX_SEED:
+                raise ValueError(f"seed must be in [0, {MAX_SEED}], got {self.seed!r}.")
+
+    inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False)}
+    outputs = {
+        "truth": Output(topic="true_state", type=State),
+        "odometry": Output(topic="odom", type=State),
+    }
+
+    def __init__(self, params: Params) -> None:
+        task = replace(NAV, random=params.random_start, max_steps=math.inf)
+        self._p = make_parameters(
+            task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period
+        )
+        self.trigger = Every(params.period, params.speed)
+        self._seed = params.seed
+        self._episode = -1
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin the next episode."""
+        self._episode += 1
+        self._key = episode_key(self._seed, self._episode)
+        self._world = None
+
+    def step(self, dt: float, command: Command | None) -> dict[str, Any]:
+        """Return the first measurement, and from then on what a control interval has come to."""
+        before = self._world
+        if before is None:
+            world, measured = begin(self._key, self._p), True  # the first measurement always arrives
+        else:
+            world, _ = transition(before, command or STOP, self._key, 1, self._p)
+            _, dropout = uniforms(self._key, int(world.steps), EVENTS)
+            measured = dropout >= self._p.noise.odometry.dropout_probability
+        self._world = world
+        truth = {"truth": world.true_state}
+        return {**truth, "odometry": State(*world.odometry, *world.command)} if measured else truth

@@ -1,0 +1,160 @@
+"""The reference: waypoints one after the other, by time or on arrival."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.parameters import Pose
+from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, arrived, make_task
+from turtlebot_gym_ros.block import Every, Input, Output
+
+
+class WaypointGenerator:
+    """Publish the waypoint to reach and the one after it, again and again, so that their end shows.
+
+    By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint stays. A pose from RViz
+    takes the place of all waypoints. A reset begins with the first one again.
+
+    Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional).
+    Outputs: ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame.
+    Parameters: those of `Params`.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the waypoints."""
+
+        waypoints: str = "square"
+        """"square", the tutorial's, or the path of a YAML or CSV file with x, y (m) and theta (rad)."""
+        switch: str = "arrival"
+        """When the next waypoint is taken: on "arrival", as the filter believes, or after a "time", reached or not."""
+        switch_period: float = SQUARE_PERIOD
+        """That time, s."""
+        radius: float = 0.3
+        """Distance within which a waypoint counts as reached, m."""
+        laps: int = 1
+        """How often the waypoints are visited in turn."""
+        relative: bool = False
+        """Whether they are meant relative to the first estimate instead of to the world frame."""
+        period: float = 0.1
+        """Period of publishing, s."""
+
+        def __post_init__(self) -> None:
+            for name in ("switch_period", "radius"):
+                if not 0.0 < getattr(self, name) < math.inf:
+                    raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)!r}.")
+
+    inputs = {
+        "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False),
+        "goal": Input(topic="goal_pose", type=Pose, required=False, max_age=None, once=True),
+    }
+    outputs = {
+        "following": Output(topic="next_reference", type=Pose),
+        "reference": Output(topic="reference", type=Pose),
+    }
+
+    def __init__(self, params: Params) -> None:
+        given = SQUARE_WAYPOINTS if params.waypoints == "square" else load_waypoints(params.waypoints)
+        task, self._waypoints = make_task("square", waypoints=given, switch=params.switch, laps=params.laps)
+        by_time = task.switch_period < math.inf
+        self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time else math.inf)
+        self._relative = params.relative
+        self.trigger = Every(params.period)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the first waypoint again."""
+        self._poses: Sequence[Pose] = () if self._relative else self._waypoints
+        self._laps = self._task.laps
+        self._visited = 0
+        self._elapsed = 0.0
+
+    def step(self, dt: float, estimate: Estimate | None, goal: Pose | None) -> dict[str, Pose]:
+        """Return the waypoint to reach and the one after it; nothing before they are known."""
+        if goal is not None:
+            self._poses, self._laps, self._visited, self._elapsed = (goal,), 1.0, 0, 0.0
+        if not self._poses:
+            if estimate is None:
+                return {}
+            origin = estimate.belief.mean
+            self._poses = [_compose(Pose(origin.x, origin.y, origin.theta), pose) for pose in self._waypoints]
+        last = int(len(self._poses) * self._laps) - 1
+        if self._is_done_with(dt, estimate) and self._visited < last:
+            self._visited += 1
+        following = self._poses[min(self._visited + 1, last) % len(self._poses)]
+        return {"reference": self._poses[self._visited % len(self._poses)], "following": following}
+
+    def _is_done_with(self, dt: float, estimate: Estimate | None) -> bool:
+        if self._task.switch_period < math.inf:
+            due = self._elapsed > (self._visited + 1) * self._task.switch_period - 0.5 * dt
+            self._elapsed += dt if estimate is not None or self._elapsed > 0.0 else 0.0
+            return due
+        reference = self._poses[self._visited % len(self._poses)]
+        return estimate is not None and arrived(estimate.belief.mean, reference, self._task)
+
+
+def _compose(origin: Pose, relative: Pose) -> Pose:
+    """Return in the world frame what is meant relative to a pose."""
+    sine, cosine = sincos(origin.theta)
+    return Pose(
+        origin.x + cosine * relative.x - sine * relative.y,
+        origin.y + sine * relative.x + cosine * relative.y,
+        wrap(origin.theta + relative.theta),
+    )
+
+
+def load_waypoints(path: str) -> list[Pose]:
+    """Read waypoints from a file: a YAML list of ``[x, y, theta]`` or of mappings, or CSV lines with or without a header.
+
+    Args:
+        path: The file, ending in .yaml, .yml or .csv.
+
+    Raises:
+        ValueError: If it cannot be read; the message names the file and the entry.
+    """
+    file = Path(path).expanduser()
+    if file.suffix not in (".yaml", ".yml", ".csv"):
+        raise ValueError(f"waypoints must be 'square' or a .yaml, .yml or .csv file, got {path!r}.")
+    try:
+        rows = _read_csv(file) if file.suffix == ".csv" else _read_yaml(file)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"waypoints: cannot read {path!r}: {error}.") from error
+    return [_pose(path, number, row) for number, row in enumerate(rows, start=1)]
+
+
+def _read_csv(file: Path) -> list[Any]:
+    with file.open(newline="") as stream:
+        rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+    has_header = bool(rows) and [cell.strip() for cell in rows[0]] == ["x", "y", "theta"]
+    return rows[1:] if has_header else rows
+
+
+def _read_yaml(file: Path) -> list[Any]:
+    import yaml
+
+    try:
+        content = yaml.safe_load(file.read_text())
+    except yaml.YAMLError as error:
+        raise ValueError(f"waypoints: {str(file)!r} is not YAML: {error}") from error
+    rows = content.get("waypoints") if isinstance(content, dict) else content
+    if not isinstance(rows, list):
+        raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {content!r}.")
+    return rows
+
+
+def _pose(path: str, number: int, row: Any) -> Pose:
+    """Return an entry of a file as a pose."""
+    try:
+        if isinstance(row, dict):
+            return Pose(**{name: float(value) for name, value in row.items()})
+        x, y, theta = map(float, row)
+        return Pose(x, y, theta)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"waypoints: entry {number} of {path!r} must be x, y and theta, got {row!r}.") from error

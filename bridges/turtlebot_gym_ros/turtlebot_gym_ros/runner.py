@@ -1,0 +1,126 @@
+"""Running shells: an executor in a thread of its own, so that the main thread is free for signals, tests and notebooks."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from threading import Event, Thread
+from typing import Protocol, TypeVar
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from turtlebot_gym_ros.block import Block
+from turtlebot_gym_ros.discovery import prepare
+from turtlebot_gym_ros.shell import Shell
+
+P = TypeVar("P")
+
+
+class Runnable(Protocol):
+    """What a runner runs: a shell, or anything else around a node."""
+
+    node: Node
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class Runner:
+    """A context, and an executor that runs nodes in a thread of its own.
+
+    Args:
+        arguments: Command line, of which the part after ``--ros-args`` counts for all its nodes.
+        domain: ROS domain; None for that of the environment.
+    """
+
+    def __init__(self, arguments: Sequence[str] = (), *, domain: int | None = None) -> None:
+        prepare()
+        self.context = Context()
+        # rclpy's own handlers end the context first, and then no zero can be sent any more.
+        options = SignalHandlerOptions.NO
+        rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._running: list[Runnable] = []
+        self._thread = Thread(target=self._spin, name="executor", daemon=True)
+
+    def add(self, runnable: Runnable) -> None:
+        """Run a node, from now on if the runner is started."""
+        self._running.append(runnable)
+        self._executor.add_node(runnable.node)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    def close(self) -> bool:
+        """End the nodes, the last added first, then the thread and the context.
+
+        Returns:
+            Whether the executor has ended; it has not where a block is stuck in a step.
+        """
+        ended = self._executor.shutdown(timeout_sec=0.5)
+        for runnable in reversed(self._running):
+            runnable.close()
+        self._running.clear()
+        self._executor.wake()
+        if self._thread.is_alive():
+            self._thread.join(0.5)
+        if self.context.ok():
+            self.context.shutdown()
+        return ended and not self._thread.is_alive()
+
+
+def refuse(error: BaseException) -> int:
+    """Print why a node does not start, on one line, and return its exit code."""
+    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
+
+
+def until_signal() -> None:
+    """Wait until the process is asked to end, by SIGINT or SIGTERM. To be called in the main thread."""
+    ending = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ending.set())
+    ending.wait()
+
+
+def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
+    """Run a block as a node until SIGINT or SIGTERM. To be called in the main thread.
+
+    Args:
+        make: Makes the block from its parameters: usually its class.
+        params: The dataclass of its parameters.
+        argv: Command line without the program's name; None for the process's own.
+        name: The node's name; None for that of ``make``, in snake case.
+
+    Returns:
+        The exit code: 0, or 2 where the parameters were refused, with one line on stderr.
+    """
+    try:
+        runner = Runner(sys.argv[1:] if argv is None else argv)
+    except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
+        return refuse(error)
+    try:
+        runner.add(Shell(make, params, name=name, context=runner.context))
+    except (ValueError, TypeError, OSError, ImportError) as error:
+        runner.close()
+        return refuse(error)
+    runner.start()
+    until_signal()
+    if not runner.close():
+        sys.stdout.flush()
+        os._exit(0)  # a step is stuck in its thread, which the interpreter's own end would wait for
+    return 0
