@@ -26,7 +26,9 @@ DOCUMENTED = Noise(
 """The reference system as its comments describe it: 5 cm, 5 cm and 0.1 rad are standard deviations. With the bias of 2 cm in x
 that one of its variants has, and its spikes, which are now three standard deviations."""
 
-WHEEL = Noise(process=ProcessNoise(), odometry=OdometryNoise(wheel=True))
+WHEEL = Noise(
+    process=ProcessNoise(alpha1=0.0029, alpha2=0.0064, alpha3=0.0062, alpha4=0.0049), odometry=OdometryNoise(wheel=True)
+)
 """A robot with wheel odometry and nothing else. The drift is that of a Wifibot, fitted to two recorded drives with
 motion-capture truth (`benchmarks/calibrate_wheels.py`): 1.6 and 2.7 cm per metre. No filter can remove it."""
 

@@ -2,29 +2,18 @@
 
 import math
 import signal
-import socket
-import subprocess
-import sys
-import time
 
 import pytest
-
-pytest.importorskip("rclpy", reason="needs the extra [ros]")
-
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 from turtlebot_gym_ros.guard import Guard, Parameters
 
 from turtlebot_gym.parameters import STOP, Command
 from turtlebot_gym.robots import ROBOTS, Robot
-
-pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # rclpy's parser, on Python 3.11
 
 TICK = 0.02
 AHEAD = Command(0.1, 0.2)
@@ -280,21 +269,17 @@ def test_start_disabled():
 # The node: a process of its own, and a robot and a commander in this one, on real DDS.
 
 
-class Probe(Node):
+class Probe:
     """The robot, whoever commands it, and whoever reads the diagnostics."""
 
-    def __init__(self, context, stamped):
-        super().__init__("probe", context=context)
+    def __init__(self, peer, wait_for, stamped=True):
+        self.node, self.ask, self.until = peer.node, peer.ask, wait_for
         self.type = TwistStamped if stamped else Twist
-        self.heard, self.reports, self.command = [], [], None
-        self.create_subscription(self.type, "cmd_vel", self._hear, QoSProfile(depth=1000))
-        self.create_subscription(DiagnosticArray, "diagnostics", lambda m: self.reports.extend(m.status), 10)
-        self.speaker = self.create_publisher(self.type, "cmd_vel_in", 1)
-        self.button = self.create_publisher(Bool, "emergency_stop", 1)
-        self.pressed = None
-        self.create_timer(0.05, self._speak)
-        self._loop = SingleThreadedExecutor(context=context)
-        self._loop.add_node(self)
+        self.heard, self.reports, self.command, self.pressed = [], [], None, None
+        self.node.create_subscription(self.type, "cmd_vel", self._hear, 1000)
+        self.node.create_subscription(DiagnosticArray, "diagnostics", lambda m: self.reports.extend(m.status), 10)
+        self.speaker, self.button = peer.speak("cmd_vel_in", self.type, 1), peer.speak("emergency_stop", Bool, 1)
+        self.node.create_timer(0.05, self._speak)
 
     def _hear(self, message):
         twist = message.twist if self.type is TwistStamped else message
@@ -309,17 +294,9 @@ class Probe(Node):
         if self.pressed is not None:
             self.button.publish(Bool(data=self.pressed))
 
-    def until(self, condition, timeout=30.0):
-        """Spin until a state is reached; the limit only keeps a failure from hanging."""
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, (self.heard[-5:], self.reports[-1:])
-            self._loop.spin_once(timeout_sec=0.1)
-
     def until_reported(self, text):
         self.reports.clear()
-        self.until(lambda: any(text in status.message for status in self.reports))
-        return next(status for status in self.reports if text in status.message)
+        return self.until(lambda: next((status for status in list(self.reports) if text in status.message), None))
 
     def until_driving(self):
         self.heard.clear()
@@ -327,64 +304,27 @@ class Probe(Node):
         self.until(lambda: AHEAD in self.heard)
 
     def enable(self, on):
-        client = self.create_client(SetBool, "/cmd_vel_guard/enable")
-        self.until(client.service_is_ready)
-        future = client.call_async(SetBool.Request(data=on))
-        self.until(future.done)
-        return future.result()
+        return self.ask("/cmd_vel_guard/enable", SetBool, SetBool.Request(data=on))
 
 
 @pytest.fixture
-def environment(monkeypatch):
-    """Stay on this machine, in a domain that no other test run on it holds: a listening socket marks it as taken."""
-    with socket.socket() as mark:
-        for domain in range(1, 101):
-            try:
-                mark.bind(("127.0.0.1", 27000 + domain))
-                break
-            except OSError:
-                continue
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield
+def probe(peer, wait_for):
+    return Probe(peer, wait_for)
 
 
 @pytest.fixture
-def start(environment):
-    """Start guards as processes; none is left behind."""
-    processes = []
+def start(launch):
+    """Start a guard as a process."""
 
-    def start(*arguments, sabotage=""):
-        program = f"from turtlebot_gym_ros import guard\n{sabotage}\nraise SystemExit(guard.main())"
-        command = [sys.executable, "-c", program, *(("--ros-args", *arguments) if arguments else ())]
-        processes.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
-        return processes[-1]
+    def start(*arguments):
+        return launch("-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", *arguments)
 
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    return start
 
 
-@pytest.fixture
-def make_probe(environment):
-    probes = []
-
-    def make(stamped=True):
-        context = Context()
-        context.init([])
-        probes.append(Probe(context, stamped))
-        return probes[-1]
-
-    yield make
-    for probe in probes:
-        probe.destroy_node()
-        probe.context.shutdown()
-
-
-@pytest.fixture
-def probe(make_probe):
-    return make_probe()
+def sabotaged(change):
+    """Return the arguments of a Python that runs a guard with a change to its module."""
+    return "-c", f"from turtlebot_gym_ros import guard\n{change}\nraise SystemExit(guard.main())"
 
 
 def after_driving(heard):
@@ -402,9 +342,9 @@ def test_passes_then_stops_then_is_silent_without_a_clock(start, probe):
     assert set(stopped) == {STOP}
 
 
-def test_unstamped(start, make_probe):
+def test_unstamped(start, peer, wait_for):
     start("-p", "enable_stamped_cmd_vel:=false")
-    make_probe(stamped=False).until_driving()
+    Probe(peer, wait_for, stamped=False).until_driving()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -417,12 +357,12 @@ def test_a_signal_sends_zeros_and_ends_in_order(start, probe, number):
     assert set(after_driving(probe.heard)) == {STOP}
 
 
-def test_a_signal_without_the_last_zeros_is_noticed(start, probe):
-    process = start(sabotage="guard.CmdVelGuard.close = lambda self: None")
+def test_a_signal_without_the_last_zeros_is_noticed(launch, probe):
+    process = launch(*sabotaged("guard.CmdVelGuard.close = lambda self: None"))
     probe.until_driving()
     process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=10.0) == 0
-    probe.until(lambda: probe.count_publishers("cmd_vel") == 0)
+    probe.until(lambda: probe.node.count_publishers("cmd_vel") == 0)
     assert probe.heard[-1] == AHEAD
 
 
@@ -455,37 +395,62 @@ def test_emergency_stop(start, probe):
     assert set(after_driving(probe.heard)) == {STOP}
 
 
+def test_it_can_start_disabled_and_says_whether_it_lets_pass(start, probe, peer):
+    start("-p", "start_enabled:=false")
+    passing = peer.hear("cmd_vel_guard/enabled", Bool, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    probe.command = AHEAD
+    probe.until_reported("disabled")
+    assert set(probe.heard) == {STOP}
+    assert probe.enable(True).success
+    probe.until_driving()
+    probe.until(lambda: len(passing) == 2)
+    assert [message.data for message in passing] == [False, True]
+
+
+@pytest.mark.parametrize("topic", ["odom", "estimate"])
+def test_geofence(start, probe, peer, topic):
+    start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}")
+    probe.command = AHEAD
+    probe.until_reported("only a person drives")
+    assert set(probe.heard) == {STOP}
+    pose, speaker = Odometry(), peer.speak(topic, Odometry)
+    probe.node.create_timer(0.05, lambda: speaker.publish(pose))
+    probe.until_driving()
+    pose.pose.pose.position.y = -1.1
+    probe.until_reported("only a person drives")
+    assert set(after_driving(probe.heard)) == {STOP}
+
+
 def test_a_second_publisher_is_an_error(start, probe):
     start()
     probe.until_driving()
-    probe.create_publisher(TwistStamped, "cmd_vel", 1)
+    probe.node.create_publisher(TwistStamped, "cmd_vel", 1)
     status = probe.until_reported("one publisher")
     assert status.level == DiagnosticStatus.ERROR
-    assert "/probe" in status.message
+    assert "/peer" in status.message
 
 
-def test_the_wrong_type_is_reported_with_what_to_type(start, make_probe):
+def test_the_wrong_type_is_reported_with_what_to_type(start, peer, wait_for):
     start()
-    status = make_probe(stamped=False).until_reported("-p enable_stamped_cmd_vel:=false")
+    status = Probe(peer, wait_for, stamped=False).until_reported("-p enable_stamped_cmd_vel:=false")
     assert status.level == DiagnosticStatus.ERROR
-    assert "/probe has geometry_msgs/msg/Twist on /cmd_vel" in status.message
-
-
-TELLTALE = "guard.CmdVelGuard._publish = lambda *_: guard.math.nope"
+    assert "/peer has geometry_msgs/msg/Twist on /cmd_vel" in status.message
 
 
 @pytest.mark.parametrize(
-    ("arguments", "text"),
+    ("argument", "text"),
     [
-        (["max_agee:=0.3"], "unknown parameter 'max_agee'"),
-        (["max_age:=0.6"], "parameter 'max_age' must be in (0, 0.5] s, got 0.6"),
-        (["rate:=fast"], "parameter 'rate' must be of type float, got 'fast'"),
-        (["robot:=roomba"], "parameter 'robot' must be one of burger, "),
+        ("max_agee:=0.3", "unknown parameter 'max_agee'"),
+        ("max_age:=0.6", "parameter 'max_age' must be in (0, 0.5] s, got 0.6"),
+        ("rate:=fast", "parameter 'rate' must be of type float, got 'fast'"),
+        ("robot:=roomba", "parameter 'robot' must be one of burger, "),
     ],
 )
-def test_wrong_parameters_are_refused_before_anything_is_published(start, arguments, text):
-    process = start(*(word for argument in arguments for word in ("-p", argument)), sabotage=TELLTALE)
+def test_wrong_parameters_are_refused_before_anything_is_published(launch, argument, text):
+    # Publishing would be an error of its own, and a traceback has more than one line.
+    publishes = "guard.CmdVelGuard._publish = lambda *_: guard.math.nope"
+    process = launch(*sabotaged(publishes), "--ros-args", "-p", argument)
     _, stderr = process.communicate(timeout=30.0)
     assert process.returncode == 2
     assert stderr.count("\n") == 1
-    assert stderr.startswith(f"cmd_vel_guard: {text}")
+    assert stderr.startswith(f"error: {text}")

@@ -14,11 +14,11 @@ from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym
 from turtlebot_gym.models.noise import episode_key
-from turtlebot_gym.parameters import Command, Pose
+from turtlebot_gym.parameters import Command
 from turtlebot_gym.simulation import begin, look, make_parameters, retarget, transition
 from turtlebot_gym.tasks import distance_to, draw_goal, make_task
 
-STEPS, SEED, LIMIT = 1000, 7, 90
+STEPS, SEED, LIMIT = 1000, 7, 150
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
 
 SHAKY = turtlebot_gym.Noise(
@@ -44,7 +44,11 @@ CASES = {
     "odometry shown": {"task": "nav", "noise": "rough", "observation": "odometry"},
     "truth shown": {"task": "nav", "noise": "clean", "observation": "truth", "integrator": "midpoint"},
 }
-IDS = {"nav": "turtlebot_gym/TurtleBotNav-v0", "pose": "turtlebot_gym/TurtleBotPose-v0", "square": "turtlebot_gym/TurtleBotSquare-v0"}
+IDS = {
+    "nav": "turtlebot_gym/TurtleBotNav-v0",
+    "pose": "turtlebot_gym/TurtleBotPose-v0",
+    "square": "turtlebot_gym/TurtleBotSquare-v0",
+}
 
 
 class Plain:
@@ -84,17 +88,20 @@ class Plain:
 
 def rows(observations, rewards, terminated, truncated, infos):
     """Return what a vector environment gave, a row per environment, in the order of `Plain.row`."""
-    covariance = infos["covariance"][:, *np.triu_indices(5)]
+    upper = np.triu_indices(5)
+    covariance = infos["covariance"][:, upper[0], upper[1]]
     parts = [infos["true_state"], infos["odometry"], infos["estimate"], covariance, infos["reference"], infos["command"]]
     columns = [rewards, terminated, truncated, infos["is_success"], infos["distance"]]
     return np.hstack([observations.astype(np.float64), np.column_stack(columns).astype(np.float64), *parts])
 
 
 def drive(observations, rng):
-    """Return noisy actions that often arrive, sometimes leave the action space, and are far from the same in each row."""
-    bearing = np.arctan2(observations[:, 2], observations[:, 1])
-    actions = np.column_stack([np.cos(bearing), 1.5 * bearing]) + rng.normal(0.0, 0.5, (len(observations), 2))
-    return actions.astype(np.float32)
+    """Return noisy actions that often arrive, sometimes leave the action space, and differ from row to row."""
+    distance, cosine, sine, cos_turn, sin_turn = observations.T[:5]
+    bearing, turn = np.arctan2(sine, cosine), np.arctan2(sin_turn, cos_turn)
+    close = distance < 0.12
+    actions = np.column_stack([np.where(close, 0.0, cosine), np.where(close, 0.5 * turn, 1.5 * bearing)])
+    return (actions + np.where(close, 0.05, 0.5)[:, None] * rng.normal(size=actions.shape)).astype(np.float32)
 
 
 def record(case, mode, num_envs, watched, steps=STEPS):
@@ -127,7 +134,7 @@ def record(case, mode, num_envs, watched, steps=STEPS):
 
 def compare(case, mode, watched, actions, log, finals, limit):
     """Replay the actions in plain Python and compare every number; return how often an episode ended in each way."""
-    ends = np.zeros(3, int)
+    ends = np.zeros(2, int)
     for column, row in enumerate(watched):
         plain = Plain(limit=limit, seed=SEED + int(row), **CASES[case])
         expected = plain.reset()
@@ -139,7 +146,7 @@ def compare(case, mode, watched, actions, log, finals, limit):
             else:
                 expected = plain.step(action)
                 done = bool(expected[14] or expected[15])
-                ends += [expected[14] != 0, expected[15] != 0, expected[16] != 0]
+                ends += [expected[14] != 0, expected[15] != 0]
             if mode is SAME_STEP and done:
                 np.testing.assert_array_equal(finals[t, column], expected, err_msg=f"final, step {t}, row {row}")
                 reward_and_ends = expected[13:16]
@@ -204,8 +211,3 @@ def test_the_scalar_environment_equals_plain_python(case):
         row = rows(observation[None], [reward], [terminated], [truncated], info)
         np.testing.assert_array_equal(row[0], log[t + 1, 0], err_msg=f"step {t}")
     env.close()
-
-
-def test_waypoints_are_poses():
-    # `Plain` hands them over as tuples, the loop as an array: `retarget` takes both.
-    assert all(isinstance(waypoint, Pose) for waypoint in turtlebot_gym.SQUARE_WAYPOINTS)

@@ -89,18 +89,18 @@ def predict(belief: Belief, command: Command, tuning: FilterTuning, dt: float, m
     tt = P.tt + dt * P.tw
     tv = P.tv + dt * P.vw
     tw = P.tw + dt * P.ww
-    # ... times F', plus Q.
+    # ... times F', plus Q. Rounding may leave less than 0 where a component is known exactly.
     covariance = Covariance(
-        xx + a * xt + c * xv + e * xw + Q[0] * share,
+        max(xx + a * xt + c * xv + e * xw, 0.0) + Q[0] * share,
         xy + b * xt + s * xv + g * xw,
         xt + dt * xw,
         keep * xv,
         keep * xw,
-        yy + b * yt + s * yv + g * yw + Q[1] * share,
+        max(yy + b * yt + s * yv + g * yw, 0.0) + Q[1] * share,
         yt + dt * yw,
         keep * yv,
         keep * yw,
-        tt + dt * tw + Q[2] * share,
+        max(tt + dt * tw, 0.0) + Q[2] * share,
         keep * tv,
         keep * tw,
         keep * P.vv + max(var_v, Q[3] * share),

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 from turtlebot_gym_ros.block import Block, Every, Input, On, Output
 
 if TYPE_CHECKING:
-    from turtlebot_gym_ros.bringup import Graph
+    from turtlebot_gym_ros.graph import Graph
     from turtlebot_gym_ros.convert import register
     from turtlebot_gym_ros.runner import run
     from turtlebot_gym_ros.shell import Shell
 
 __all__ = ["Block", "Every", "Graph", "Input", "On", "Output", "Shell", "register", "run"]
 
-_NEED_ROS = {"Graph": "bringup", "register": "convert", "run": "runner", "Shell": "shell"}
+_NEED_ROS = {"Graph": "graph", "register": "convert", "run": "runner", "Shell": "shell"}
 
 
 def __getattr__(name: str) -> Any:

@@ -306,7 +306,7 @@ class CmdVelGuard(Node):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_guard``."""
-    return run("cmd_vel_guard", CmdVelGuard, argv)
+    return run(CmdVelGuard, argv)
 
 
 if __name__ == "__main__":

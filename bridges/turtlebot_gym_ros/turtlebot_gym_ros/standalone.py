@@ -35,8 +35,8 @@ def declare(node: Node, params: type[P]) -> P:
     """
     known = {field.name: field.default for field in fields(params)}  # type: ignore[arg-type]
     given = {
-        name: parameter.value
-        for name, parameter in node.get_parameters_by_prefix("").items()
+        name: node.get_parameter(name).value
+        for name in node.list_parameters([], 0).names
         if name not in ("use_sim_time", "start_type_description_service") and not name.startswith("qos_overrides.")
     }
     for name, value in given.items():
@@ -56,13 +56,12 @@ def declare(node: Node, params: type[P]) -> P:
     return parameters
 
 
-def run(name: str, make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> int:
+def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> int:
     """Run a node until SIGINT or SIGTERM, then close it.
 
     rclpy's own handlers would invalidate the context before the last messages are out.
 
     Args:
-        name: Who speaks in an error message.
         make: Makes the node in a context; a ValueError refuses the arguments.
         argv: Arguments, those of the process by default.
 
@@ -79,7 +78,7 @@ def run(name: str, make: Callable[[Context], Any], argv: Sequence[str] | None = 
             raise ValueError(f"unknown argument {rest[0]!r}; parameters are given as --ros-args -p NAME:=VALUE")
         node = make(context)
     except (ValueError, RuntimeError) as error:
-        print(f"{name}: {error}".splitlines()[0], file=sys.stderr)
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         context.try_shutdown()
         return 2
     executor = SingleThreadedExecutor(context=context)

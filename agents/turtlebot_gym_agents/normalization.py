@@ -1,0 +1,63 @@
+"""Normalization of observations that is part of the policy, so that it cannot be lost.
+
+The statistics are measured once, before training, on episodes of a baseline policy (a fraction of a second on the compiled
+loop), and then frozen as buffers of the network. There is no second file beside a policy, and no drift while it learns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from turtlebot_gym_agents.policies import Policy
+
+CLIP = 10.0
+"""Normalized observations are clipped to plus and minus this."""
+
+
+class NormalizedObservation(BaseFeaturesExtractor):
+    """Shift and scale observations by fixed numbers.
+
+    Args:
+        observation_space: One-dimensional box.
+        mean: Shape (n,).
+        std: Shape (n,), positive.
+    """
+
+    mean: torch.Tensor
+    std: torch.Tensor
+
+    def __init__(self, observation_space: spaces.Box, mean: list[float], std: list[float]) -> None:
+        super().__init__(observation_space, features_dim=int(np.prod(observation_space.shape)))
+        self.register_buffer("mean", torch.tensor(mean, dtype=torch.float32))
+        self.register_buffer("std", torch.tensor(std, dtype=torch.float32))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return normalized observations."""
+        return torch.clamp((observations - self.mean) / self.std, -CLIP, CLIP)
+
+
+def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> tuple[list[float], list[float]]:
+    """Return mean and standard deviation of the observations on the way of a policy.
+
+    Args:
+        envs: Vector environment that resets by itself.
+        policy: The baseline; half of its actions are replaced by random ones, so that the neighbourhood of its way counts too.
+        seed: Of the environments and of the random actions.
+        steps: How many.
+    """
+    random = np.random.default_rng(seed)
+    observations, _ = envs.reset(seed=seed)
+    seen: list[NDArray[np.float32]] = []
+    for _ in range(steps):
+        actions = policy(observations)
+        stray = random.uniform(-1.0, 1.0, actions.shape)
+        actions = np.where(random.random((len(actions), 1)) < 0.5, stray, actions).astype(np.float32)
+        observations, *_ = envs.step(actions)
+        seen.append(observations)
+    rows = np.concatenate(seen).astype(np.float64)
+    return rows.mean(axis=0).tolist(), np.maximum(rows.std(axis=0), 1e-3).tolist()

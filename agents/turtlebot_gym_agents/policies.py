@@ -1,0 +1,142 @@
+"""Policies that need no learning: the tutorial's law, and the geometric one that every learned policy is compared with.
+
+A policy is any callable from observations (..., 13) to actions (..., 2); one with memory also has ``reset(mask)``, which is
+called with a boolean array (...) that is true where an episode begins. Only numpy is needed here: a robot runs them too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.parameters import REFERENCE_PERIOD
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.tasks import Observation
+
+
+class Policy(Protocol):
+    """What drives: a callable from observations, layout 1, to actions."""
+
+    def __call__(self, observations: NDArray[np.float32], /) -> NDArray[np.float32]:
+        """Return actions (..., 2) in [-1, 1], shares of the robot's limits, for observations (..., 13)."""
+        ...
+
+
+class ProportionalPolicy:
+    """The tutorial's law: ``v = clip(kv d)``, ``omega = clip(komega wrap(theta_ref - theta))``.
+
+    It turns to the *reference's heading*, never to the bearing of the point, so it gets where it should only if the point
+    happens to lie ahead. It is here to be shown failing.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot; commands are clipped to its limits, axis by axis.
+        kv: Gain on the distance, 1/s.
+        komega: Gain on the heading still to turn, 1/s.
+    """
+
+    def __init__(self, robot: str | Robot = "burger", *, kv: float = 0.5, komega: float = 1.5) -> None:
+        _require_positive(kv=kv, komega=komega)
+        self._robot, self._kv, self._komega = make_robot(robot), kv, komega
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 13)."""
+        o, robot = _fields(observations), self._robot
+        turn = np.arctan2(o.sin_turn, o.cos_turn)
+        return _action(self._kv * o.distance / robot.max_linear, self._komega * turn / robot.max_angular)
+
+
+class BearingPolicy:
+    """Steer to the bearing of the waypoint, forwards or backwards, whichever needs the smaller turn.
+
+    A command acts one step late: until then the robot still moves and turns as it was told before. All is therefore decided
+    on where the waypoint *will* lie in the body frame. Decided on the present bearing, the direction falls into a cycle of
+    two steps where the bearing is near 90 degrees.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        gain: Turning rate per angle still to turn, 1/s; its inverse is about the time that noise is averaged over.
+        focus: How strictly to turn first and drive then: the speed goes with this power of the cosine of the angle to turn.
+        slow: Distance below which the speed goes with the distance, m: without it a robot that nobody stops would shuttle
+            across its goal.
+    """
+
+    def __init__(
+        self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, gain: float = 5.0, focus: float = 2.0, slow: float = 0.05
+    ) -> None:
+        _require_positive(dt=dt, gain=gain, slow=slow)
+        if not 0.0 <= focus < math.inf:
+            raise ValueError(f"focus must be >= 0 and finite, got {focus!r}.")
+        self._robot, self._dt = make_robot(robot), dt
+        self._gain, self._focus, self._slow = gain, focus, slow
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 13)."""
+        o, robot, dt = _fields(observations), self._robot, self._dt
+        moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
+        left_now, ahead_now = o.distance * o.sin_bearing, o.distance * o.cos_bearing - moved
+        ahead = ahead_now * np.cos(turned) + left_now * np.sin(turned)
+        left = left_now * np.cos(turned) - ahead_now * np.sin(turned)
+        direction = np.where(ahead < 0.0, -1.0, 1.0)
+        turn = np.arctan2(direction * left, direction * ahead)  # in [-pi/2, pi/2]: to the bearing, or away from it
+        speed = np.cos(turn) ** self._focus * np.minimum(np.hypot(ahead, left) / self._slow, 1.0)
+        return _action(direction * speed, self._gain * turn / robot.max_angular)
+
+
+POLICIES: dict[str, Callable[[Robot, float], Policy]] = {
+    "proportional": lambda robot, dt: ProportionalPolicy(robot),
+    "bearing": lambda robot, dt: BearingPolicy(robot, dt),
+}
+"""Makers of the built-in policies by name."""
+
+
+def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD) -> Policy:
+    """Return a policy by its name.
+
+    Args:
+        name: "proportional", "bearing", or "module:callable" for one of your own: a function is the policy itself, a class
+            is made with ``robot`` and ``dt`` as keywords.
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+
+    Raises:
+        ValueError: If there is none of that name.
+    """
+    if name in POLICIES:
+        return POLICIES[name](make_robot(robot), dt)
+    module, colon, attribute = name.partition(":")
+    known = f"policy must be one of {', '.join(map(repr, POLICIES))}, or 'module:callable', got {name!r}"
+    if not (module and colon and attribute):
+        raise ValueError(f"{known}.")
+    try:
+        found: Any = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"{known}: {error}.") from error
+    policy = found(robot=make_robot(robot), dt=dt) if isinstance(found, type) else found
+    if not callable(policy):
+        raise ValueError(f"{known}: it cannot be called.")
+    return policy
+
+
+def _fields(observations: ArrayLike) -> Observation:
+    """Return the observations' components, each of shape (...), in double precision."""
+    values = np.asarray(observations, np.float64)
+    if values.ndim == 0 or values.shape[-1] != len(Observation._fields):
+        raise ValueError(f"observations must have shape (..., {len(Observation._fields)}), got {values.shape}.")
+    return Observation(*np.moveaxis(values, -1, 0))
+
+
+def _action(forward: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
+
+
+def _require_positive(**numbers: float) -> None:
+    for name, number in numbers.items():
+        if not 0.0 < number < math.inf:
+            raise ValueError(f"{name} must be positive and finite, got {number!r}.")

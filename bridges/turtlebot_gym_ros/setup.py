@@ -1,0 +1,36 @@
+"""The ROS package, for colcon; as part of the Python distribution the same modules are built by hatchling."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "turtlebot_gym_ros"
+NODES = [
+    "waypoint_generator",
+    "velocity_controller",
+    "turtlebot_simulator",
+    "kalman_filter",
+    "simulated_teleop",
+    "cmd_vel_guard",
+    "data_logger",
+    "bringup",
+    "status",
+]
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="The closed loop of turtlebot-gym as ROS 2 nodes, and any policy deployed on a TurtleBot.",
+    license="MIT",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["*.xml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.xml"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={"console_scripts": [f"{node} = {NAME}.executable:main" for node in NODES]},
+)

@@ -1,0 +1,295 @@
+"""Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
+
+It subscribes to whatever is published, as it appears, and needs nobody's consent. The bag is written as sqlite3 and committed
+each second, so a ``kill -9`` loses at most the last second; MCAP, which a kill would leave empty, is made of it at the end.
+
+Of a recorder that was killed the folder holds ``NAME.db3`` without its ``metadata.yaml``: `rebuild` makes a whole bag of it
+(``ros2 bag reindex`` does so as well). Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+
+Parameters: see `Parameters`. Publishes nothing.
+"""
+
+from __future__ import annotations
+
+import csv
+import shutil
+import sqlite3
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ament_index_python import get_package_share_directory
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rosbags.interfaces import Connection, Nodetype, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from turtlebot_gym.parameters import Command, Pose, State
+from turtlebot_gym_ros.convert import conversion
+from turtlebot_gym_ros.standalone import declare, run
+
+SNAPSHOTS: dict[str, type] = {"odom": State, "true_state": State, "estimate": State, "reference": Pose, "cmd_vel": Command}
+"""Topics of a snapshot, and what is read from them: each component is a column, ``odom_x``, ``odom_y``, ..."""
+FRESH = 0.5
+"""Age from which the columns of a topic are empty, s."""
+IN_FLIGHT = 0.2
+"""How long messages that are on their way are awaited at the end, s."""
+
+_FOREVER = QosTime(2147483647, 4294967295)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """Parameters of ``data_logger``."""
+
+    output: str = ""
+    """Folder to make for the bag and ``snapshots.csv``; by default ``bags/`` and the time."""
+    storage: str = "sqlite3"
+    """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
+    snapshot_period: float = 0.1
+    """Time between two rows of the CSV file, s, by the ROS clock; 0 writes none."""
+    enable_stamped_cmd_vel: bool = True
+    """Which one is recorded where a topic has both TwistStamped (true) and Twist (false)."""
+
+    def __post_init__(self) -> None:
+        if self.storage not in ("sqlite3", "mcap"):
+            raise ValueError(f"parameter 'storage' must be sqlite3 or mcap, got {self.storage!r}")
+        if not 0.0 <= self.snapshot_period <= 3600.0:
+            raise ValueError(f"parameter 'snapshot_period' must be in [0, 3600] s, got {self.snapshot_period!r}")
+        if self.output and Path(self.output).exists():
+            raise ValueError(f"parameter 'output' must name a new folder, but {self.output!r} exists")
+
+
+def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
+    """Make a new bag of the sqlite3 database of another one, also of one whose recorder was killed.
+
+    Opening the database takes an unfinished transaction back; rosbags' own reader, which opens it as immutable, would not.
+
+    Args:
+        database: The ``.db3`` file.
+        folder: Where the new bag goes; must not exist.
+        storage: Its format.
+    """
+    connection = sqlite3.connect(database)
+    try:
+        rows = connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
+        definitions = dict(rows.fetchall())
+        with Writer(folder, version=9, storage_plugin=storage) as writer:
+            topics = {
+                number: writer.add_connection(
+                    topic,
+                    kind,
+                    msgdef=definitions[kind],
+                    rihs01=digest,
+                    offered_qos_profiles=[_LATCHED] if "transient_local" in qos else [],
+                )
+                for number, topic, kind, qos, digest in connection.execute(
+                    "SELECT id, name, type, offered_qos_profiles, type_description_hash FROM topics ORDER BY id"
+                )
+            }
+            query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+            for number, timestamp, data in connection.execute(query):
+                writer.write(topics[number], timestamp, data)
+    finally:
+        connection.close()
+
+
+class Bag:
+    """A bag that is written as sqlite3 and loses at most what came since the last commit."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._writer = Writer(folder, version=9)
+        self._writer.open()
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self.commit()
+
+    def add(self, topic: str, kind: str, *, latched: bool) -> Connection:
+        """Open a topic for messages of a type such as ``nav_msgs/msg/Odometry``.
+
+        Raises:
+            LookupError: If the definition of the type is not installed.
+        """
+        _teach(self._types, kind)
+        qos = [_LATCHED] if latched else []
+        return self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=qos)
+
+    def write(self, connection: Connection, stamp: int, data: bytes) -> None:
+        """Append a serialized message, received at a time in ns."""
+        self._writer.write(connection, stamp, data)
+
+    def commit(self) -> None:
+        """Make safe what has come so far."""
+        # rosbags commits only at the end; this attribute is private, hence its upper bound in pyproject.toml.
+        self._writer.storage.conn.commit()  # type: ignore[union-attr]
+
+    def close(self, storage: str) -> None:
+        """Finish the bag; for MCAP, convert it, and drop the database when the conversion is complete."""
+        self._writer.close()
+        if storage == "mcap":
+            database = self.folder / f"{self.folder.name}.db3"
+            scratch = self.folder / "converting" / self.folder.name
+            rebuild(database, scratch, StoragePlugin.MCAP)
+            for made in scratch.iterdir():
+                made.replace(self.folder / made.name)
+            database.unlink()
+            shutil.rmtree(scratch.parent)
+
+
+def _teach(types: Typestore, kind: str) -> None:
+    """Learn a message type that is not one of rosbags' own, and those it is made of, from the ROS installation."""
+    if kind in types.fielddefs:
+        return
+    package, _, name = kind.split("/")
+    text = Path(get_package_share_directory(package), "msg", f"{name}.msg").read_text(encoding="utf-8")
+    learned = get_types_from_msg(text, kind)
+    for _, field in learned[kind][1]:
+        element: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
+        if element[0] == Nodetype.NAME:
+            _teach(types, element[1])
+    types.register(learned)
+
+
+class Topic(NamedTuple):
+    """A topic that is recorded."""
+
+    kind: str
+    message: type
+    connection: Connection
+    profile: QoSProfile
+    subscription: Subscription
+
+
+class DataLogger(Node):
+    """The recorder as a node."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
+        self._p = p = declare(self, Parameters)
+        folder = Path(p.output or time.strftime("bags/%Y-%m-%dT%H-%M-%S")).absolute()
+        self._bag = Bag(folder)
+        self._recorded: dict[str, Topic] = {}
+        self._refused: set[tuple[str, str]] = set()
+        self._latest: dict[str, tuple[float, type, bytes]] = {}
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(0.1, self._discover, clock=steady)
+        self.create_timer(1.0, self._commit, clock=steady)
+        self._csv = None
+        if p.snapshot_period > 0.0:
+            self._csv = (folder / "snapshots.csv").open("w", encoding="utf-8", newline="")
+            self._rows = csv.writer(self._csv)
+            self._rows.writerow(["time", *(f"{topic}_{name}" for topic, kind in SNAPSHOTS.items() for name in kind._fields)])
+            self._topics = {topic: self.resolve_topic_name(topic) for topic in SNAPSHOTS}
+            self.create_timer(p.snapshot_period, self._snapshot)
+        self.get_logger().info(f"recording to {folder}")
+
+    def _discover(self) -> None:
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic not in self._recorded:
+                self._record(topic, kinds)
+
+    def _record(self, topic: str, kinds: Sequence[str]) -> None:
+        """Subscribe as reliably as all publishers of a topic allow, again where another one has come that allows less."""
+        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        if not profiles:
+            return
+        reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+        latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+        profile = QoSProfile(
+            depth=1000,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        if (known := self._recorded.get(topic)) is not None:
+            if known.profile == profile:
+                return
+            self.destroy_subscription(known.subscription)
+            kind, message, connection = known.kind, known.message, known.connection
+        else:
+            kind = self._choose(topic, kinds)
+            if (topic, kind) in self._refused:
+                return
+            try:
+                package, folder, name = kind.split("/")
+                message = getattr(import_module(f"{package}.{folder}"), name)
+                connection = self._bag.add(topic, kind, latched=latched)
+            except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
+                self._refused.add((topic, kind))
+                self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
+                return
+        subscription = self.create_subscription(message, topic, self._writer_of(topic, message, connection), profile, raw=True)
+        self._recorded[topic] = Topic(kind, message, connection, profile, subscription)
+
+    def _choose(self, topic: str, kinds: Sequence[str]) -> str:
+        """Return the type to record; a process can hold only one on a topic."""
+        wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
+        kind = wanted if wanted in kinds else kinds[0]
+        if len(kinds) > 1 and (topic, "") not in self._refused:
+            self._refused.add((topic, ""))
+            self.get_logger().error(f"{topic} has several types, {', '.join(kinds)}: only {kind} is recorded")
+        return kind
+
+    def _writer_of(self, topic: str, message: type, connection: Connection) -> Any:
+        def write(data: bytes, info: Any) -> None:
+            self._bag.write(connection, info["received_timestamp"] or time.time_ns(), data)
+            self._latest[topic] = time.monotonic(), message, data
+
+        return write
+
+    def _commit(self) -> None:
+        for topic, known in self._recorded.items():
+            self._record(topic, [known.kind])
+        self._bag.commit()
+        if self._csv is not None:
+            self._csv.flush()
+
+    def _snapshot(self) -> None:
+        row: list[Any] = [self.get_clock().now().nanoseconds * 1e-9]
+        for topic, kind in SNAPSHOTS.items():
+            row += self._read(self._topics[topic], kind) or [""] * len(kind._fields)
+        self._rows.writerow(row)
+
+    def _read(self, topic: str, kind: type) -> list[float] | None:
+        """Return the components of the latest value on a topic; nothing if it is old, or no such value."""
+        received, message, data = self._latest.get(topic, (0.0, object, b""))
+        known = conversion(kind, stamped=message is TwistStamped)
+        if time.monotonic() - received > FRESH or known.message is not message:
+            return None
+        try:
+            return list(known.read(deserialize_message(data, message)))
+        except ValueError:
+            return None
+
+    def close(self) -> None:
+        """Take in what is on its way, and finish the files."""
+        end = time.monotonic() + IN_FLIGHT
+        while self.executor is not None and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.01)
+        if self._csv is not None:
+            self._csv.close()
+        self._bag.close(self._p.storage)
+        self.get_logger().info(f"recorded {len(self._recorded)} topics in {self._bag.folder}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``data_logger``."""
+    return run(DataLogger, argv)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,120 @@
+"""The controller: the environment's observation, the policy's action, a command within the robot's limits."""
+
+import numpy as np
+import pytest
+from turtlebot_gym_ros.blocks import VelocityController
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.parameters import Belief, Covariance, Pose, State
+from turtlebot_gym.robots import ROBOTS
+
+REFERENCE = Pose(2.0, 0.0, 0.0)
+VARIANCES = dict.fromkeys(Covariance._fields, 0.0) | {"xx": 0.03, "yy": 0.01, "tt": 0.04}
+
+
+def at(x, y, theta=0.0, **variances):
+    covariance = Covariance(**{**VARIANCES, **variances})
+    return Estimate(Belief(State(x, y, theta, 0.1, -0.2), covariance), 1.5, 0.0)
+
+
+def controller(drive=None, **parameters):
+    node = VelocityController(VelocityController.Params(**parameters))
+    if drive is not None:
+        node._policy = drive
+    return node
+
+
+def ahead(observation):
+    return np.array([1.0, 0.0], np.float32)
+
+
+def test_a_policy_is_given_the_environments_observation():
+    given = []
+    controller(lambda observation: given.append(observation) or np.zeros(2)).step(0.1, at(0.0, 0.0), REFERENCE, Pose(0.0, 2.0, 0.0))
+    (observation,) = given
+    robot = ROBOTS["burger"]
+    assert observation.dtype == np.float32
+    expected = [2.0, 1.0, 0.0, 1.0, 0.0, 0.1 / robot.max_linear, -0.2 / robot.max_angular, 0.2, 0.2, 1.5, 2.0, 0.0, 1.0]
+    assert observation == pytest.approx(expected, abs=1e-6)
+
+
+def test_without_a_next_waypoint_the_goal_counts_as_it():
+    node = controller(ahead)
+    node.step(0.1, at(0.0, 0.0), REFERENCE, None)
+    assert node.observation[10:].tolist() == [2.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_whatever_a_policy_asks_for_is_within_the_limits_and_keeps_its_curvature(robot):
+    limits = ROBOTS[robot]
+    for action in np.random.default_rng(0).uniform(-3.0, 3.0, (100, 2)):
+        node = controller(lambda observation, action=action: action, robot=robot)
+        command = node.step(0.1, at(0.0, 0.0), REFERENCE, None)["command"]
+        slack = 1.0 + 1e-12
+        assert abs(command.v) <= limits.max_linear * slack
+        assert abs(command.omega) <= limits.max_angular * slack
+        assert abs(command.v) + abs(command.omega) * limits.wheel_separation / 2.0 <= limits.max_wheel * slack
+        forward, turn = np.clip(action.astype(np.float32), -1.0, 1.0) * [limits.max_linear, limits.max_angular]
+        assert command.v * turn == pytest.approx(command.omega * forward, abs=1e-9)
+
+
+@pytest.mark.parametrize("answer", [[np.nan, 0.0], [0.0, np.inf], [0.0], [[0.0, 0.0]], "stop", None])
+def test_an_answer_that_is_no_action_is_an_error(answer):
+    with pytest.raises((ValueError, TypeError)):
+        controller(lambda observation: answer).step(0.1, at(0.0, 0.0), REFERENCE, None)
+
+
+def test_at_the_last_waypoint_it_is_done_until_there_is_another():
+    node = controller(ahead)
+    assert node.step(0.1, at(1.8, 0.0), REFERENCE, REFERENCE)
+    assert node.step(0.1, at(1.9, 0.0), REFERENCE, REFERENCE) == {}
+    assert node.step(0.1, at(1.7, 0.0), REFERENCE, REFERENCE) == {}  # noise does not wake it
+    assert node.step(0.1, at(1.9, 0.0), REFERENCE, Pose(0.0, 0.0, 0.0))  # not the last one
+    assert node.step(0.1, at(1.9, 0.0), REFERENCE, None) == {}
+    assert node.step(0.1, at(1.9, 0.0), Pose(0.0, 0.0, 0.0), None)
+
+
+def test_it_is_never_done_where_the_tolerance_is_zero():
+    assert controller(ahead, goal_tolerance=0.0).step(0.1, at(2.0, 0.0), REFERENCE, REFERENCE)
+
+
+def test_a_variance_of_zero_is_given_a_floor_and_a_warning_once(caplog):
+    node = controller(ahead)
+    for _ in range(2):
+        node.step(0.1, at(0.0, 0.0, xx=0.0, yy=0.0, tt=0.0), REFERENCE, None)
+    assert node.observation[7:9] == pytest.approx([np.sqrt(2e-6), 1e-3])
+    assert len(caplog.records) == 1
+    node = controller(ahead)
+    node.step(0.1, at(0.0, 0.0), REFERENCE, None)
+    assert len(caplog.records) == 1
+
+
+def test_a_policy_with_memory_is_reset():
+    class Remembers:
+        masks = []
+
+        def __call__(self, observation):
+            return np.zeros(2)
+
+        def reset(self, mask):
+            self.masks.append(mask)
+
+    controller(Remembers()).reset()
+    assert [mask.tolist() for mask in Remembers.masks] == [[True]]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"policy": "clever"}, "clever"),
+        ({"policy": "no_such_module:drive"}, "no_such_module"),
+        ({"robot": "turtle"}, "robot must be one of"),
+        ({"period": 0.0}, "period must be"),
+        ({"goal_tolerance": 0.005}, "goal_tolerance must be"),
+        ({"goal_tolerance": -1.0}, "goal_tolerance must be"),
+        ({"goal_tolerance": float("nan")}, "goal_tolerance must be"),
+    ],
+)
+def test_wrong_parameters_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        controller(**wrong)

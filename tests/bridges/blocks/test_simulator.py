@@ -1,0 +1,93 @@
+"""The plant is the environment: the same transition, the same noise for the same seed and episode."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from turtlebot_gym_ros.blocks import TurtlebotSimulator
+
+from turtlebot_gym.models.noise import episode_key
+from turtlebot_gym.parameters import STOP, Command, Pose
+from turtlebot_gym.presets import NOISES
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.simulation import begin, make_parameters, transition
+from turtlebot_gym.tasks import NAV
+
+COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]
+
+
+def simulator(**parameters):
+    return TurtlebotSimulator(TurtlebotSimulator.Params(**parameters))
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("robot", ["burger", "tutorial"])
+def test_its_steps_are_the_environments_to_the_bit(noise, robot):
+    plant = simulator(noise=noise, robot=robot, seed=7)
+    plant.reset()  # the second episode
+    key, p = episode_key(7, 1), make_parameters(replace(NAV, random=False), noise=noise, robot=robot)
+    world, lost = begin(key, p), 0
+    assert plant.step(0.1, None) == {"truth": world.true_state, "odometry": (*world.odometry, *STOP)}
+    for command in COMMANDS:
+        world, _ = transition(world, command, key, 1, p)
+        out = plant.step(0.1, command)
+        assert out["truth"] == world.true_state
+        if "odometry" in out:
+            assert out["odometry"] == (*world.odometry, *world.command)
+        lost += "odometry" not in out
+    assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.0)
+
+
+def test_it_is_at_rest_until_commanded_and_then_holds_the_last_command():
+    plant = simulator(noise="clean")
+    for _ in range(10):
+        assert plant.step(0.1, None)["truth"] == (0.0, 0.0, 0.0, 0.0, 0.0)
+    plant.step(0.1, Command(0.1, 0.0))
+    for k in range(10):  # the shell gives it the last command, however old
+        assert plant.step(0.1, Command(0.1, 0.0))["truth"].x == pytest.approx(0.01 * (k + 1), abs=1e-12)
+
+
+def test_a_standing_robot_loses_no_measurement():
+    plant = simulator(noise="clean")
+    assert all("odometry" in plant.step(0.1, None) for _ in range(100))
+
+
+def test_its_wheels_respect_the_robots_limits():
+    plant, robot = simulator(noise="clean"), ROBOTS["burger"]
+    plant.step(0.1, None)
+    twist = plant.step(0.1, Command(10.0, 10.0))["odometry"]
+    assert abs(twist.v) + abs(twist.omega) * robot.wheel_separation / 2.0 <= robot.max_wheel * (1.0 + 1e-12)
+    assert twist.v == pytest.approx(twist.omega)
+
+
+def test_episodes_differ_and_can_be_had_again():
+    first, again = simulator(seed=3), simulator(seed=3)
+    one = [first.step(0.1, None)["odometry"] for _ in range(3)]
+    assert one == [again.step(0.1, None)["odometry"] for _ in range(3)]
+    first.reset()
+    assert first.step(0.1, None)["odometry"] != one[0]
+
+
+def test_it_starts_where_the_navigation_task_draws_it():
+    p = make_parameters(NAV)
+    start = begin(episode_key(5, 0), p).true_state
+    assert simulator(seed=5, random_start=True).step(0.1, None)["truth"] == start
+    assert Pose(*start[:3]) != Pose(0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"robot": "turtle"}, "robot must be one of"),
+        ({"noise": "none"}, "noise must be one of"),
+        ({"integrator": "rk4"}, "integrator must be one of"),
+        ({"period": 0.0}, "dt must be positive"),
+        ({"period": math.nan}, "dt must be positive"),
+        ({"speed": -1.0}, "speed must be positive"),
+        ({"seed": -1}, "seed must be in"),
+    ],
+)
+def test_wrong_parameters_are_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        simulator(**wrong)

@@ -1,0 +1,284 @@
+"""Real ROS 2 for the tests: a domain of their own, contexts that end, processes that end, and waiting for states."""
+
+import functools
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+
+import pytest
+
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+try:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
+        import rclpy.node
+        import rosidl_generator_py  # noqa: F401
+except ImportError:
+    pytest.skip("needs the extra [ros]", allow_module_level=True)
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from turtlebot_gym_ros import Input, On, Output, Shell
+from turtlebot_gym_ros.discovery import prepare
+from turtlebot_gym_ros.qos import LATCHED
+from turtlebot_gym_ros.runner import Runner
+
+from turtlebot_gym.parameters import STOP, Command, State
+
+prepare()
+
+PATIENCE = 30.0
+"""Longest wait for a state, s: far above what it takes, so that only a missing state fails."""
+
+
+def wait_for(what, patience=PATIENCE):
+    """Wait until a condition holds, and return its value."""
+    deadline = time.monotonic() + patience
+    while not (value := what()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"waited {patience} s in vain")
+        time.sleep(0.005)
+    return value
+
+
+@pytest.fixture(name="wait_for")
+def wait_for_fixture():
+    return wait_for
+
+
+@pytest.fixture
+def runner():
+    """A context with its executor's thread, started."""
+    runner = Runner()
+    runner.start()
+    yield runner
+    runner.close()
+
+
+class Peer:
+    """An independent node, which shares nothing with the shell: it hears topics, sends messages and calls services."""
+
+    def __init__(self, runner, name="peer"):
+        self.node = rclpy.node.Node(name, context=runner.context)
+        self._clients = {}
+        runner.add(self)
+
+    def hear(self, topic, message_type, qos=100):
+        """Collect the messages of a topic; returns the list that grows."""
+        heard = []
+        self.node.create_subscription(message_type, topic, heard.append, qos)
+        return heard
+
+    def speak(self, topic, message_type, qos=100):
+        return self.node.create_publisher(message_type, topic, qos)
+
+    def ask(self, service, service_type, request):
+        """Call a service, and return the response."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(service_type, service)
+        client = self._clients[service]
+        wait_for(client.service_is_ready)
+        future = client.call_async(request)
+        wait_for(future.done)
+        return future.result()
+
+    def close(self):
+        self.node.destroy_node()
+
+
+@pytest.fixture
+def peer():
+    """A node in a context and a thread of its own, as in another process."""
+    runner = Runner()
+    runner.start()
+    yield Peer(runner)
+    runner.close()
+
+
+@pytest.fixture
+def launch(tmp_path):
+    """Start processes, and let none survive the test."""
+    started = []
+
+    def start(*arguments, **environment):
+        process = subprocess.Popen(
+            [sys.executable, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            env={**os.environ, **environment},
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+    for process in started:
+        try:
+            process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            pytest.fail(f"{process.args} did not end at SIGTERM")
+
+
+class FakeTime:
+    """A steady clock that moves when told."""
+
+    def __init__(self):
+        self.at = 0.0
+
+    def __call__(self):
+        return self.at
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoParameters:
+    pass
+
+
+class Mover:
+    """A block that drives ahead on each odometry; the test decides what a step does."""
+
+    inputs = {"odometry": Input(topic="odom", type=State, reliable=False)}
+    outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
+    trigger = On("odometry")
+
+    def __init__(self, params):
+        self.intervals = []
+        self.resets = 0
+        self.go_on()
+
+    def go_on(self):
+        self.act = lambda: {"command": Command(0.1, 0.0)}
+
+    def reset(self):
+        self.resets += 1
+
+    def step(self, dt, odometry):
+        self.intervals.append(dt)
+        return self.act()
+
+
+class Bench:
+    """A shell around a mover, whose steady clock the test sets, and a peer that is its world."""
+
+    Mover = Mover
+
+    def __init__(self, runner, peer, *, make=Mover, enabled=True, **overrides):
+        self.peer, self.now, self.patience = peer, FakeTime(), PATIENCE
+        self.odometry = peer.speak("odom", Odometry)
+        self.commands = peer.hear("cmd_vel", TwistStamped)
+        self.states = peer.hear("mover/state", String, LATCHED)
+        self.reports = peer.hear("/diagnostics", DiagnosticArray)
+        overrides = {"start_enabled": enabled, **overrides}
+        self.shell = Shell(make, NoParameters, name="mover", context=runner.context, overrides=overrides, now=self.now)
+        runner.add(self.shell)
+        self.block = self.shell.block
+        self.stamp = 10.0
+        self.wait_for(lambda: self.odometry.get_subscription_count() and self.states)
+        self.wait_for(lambda: peer.node.count_publishers("cmd_vel"))
+
+    def wait_for(self, what):
+        return wait_for(what, self.patience)
+
+    def send(self, *, dt=0.1, theta=0.0, frame="odom", x=0.0, norm=1.0):
+        """Send odometry, dt after the last one by its stamp."""
+        self.stamp += dt
+        message = Odometry()
+        message.header.frame_id = frame
+        message.header.stamp = Time(nanoseconds=round(self.stamp * 1e9)).to_msg()
+        message.pose.pose.position.x = x
+        message.pose.pose.orientation.z = norm * math.sin(0.5 * theta)
+        message.pose.pose.orientation.w = norm * math.cos(0.5 * theta)
+        self.odometry.publish(message)
+
+    def drive(self):
+        """Send odometry until it is matched and active, and until what was sent has had its effect."""
+        steps = self.steps
+
+        def moves():
+            self.send()
+            time.sleep(0.01)
+            return self.steps > steps and self.state == "active" and 0.1 in self.speeds
+
+        self.wait_for(moves)
+        self.settle()
+
+    def settle(self):
+        """Wait until a last odometry has made its step, so that no other is on its way."""
+        self.send()
+        received = self.shell._feeds["odometry"]
+        before = -1
+        while before != received._received:
+            before = received._received
+            time.sleep(0.05)
+
+    @property
+    def steps(self):
+        return len(self.block.intervals)
+
+    @property
+    def state(self):
+        return self.states[-1].data if self.states else ""
+
+    @property
+    def speeds(self):
+        return [message.twist.linear.x for message in self.commands]
+
+    def stops(self, state):
+        """Wait until it has stopped, and check that after motion there were zeros and nothing else, then silence."""
+        self.wait_for(lambda: 0.0 in self.speeds)
+        self.wait_for(lambda: self.advance(0.02) and self.state == f"silent: {state}")
+        first = self.speeds.index(0.0)
+        assert set(self.speeds[:first]) == {0.1}
+        assert set(self.speeds[first:]) == {0.0}
+        self.enable(False)  # a round trip: what was on its way has arrived
+        sent = len(self.commands)
+        for _ in range(10):
+            self.advance(0.1)
+        assert len(self.commands) == sent
+
+    def advance(self, seconds):
+        """Let the steady clock go on, and the shell's watch notice."""
+        self.now.at += seconds
+        time.sleep(0.01)
+        return True
+
+    def report(self, text):
+        """Wait for diagnostics that contain a text, and return them."""
+
+        def find():
+            self.advance(0.05)
+            statuses = [message.status[0] for message in self.reports if message.status[0].name == "/mover"]
+            return next((status for status in statuses if text in status.message), None)
+
+        return self.wait_for(find)
+
+    def enable(self, on=True):
+        return self.peer.ask("mover/enable", SetBool, SetBool.Request(data=on))
+
+
+@pytest.fixture
+def make_bench(runner, peer):
+    return functools.partial(Bench, runner, peer)
+
+
+@pytest.fixture
+def bench(make_bench):
+    return make_bench()

@@ -1,0 +1,140 @@
+"""Values and messages: what goes over a topic comes back, and what is no pose is refused."""
+
+import math
+from array import array
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Header
+from turtlebot_gym_ros.convert import conversion, quaternion_of, register, yaw_of
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.parameters import Belief, Command, Covariance, Pose, State
+
+HEADER = Header(frame_id="odom")
+
+
+def travel(value):
+    way = conversion(type(value))
+    return way.read(way.write(value, HEADER))
+
+
+def a_covariance(rng):
+    root = rng.normal(size=(5, 5))
+    return Covariance(*(root @ root.T)[np.triu_indices(5)].tolist())
+
+
+@pytest.mark.parametrize("theta", [0.0, 1e-9, -1e-9, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)])
+def test_headings_survive_the_quaternion(theta):
+    back = yaw_of(quaternion_of(theta))
+    assert -math.pi <= back < math.pi
+    assert abs(wrap(back - theta)) < 1e-12
+
+
+def test_all_but_the_heading_survives_to_the_bit():
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        x, y, theta, v, omega = rng.uniform(-3.0, 3.0, 5).tolist()
+        pose, state = travel(Pose(x, y, theta)), travel(State(x, y, theta, v, omega))
+        assert (pose.x, pose.y) == (x, y)
+        assert (state.x, state.y, state.v, state.omega) == (x, y, v, omega)
+        assert travel(Command(v, omega)) == Command(v, omega)
+        P = a_covariance(rng)
+        estimate = travel(Estimate(Belief(State(x, y, theta, v, omega), P), 3.5, 0.0))
+        kept = {"xx", "xy", "xt", "yy", "yt", "tt", "vv", "vw", "ww"}
+        assert estimate.nis == 3.5
+        assert estimate.belief.covariance == Covariance(
+            *(value if name in kept else 0.0 for name, value in zip(P._fields, P, strict=True))
+        )
+
+
+def test_covariances_are_symmetric_and_lie_where_ros_looks_for_them():
+    P = a_covariance(np.random.default_rng(2))
+    message = conversion(Estimate).write(Estimate(Belief(State(1.0, 2.0, 0.5, 0.1, 0.2), P), 2.5, 0.0), HEADER)
+    pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (message.pose, message.twist))
+    assert (pose == pose.T).all()
+    assert (twist == twist.T).all()
+    x, y, yaw = 0, 1, 5
+    assert [pose[x, x], pose[y, y], pose[yaw, yaw]] == [P.xx, P.yy, P.tt]
+    assert [pose[x, y], pose[x, yaw], pose[y, yaw]] == [P.xy, P.xt, P.yt]
+    assert [twist[x, x], twist[x, yaw], twist[yaw, yaw]] == [P.vv, P.vw, P.ww]
+    assert message.twist.twist.linear.x == 0.1  # forward speed, in the body frame
+
+
+def test_the_innovation_is_read_from_our_own_messages_only():
+    estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.1] * 15)), 4.0, 0.0)
+    message = conversion(Estimate).write(estimate, HEADER)
+    assert conversion(Estimate).read(message).nis == 4.0
+    message.twist.covariance[21] = 1e6  # as drivers write it that know nothing of roll
+    message.twist.covariance[14] = 1e6
+    assert conversion(Estimate).read(message).nis == 0.0
+
+
+@pytest.mark.parametrize(
+    "q",
+    [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0), (0.0, 0.0, 0.0, 0.9), (0.0, 0.0, math.nan, 1.0), (0.0, 0.0, math.inf, 1.0)],
+)
+def test_what_is_no_rotation_is_refused(q):
+    x, y, z, w = q
+    with pytest.raises(ValueError, match="quaternion"):
+        yaw_of(Quaternion(x=x, y=y, z=z, w=w))
+
+
+def test_a_tilted_robot_keeps_its_heading():
+    # 0.1 rad of roll after 1 rad of yaw: q = q_yaw * q_roll.
+    c, s, cr, sr = math.cos(0.5), math.sin(0.5), math.cos(0.05), math.sin(0.05)
+    assert yaw_of(Quaternion(x=c * sr, y=s * sr, z=s * cr, w=c * cr)) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    "value", [Pose(1.0, 2.0, 0.3), State(1.0, 2.0, 0.3, 0.1, 0.2), Command(0.1, 0.2)], ids=lambda value: type(value).__name__
+)
+def test_nothing_but_numbers_travels(value, bad):
+    way = conversion(type(value))
+    for at in range(len(value)):
+        with pytest.raises(ValueError, match="finite"):
+            way.write(type(value)(*(bad if k == at else number for k, number in enumerate(value))), HEADER)
+    message = way.write(value, HEADER)
+    part = message.twist if type(value) is Command else message.pose.pose if type(value) is State else message.pose
+    setattr(getattr(part, "linear", None) or part.position, "x", bad)
+    with pytest.raises(ValueError, match="finite"):
+        way.read(message)
+
+
+def test_covariances_that_are_none_are_refused():
+    way = conversion(Belief)
+    message = way.write(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.1] * 15)), HEADER)
+    message.pose.covariance[0] = -0.1
+    with pytest.raises(ValueError, match="negative"):
+        way.read(message)
+    message.pose.covariance[0] = math.nan
+    with pytest.raises(ValueError, match="finite"):
+        way.read(message)
+
+
+def test_an_odometry_that_states_no_covariance_is_understood():
+    message = Odometry(header=HEADER)  # as a TurtleBot3 sends it: 36 zeros
+    message.pose.pose.orientation.w = 1.0
+    assert message.pose.covariance.tolist() == array("d", [0.0] * 36).tolist()
+    assert conversion(State).read(message) == State(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_velocities_travel_stamped_or_not():
+    assert conversion(Command).message is TwistStamped
+    assert conversion(Command, stamped=False).message is Twist
+    way = conversion(Command, stamped=False)
+    assert way.read(way.write(Command(0.1, -0.2), HEADER)) == Command(0.1, -0.2)
+
+
+def test_a_type_of_ones_own_can_be_registered():
+    class Goal(tuple):
+        pass
+
+    with pytest.raises(ValueError, match=r"Goal: call register"):
+        conversion(Goal)
+    register(Goal, PoseStamped, lambda message: Goal(), lambda value, header: PoseStamped(header=header))
+    assert conversion(Goal).message is PoseStamped

@@ -1,0 +1,192 @@
+"""Train what you deploy: one log through the compiled environment, through the blocks without ROS, and through the live nodes."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from std_msgs.msg import Header
+from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
+from turtlebot_gym_ros.convert import conversion
+
+from turtlebot_gym.loop import OUTCOME, Batch
+from turtlebot_gym.parameters import Pose, State
+from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.tasks import make_task
+
+STEPS = 150
+SEED = 11
+GOAL = Pose(1.5, -1.0, 2.0)
+ENVIRONMENTS = [("tutorial", "burger", "matched"), ("rough", "burger", "matched"), ("documented", "waffle", "tutorial")]
+
+
+def blocks(noise, robot, filter):
+    """Return the three blocks of the loop; the robot is never done, since the environment goes on as well."""
+    return (
+        TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, robot=robot, seed=SEED)),
+        KalmanFilter(KalmanFilter.Params(noise=noise, robot=robot, filter=filter)),
+        VelocityController(VelocityController.Params(robot=robot, goal_tolerance=0.0)),
+    )
+
+
+def travel(value):
+    """Return a value as it arrives at the other end of a topic."""
+    way = conversion(type(value))
+    return way.read(way.write(value, Header()))
+
+
+def drive(noise, robot, filter, carry=lambda value: value):
+    """Close the loop without ROS; return odometry, commands, estimates, observations and actions, None where there were none.
+
+    Args:
+        carry: What happens to a value between two blocks.
+    """
+    plant, estimator, controller = blocks(noise, robot, filter)
+    rows, command, silent = [], None, 0
+    for _ in range(STEPS):
+        out = plant.step(0.1, command)
+        if "odometry" not in out:
+            silent += 1
+            rows.append((None, command, None, controller.observation, controller.action))
+            continue
+        dt = round((silent + 1) * 0.1, 9) if rows else 0.0
+        odometry, silent = out["odometry"], 0
+        estimate = estimator.step(dt, carry(odometry), command)["estimate"]
+        command = controller.step(dt, carry(estimate), carry(GOAL), None)["command"]
+        rows.append((odometry, command, estimate, controller.observation, controller.action))
+    return rows
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_the_blocks_are_the_compiled_environment(environment):
+    """Estimates to 1e-9, and observations to the last bit of float32, over the environment's own steps and drop-outs."""
+    noise, robot, filter = environment
+    task, waypoints = make_task("square", waypoints=[GOAL], max_steps=10**6)
+    batch = Batch(1, make_parameters(task, noise=noise, robot=robot, filter=filter), waypoints)
+    batch.seeds[0] = SEED
+    observation, outcome = np.zeros((1, 13), np.float32), np.zeros((OUTCOME.size, 1))
+    batch.reset(np.ones(1, np.bool_), observation, outcome)
+    heard = 0
+    for odometry, _, estimate, seen, action in drive(noise, robot, filter):
+        if odometry is not None:  # without a measurement a node has nothing to say
+            heard += 1
+            np.testing.assert_allclose(batch.numbers("estimate.belief.mean")[0], estimate.belief.mean, rtol=0.0, atol=1e-9)
+            np.testing.assert_allclose(batch.numbers("estimate.belief.covariance")[0], estimate.belief.covariance, atol=1e-9)
+            np.testing.assert_allclose(observation[0], seen, rtol=2e-7, atol=1e-9)
+        observation, outcome = batch.step(action[None])
+    assert heard == STEPS if noise != "rough" else 0.8 * STEPS < heard < STEPS
+
+
+def test_the_quaternion_costs_nothing_that_counts():
+    plain, carried = drive(*ENVIRONMENTS[0]), drive(*ENVIRONMENTS[0], carry=travel)
+    for (_, u, estimate, _, _), (_, u_carried, estimate_carried, _, _) in zip(plain, carried, strict=True):
+        np.testing.assert_allclose(estimate.belief.mean, estimate_carried.belief.mean, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(u, u_carried, rtol=0.0, atol=1e-6)  # an observation may round to the next float32
+
+
+class Loop:
+    """The live filter and the live controller; the test is the plant, and hands on a message when all have had the last one."""
+
+    def __init__(self, runner, peer, wait_for, environment, **controller):
+        noise, robot, filter = environment
+        self.wait_for = wait_for
+        self.odometry, self.reference = peer.speak("odom", Odometry), peer.speak("reference", PoseStamped)
+        self.estimates, self.commands = peer.hear("estimate", Odometry), peer.hear("cmd_vel", TwistStamped)
+        self.filter = Shell(
+            KalmanFilter, KalmanFilter.Params, context=runner.context, overrides={"noise": noise, "robot": robot, "filter": filter}
+        )
+        overrides = {"robot": robot, "goal_tolerance": 0.0, "start_enabled": True, **controller}
+        self.controller = Shell(VelocityController, VelocityController.Params, context=runner.context, overrides=overrides)
+        runner.add(self.filter)
+        runner.add(self.controller)
+        self.stamp = 0
+
+    def tick(self, odometry, periods=1):
+        """Publish odometry as many periods after the last one; odometry None moves the time only."""
+        self.stamp += periods * 100_000_000
+        header = Header(stamp=Time(nanoseconds=self.stamp).to_msg(), frame_id="odom")
+        self.reference.publish(conversion(Pose).write(GOAL, header))
+        if odometry is not None:
+            self.odometry.publish(conversion(State).write(odometry, header))
+
+    def match(self):
+        """Wait until messages go all the way round, then forget them."""
+
+        def goes_round():
+            self.tick(State(0.0, 0.0, 0.0, 0.0, 0.0))
+            time.sleep(0.01)
+            return self.estimates and self.commands and self.commands_heard
+
+        self.wait_for(goes_round)
+        time.sleep(0.05)
+        for shell in (self.filter, self.controller):
+            shell.reset("start of the test")
+        self.tick(None, periods=100)
+        self.wait_for(lambda: self.controller._feeds["reference"]._latest)
+        self.estimates.clear()
+        self.commands.clear()
+
+    @property
+    def commands_heard(self):
+        return self.filter._feeds["command"]._received
+
+
+@pytest.mark.parametrize("environment", ENVIRONMENTS[:2])
+def test_the_live_nodes_are_the_blocks_to_the_bit(runner, peer, wait_for, environment):
+    loop = Loop(runner, peer, wait_for, environment)
+    loop.match()
+    silent = 0
+    for odometry, command, estimate, observation, action in drive(*environment, carry=travel):
+        silent += 1
+        if odometry is None:
+            continue
+        heard = loop.commands_heard
+        loop.tick(odometry, silent)
+        silent = 0
+        wait_for(lambda heard=heard: loop.commands and loop.commands_heard > heard)
+        assert conversion(KalmanFilter.outputs["estimate"].type).read(loop.estimates[-1]) == travel(estimate)
+        np.testing.assert_array_equal(loop.controller.block.observation, observation)
+        np.testing.assert_array_equal(loop.controller.block.action, action)
+        twist = loop.commands[-1].twist
+        assert (twist.linear.x, twist.angular.z) == command
+
+
+def test_estimates_that_come_more_slowly_than_the_policy_are_an_error_in_words(runner, peer, wait_for):
+    loop = Loop(runner, peer, wait_for, ENVIRONMENTS[0], period=0.05)
+    for _ in range(30):
+        loop.tick(State(0.0, 0.0, 0.0, 0.0, 0.0))
+        time.sleep(0.02)
+    wait_for(lambda: loop.controller.safety.state.endswith("estimate comes every 0.100 s, but a step is due every 0.05 s"))
+
+
+WITHOUT = """
+import sys
+for name in ("rclpy", "geometry_msgs", "nav_msgs", "gymnasium", "numba", "torch", "stable_baselines3", "filterpy", "matplotlib"):
+    sys.modules[name] = None  # its import fails
+from turtlebot_gym_ros.blocks import *
+from turtlebot_gym.parameters import Pose
+plant = TurtlebotSimulator(TurtlebotSimulator.Params(seed=11))
+estimator = KalmanFilter(KalmanFilter.Params())
+controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))
+generator = WaypointGenerator(WaypointGenerator.Params())
+command = None
+for k in range(20):
+    odometry = plant.step(0.1, command)["odometry"]
+    estimate = estimator.step(0.1 * (k > 0), odometry, command)["estimate"]
+    out = generator.step(0.1, estimate, None)
+    command = controller.step(0.1, estimate, Pose(1.5, -1.0, 2.0), None)["command"]
+    print(*(number.hex() for number in (*estimate.belief.mean, *command)))
+"""
+
+
+def test_the_blocks_run_to_the_bit_where_a_robot_has_nothing_but_numpy():
+    done = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    here = [(*estimate.belief.mean, *command) for _, command, estimate, _, _ in drive(*ENVIRONMENTS[0])[:20]]
+    there = [tuple(map(float.fromhex, line.split())) for line in done.stdout.splitlines()]
+    assert there == here

@@ -1,0 +1,248 @@
+"""The logger: what it keeps when it is killed, and that its bag holds whatever an independent subscriber saw."""
+
+import csv
+import math
+import shutil
+import signal
+import sys
+import time
+from importlib import import_module
+
+import pytest
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import Goals, Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
+from std_msgs.msg import String
+from turtlebot_gym_ros.logger import Bag, rebuild
+from turtlebot_gym_ros.runner import Runner
+
+DEEP = QoSProfile(depth=1000)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def read(folder):
+    """Return what a bag holds: messages by topic, in order."""
+    held = {}
+    with AnyReader([folder]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)  # the definition is in the bag, and fits
+            package, _, name = connection.msgtype.split("/")
+            message = deserialize_message(data, getattr(import_module(f"{package}.msg"), name))
+            held.setdefault(connection.topic, []).append(message)
+    return held
+
+
+def text(number, size=0):
+    return String(data=f"{number}" + "x" * size)
+
+
+# Without ROS processes: what a kill leaves.
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("size", [0, 100_000])
+def test_an_unfinished_transaction_is_taken_back(tmp_path, storage, size):
+    # 100 messages of 100 kB do not fit into sqlite's cache: pages of the unfinished transaction are in the file already.
+    bag = Bag(tmp_path / "run")
+    connection = bag.add("/text", "std_msgs/msg/String", latched=True)
+    committed = [text(k) for k in range(100)]
+    for k, data in enumerate(committed):
+        bag.write(connection, k, serialize_message(data))
+    bag.commit()
+    for k in range(100):
+        bag.write(connection, 1000 + k, serialize_message(text(k, size)))
+    shutil.copytree(tmp_path / "run", tmp_path / "killed")  # as a kill would leave it
+    rebuild(tmp_path / "killed" / "run.db3", tmp_path / "whole", storage)
+    assert read(tmp_path / "whole") == {"/text": committed}
+    with AnyReader([tmp_path / "whole"]) as reader:
+        assert "transient_local" in str(reader.connections[0].ext.offered_qos_profiles).lower()
+    bag.close("sqlite3")
+    assert len(read(tmp_path / "run")["/text"]) == 200
+
+
+def test_a_type_that_rosbags_does_not_know_is_learned(tmp_path, monkeypatch):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    bag = Bag(tmp_path / "run")
+    goals = Goals(goals=[PoseStamped()])
+    bag.write(bag.add("/goals", "nav_msgs/msg/Goals", latched=False), 0, serialize_message(goals))
+    bag.close("mcap")
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.mcap"]
+    assert read(tmp_path / "run") == {"/goals": [goals]}
+
+
+# The node: a process of its own, with talkers and an independent listener in this one, on real DDS.
+
+
+@pytest.fixture
+def start(launch, monkeypatch):
+    """Start a logger as a process, with a change to its module if asked."""
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+
+    def start(*arguments, change=""):
+        program = f"from turtlebot_gym_ros import logger\n{change}\nraise SystemExit(logger.main())"
+        words = [word for argument in arguments for word in ("-p", argument)]
+        return launch("-c", program, "--ros-args", "-p", "output:=run", *words)
+
+    return start
+
+
+@pytest.fixture
+def matched(wait_for):
+    def matched(*publishers, listeners=1):
+        wait_for(lambda: all(each.get_subscription_count() >= listeners for each in publishers))
+
+    return matched
+
+
+@pytest.fixture
+def listener(peer):
+    """A node with a context of its own."""
+    runner = Runner()
+    runner.start()
+    yield type(peer)(runner, "listener")
+    runner.close()
+
+
+def end(process):
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=10.0)
+    assert process.returncode == 0
+    return stderr
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_holds_every_message_that_another_subscriber_saw(start, peer, listener, matched, wait_for, tmp_path, storage):
+    process = start(f"storage:={storage}")
+    odom, goals = peer.speak("odom", Odometry), peer.speak("goals", Goals)
+    note = peer.speak("note", String, LATCHED)
+    note.publish(String(data="said before anybody listened"))
+    heard = {
+        "/odom": listener.hear("odom", Odometry, DEEP),
+        "/goals": listener.hear("goals", Goals, BEST_EFFORT),
+        "/note": listener.hear("note", String, LATCHED),
+    }
+    matched(odom, goals, note, listeners=2)
+    for k in range(300):
+        message = Odometry()
+        message.header.stamp.sec = k
+        odom.publish(message)
+        goals.publish(Goals(header=message.header))
+        wait_for(lambda k=k: len(heard["/odom"]) > k)
+    wait_for(lambda: heard["/goals"] and heard["/note"])
+    end(process)
+    held = read(tmp_path / "run")
+    assert len(heard["/odom"]) == 300
+    for topic, messages in heard.items():
+        assert held[topic] == messages, topic
+    assert "/rosout" in held  # nobody asked for it
+
+
+def publish_and_kill(process, peer, matched, wait_for):
+    """Return what had been published, with its time, when the logger was killed; and when."""
+    speaker = peer.speak("text", String, DEEP)
+    matched(speaker)
+    sent = []
+
+    def speak():
+        sent.append((time.monotonic(), text(len(sent))))
+        speaker.publish(sent[-1][1])
+
+    peer.node.create_timer(0.02, speak)
+    wait_for(lambda: len(sent) > 170)
+    killed = time.monotonic()
+    process.kill()
+    process.wait()
+    return sent, killed
+
+
+def test_a_kill_loses_at_most_the_last_second(start, peer, matched, wait_for, tmp_path):
+    sent, killed = publish_and_kill(start(), peer, matched, wait_for)
+    rebuild(tmp_path / "run" / "run.db3", tmp_path / "whole")
+    held = read(tmp_path / "whole")["/text"]
+    assert held == [message for _, message in sent[: len(held)]]
+    # The commit comes each second, 0.5 s late on a very busy machine.
+    assert len(held) >= sum(moment < killed - 1.5 for moment, _ in sent) > 50
+    with (tmp_path / "run" / "snapshots.csv").open() as file:
+        assert len(list(csv.reader(file))) > 10
+
+
+def test_a_kill_without_commits_is_noticed(start, peer, matched, wait_for, tmp_path):
+    publish_and_kill(start(change="logger.Bag.commit = lambda self: None"), peer, matched, wait_for)
+    rebuild(tmp_path / "run" / "run.db3", tmp_path / "whole")
+    with AnyReader([tmp_path / "whole"]) as reader:
+        assert reader.message_count == 0
+
+
+def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener, matched, tmp_path):
+    process = start()
+    first = peer.speak("text", String, DEEP)
+    matched(first)
+    first.publish(text(0))
+    assert first.wait_for_all_acked()
+    second = listener.speak("text", String, BEST_EFFORT)
+    matched(second, first)
+    second.publish(text(1))
+    first.publish(text(2))
+    end(process)
+    held = read(tmp_path / "run")["/text"]
+    assert sorted(message.data for message in held) == ["0", "1", "2"]
+
+
+def test_of_two_types_on_a_topic_the_configured_one_is_kept(start, peer, listener, matched, wait_for, tmp_path):
+    unstamped = listener.speak("cmd_vel", Twist)
+    stamped = peer.speak("cmd_vel", TwistStamped)
+    wait_for(lambda: len(peer.node.get_publishers_info_by_topic("/cmd_vel")) == 2)
+    process = start()
+    matched(stamped)
+    stamped.publish(TwistStamped())
+    assert unstamped.get_subscription_count() == 0
+    assert "/cmd_vel has several types" in end(process)
+    assert read(tmp_path / "run")["/cmd_vel"] == [TwistStamped()]
+
+
+def test_snapshots(start, peer, matched, wait_for, tmp_path):
+    process = start()
+    odom = peer.speak("odom", Odometry)
+    command = peer.speak("cmd_vel", Twist)  # the type is taken from the graph
+    matched(odom, command)
+    message, speed = Odometry(), Twist()
+    message.pose.pose.position.x, message.pose.pose.orientation.z, message.pose.pose.orientation.w = 1.5, 0.6, 0.8
+    message.twist.twist.linear.x, speed.angular.z = 0.1, -0.3
+    timer = peer.node.create_timer(0.05, lambda: (odom.publish(message), command.publish(speed)))
+
+    def row(**values):
+        """Return the last row if it has these values."""
+        with (tmp_path / "run" / "snapshots.csv").open() as lines:
+            rows = [row for row in csv.DictReader(lines) if row["cmd_vel_omega"] is not None]  # the last may be cut
+        return rows[-1] if rows and all(rows[-1][name] == value for name, value in values.items()) else None
+
+    before = wait_for(lambda: row(odom_x="1.5", odom_v="0.1", cmd_vel_omega="-0.3", estimate_x="", reference_theta=""))
+    assert float(before["odom_theta"]) == pytest.approx(2 * math.atan2(0.6, 0.8))
+    message.pose.pose.position.x = math.nan  # kept in the bag; in a table it is no number
+    wait_for(lambda: row(odom_x="", odom_v="", cmd_vel_omega="-0.3"))
+    timer.cancel()
+    after = wait_for(lambda: row(cmd_vel_omega=""))  # old, so not repeated
+    assert float(after["time"]) > float(before["time"])
+    end(process)
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ("storage:=bag", "parameter 'storage' must be sqlite3 or mcap, got 'bag'"),
+        ("snapshot_period:=-1", "parameter 'snapshot_period' must be in [0, 3600] s, got -1.0"),
+        ("outpt:=x", "unknown parameter 'outpt'"),
+        ("output:=.", "parameter 'output' must name a new folder, but '.' exists"),
+    ],
+)
+def test_wrong_parameters_are_refused_before_anything_is_written(start, tmp_path, argument, message):
+    process = start(argument)
+    _, stderr = process.communicate(timeout=30.0)
+    assert process.returncode == 2
+    assert stderr.count("\n") == 1
+    assert stderr.startswith(f"error: {message}")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,192 @@
+"""The ROS package around the modules: its files agree with the code, colcon builds it, and the wheel holds it."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+from rclpy.node import Node
+from turtlebot_gym_ros import guard, logger, standalone
+from turtlebot_gym_ros.__main__ import NODES
+from turtlebot_gym_ros.graph import BLOCKS
+from turtlebot_gym_ros.shell import Shell
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
+SOURCES = PACKAGE / "turtlebot_gym_ros"
+CONFIGS = sorted((PACKAGE / "config").glob("*.yaml"))
+LAUNCHES = sorted((PACKAGE / "launch").glob("*.launch.xml"))
+ROS_OWN = {"use_sim_time", "start_type_description_service"}
+
+
+def configured(path):
+    return yaml.safe_load(path.read_text())
+
+
+def declared(name, context, config):
+    """Return the parameters that a node declares when it reads a file; it refuses what it does not know."""
+    arguments = ["--ros-args", "--params-file", str(config)]
+    if name in BLOCKS:
+        block = BLOCKS[name]
+        shell = Shell(block, block.Params, name=name, context=context, arguments=arguments[1:])
+        names = {*shell.node.list_parameters([], 0).names}
+        shell.close()
+    else:
+        params = {"cmd_vel_guard": guard.Parameters, "data_logger": logger.Parameters}[name]
+        node = Node(name, context=context, cli_args=arguments, automatically_declare_parameters_from_overrides=True)
+        standalone.declare(node, params)
+        names = {*node.list_parameters([], 0).names}
+        node.destroy_node()
+    return {each for each in names if not each.startswith("qos_overrides.")} - ROS_OWN
+
+
+@pytest.mark.parametrize(
+    ("config", "name"),
+    [(path, name) for path in CONFIGS for name in configured(path)],
+    ids=lambda each: getattr(each, "stem", each),
+)
+def test_config_has_every_parameter(runner, config, name):
+    assert {*configured(config)[name]["ros__parameters"]} == declared(name, runner.context, config)
+
+
+def test_config_names_all_nodes_of_the_graph():
+    assert {name for path in CONFIGS for name in configured(path)} == {*NODES} - {"bringup", "status"}
+
+
+def test_on_a_robot_nothing_moves_before_it_is_enabled():
+    config = configured(PACKAGE / "config" / "robot.yaml")
+    assert config["velocity_controller"]["ros__parameters"]["start_enabled"] is False
+
+
+@pytest.fixture(params=LAUNCHES, ids=lambda path: path.stem)
+def launch_file(request):
+    return ElementTree.parse(request.param).getroot()
+
+
+def config_of(launch_file):
+    (path,) = (each.get("value") for each in launch_file.iter("let") if each.get("name") == "config")
+    return configured(PACKAGE / path.removeprefix("$(find-pkg-share turtlebot_gym_ros)/"))
+
+
+def test_launch_starts_nodes_that_exist_with_parameters_that_exist(launch_file):
+    config = config_of(launch_file)
+    for node in launch_file.iter("node"):
+        assert node.get("pkg") == "turtlebot_gym_ros"
+        assert node.get("exec") == node.get("name")
+        assert node.get("exec") in NODES
+        params = node.findall("param")
+        assert params[0].get("from") == "$(var config)"  # first, so that the others count
+        given = {param.get("name") for param in params[1:]}
+        assert given <= {*config[node.get("name")]["ros__parameters"], "use_sim_time"}
+
+
+def test_launch_arguments_are_used_and_default_to_the_configuration(launch_file):
+    text = ElementTree.tostring(launch_file, encoding="unicode")
+    variables = {each.get("name") for each in (*launch_file.iter("arg"), *launch_file.iter("let"))}
+    assert {*re.findall(r"\$\(var (\w+)\)", text)} == variables
+    defaults = {arg.get("name"): arg.get("default") for arg in launch_file.iter("arg")}
+    config = config_of(launch_file)
+    for node in launch_file.iter("node"):
+        for param in node.findall("param")[1:]:
+            name = param.get("name")
+            if name in defaults and name != "start_enabled":
+                assert yaml.safe_load(defaults[name]) == config[node.get("name")]["ros__parameters"][name], name
+
+
+def test_launch_remaps_topics_that_exist(launch_file):
+    for node in launch_file.iter("node"):
+        for remap in node.findall("remap"):
+            block = BLOCKS[node.get("name")]
+            assert remap.get("from") in {each.topic for each in (*block.inputs.values(), *block.outputs.values())}
+
+
+def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
+    launch_file = ElementTree.parse(PACKAGE / "launch" / "robot.launch.xml").getroot()
+    speakers = {}
+    for node in launch_file.iter("node"):
+        remaps = {remap.get("from"): remap.get("to") for remap in node.findall("remap")}
+        for output in getattr(BLOCKS.get(node.get("name")), "outputs", {}).values():
+            speakers.setdefault(remaps.get(output.topic, output.topic), []).append(node.get("name"))
+    assert "cmd_vel" not in speakers
+    assert speakers["cmd_vel_in"] == ["velocity_controller"]
+    (wheels,) = (node for node in launch_file.iter("node") if node.get("name") == "cmd_vel_guard")
+    assert wheels.get("respawn") == "true"
+    assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
+
+
+def test_setup_knows_all_nodes_and_the_version():
+    setup = (PACKAGE / "setup.py").read_text()
+    (nodes,) = (
+        ast.literal_eval(each.value)
+        for each in ast.parse(setup).body
+        if isinstance(each, ast.Assign) and each.targets[0].id == "NODES"  # type: ignore[attr-defined]
+    )
+    assert nodes == [*NODES]
+    (version,) = re.findall(r'^version = "(.*)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+    assert f'version="{version}"' in setup
+    assert ElementTree.parse(PACKAGE / "package.xml").getroot().findtext("version") == version
+
+
+def test_package_depends_on_the_ros_packages_that_it_imports():
+    imported = {
+        name.split(".")[0]
+        for path in SOURCES.rglob("*.py")
+        for each in ast.walk(ast.parse(path.read_text()))
+        for name in ([each.module] if isinstance(each, ast.ImportFrom) else [a.name for a in getattr(each, "names", [])])
+        if isinstance(each, (ast.Import, ast.ImportFrom)) and name
+    }
+    ros = {name for name in imported if name.startswith(("rcl", "ament_")) or name.endswith(("_msgs", "_srvs", "_interfaces"))}
+    root = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    depends = {each.text for each in root.iter("exec_depend")}
+    assert ros == depends - {"python3-numpy", "python3-yaml", "ros2launch"}
+
+
+def files_of(folder):
+    return {path for path in folder.rglob("*") if "__pycache__" not in path.parts}
+
+
+def test_colcon_builds_the_package(tmp_path):
+    search = f"{Path(sys.executable).parent}:{Path(sys.prefix) / 'bin'}"
+    colcon = shutil.which("colcon", path=search) or shutil.which("colcon")
+    if colcon is None:
+        pytest.skip("COLCON IS MISSING, so the ROS package is not built: pip install colcon-ros")
+    before = files_of(PACKAGE)
+    done = subprocess.run(
+        [colcon, "--log-base", "log", "build", "--base-paths", str(PACKAGE)], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert files_of(PACKAGE) == before
+    prefix = tmp_path / "install" / "turtlebot_gym_ros"
+    share = prefix / "share" / "turtlebot_gym_ros"
+    for path in (*CONFIGS, *LAUNCHES, PACKAGE / "package.xml"):
+        assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
+    assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {*NODES}
+    (library,) = prefix.glob("lib/python*/site-packages")
+    installed = files_of(library / "turtlebot_gym_ros")
+    assert {path.relative_to(library) for path in installed} == {path.relative_to(PACKAGE) for path in files_of(SOURCES)}
+    # An installed program runs its node, from the installed modules.
+    program = (
+        f"import runpy, sys; sys.path.insert(0, {str(library)!r}); sys.argv[:] = sys.argv[1:]\n"
+        f"import turtlebot_gym_ros; assert turtlebot_gym_ros.__file__.startswith({str(library)!r})\n"
+        "runpy.run_path(sys.argv[0], run_name='__main__')"
+    )
+    executable = prefix / "lib" / "turtlebot_gym_ros" / "cmd_vel_guard"
+    arguments = [sys.executable, "-c", program, str(executable), "--ros-args", "-p", "max_age:=9.0"]
+    ran = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 2
+    assert ran.stderr == "error: parameter 'max_age' must be in (0, 0.5] s, got 9.0\n"
+
+
+def test_the_wheel_holds_the_package(tmp_path):
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("turtlebot_gym_ros/")}
+    sources = {str(path.relative_to(PACKAGE)) for path in files_of(SOURCES) if path.is_file()}
+    assert held == sources

@@ -1,0 +1,194 @@
+"""The shell around small blocks: what it owns for all nodes, on real DDS."""
+
+import importlib.util
+import time
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from std_msgs.msg import Empty, String
+from std_srvs.srv import Trigger
+from turtlebot_gym_ros import Every, Input, Output, Shell
+from turtlebot_gym_ros.convert import quaternion_of
+from turtlebot_gym_ros.qos import LATCHED
+from turtlebot_gym_ros.runner import Runner
+
+from turtlebot_gym.models.unicycle import advance
+from turtlebot_gym.parameters import STOP, Command, Pose, State
+
+EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
+
+
+@pytest.fixture(scope="module")
+def example():
+    spec = importlib.util.spec_from_file_location("face_east", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# A block of one's own.
+
+
+def test_a_block_is_tried_in_a_loop_without_ros(example):
+    block = example.FaceEast(example.Params(gain=2.0))
+    pose, v, omega = Pose(0.0, 0.0, 2.0), 0.0, 0.0
+    for _ in range(50):
+        pose = advance(pose, v, omega, 0.1, 0.0)
+        v, omega = block.step(0.1, odometry=State(*pose, v, omega))["command"]
+    assert abs(pose.theta) < 0.01
+
+
+def test_the_same_block_is_a_node(example, runner, peer, wait_for):
+    odometry, commands = peer.speak("odom", Odometry), peer.hear("cmd_vel", TwistStamped)
+    overrides = {"gain": 2, "start_enabled": True}  # an integer will do for a float
+    runner.add(Shell(example.FaceEast, example.Params, context=runner.context, overrides=overrides))
+    message, stamp = Odometry(), 0
+    message.header.frame_id = "odom"
+    message.pose.pose.orientation = quaternion_of(0.5)
+
+    def answered():
+        nonlocal stamp
+        stamp += 100_000_000
+        message.header.stamp = Time(nanoseconds=stamp).to_msg()
+        odometry.publish(message)
+        time.sleep(0.01)
+        return commands
+
+    assert wait_for(answered)[0].twist.angular.z == pytest.approx(-1.0, abs=1e-12)
+    assert commands[0].header.frame_id == "base_footprint"
+    assert "face_east" in peer.node.get_node_names()
+
+
+def test_the_example_stays_short():
+    body = EXAMPLE.read_text().partition("class FaceEast:")[2].partition("\n\n\nif")[0]
+    code = [line for line in body.splitlines() if line.strip() and '"""' not in line]
+    assert len(code) <= 12
+
+
+# States.
+
+
+def test_a_block_that_is_done_leaves_the_robot_to_others_and_goes_on_by_itself(bench):
+    bench.drive()
+    bench.block.act = dict
+    bench.send()
+    bench.wait_for(lambda: bench.state == "stopping: done")
+    bench.wait_for(lambda: bench.advance(0.02) and bench.state == "silent: done")
+    assert bench.speeds[-1] == 0.0
+    bench.block.go_on()
+    bench.drive()
+
+
+def test_who_comes_late_is_told_the_state(bench):
+    bench.drive()
+    late = bench.peer.hear("mover/state", String, LATCHED)
+    assert bench.wait_for(lambda: late)[0].data == "active"
+
+
+def test_enabling_resets_the_block(make_bench):
+    bench = make_bench(enabled=False)
+    assert bench.state == "silent: not enabled"
+    answer = bench.enable()
+    assert answer.success
+    assert "without obstacle avoidance" in answer.message
+    assert bench.block.resets == 1
+    assert bench.enable().success  # again: it stays enabled
+    assert bench.block.resets == 1
+    bench.drive()
+
+
+def test_start_enabled_and_all_other_parameters_are_read_only(bench):
+    for name, value in (("start_enabled", False), ("frame", "map")):
+        (result,) = bench.shell.node.set_parameters([Parameter(name, value=value)])
+        assert not result.successful
+
+
+def test_it_goes_on_by_itself_when_the_inputs_come_again(bench):
+    bench.drive()
+    bench.now.at += 0.6
+    bench.wait_for(lambda: bench.state == "stopping: /odom is older than 0.5 s")
+    bench.drive()
+
+
+# Inputs and triggers.
+
+
+def test_intervals_are_exact_and_gaps_reset(bench):
+    bench.drive()
+    resets, count = bench.block.resets, bench.steps
+    for dt in (0.1, 0.3, 0.05, 1.5, 0.1):
+        bench.send(dt=dt)
+    bench.wait_for(lambda: bench.steps == count + 5)
+    assert bench.block.intervals[count:] == [0.1, 0.3, 0.05, 0.0, 0.1]
+    assert bench.block.resets == resets + 1
+
+
+def test_an_optional_input_is_none_and_one_that_is_given_once_is_gone(runner, peer, wait_for, bench_parameters):
+    seen = []
+
+    class Listener:
+        inputs = {
+            "command": Input(topic="cmd_vel", type=Command, required=False, max_age=None),
+            "goal": Input(topic="extra", type=Command, required=False, max_age=None, once=True),
+        }
+        outputs = {}
+        trigger = Every(0.01)
+
+        def __init__(self, params):
+            pass
+
+        def reset(self):
+            seen.clear()
+
+        def step(self, dt, command, goal):
+            seen.append((command, goal))
+            return {}
+
+    runner.add(Shell(Listener, bench_parameters, context=runner.context))
+    wait_for(lambda: (None, None) in seen)
+    held, once = peer.speak("cmd_vel", TwistStamped), peer.speak("extra", TwistStamped)
+    wait_for(lambda: held.get_subscription_count() and once.get_subscription_count())
+    held.publish(TwistStamped())
+    wait_for(lambda: seen[-1] == (STOP, None))
+    once.publish(TwistStamped())
+    wait_for(lambda: (STOP, STOP) in seen and seen[-1] == (STOP, None))
+    assert seen.count((STOP, STOP)) == 1
+    assert peer.ask("listener/reset", Trigger, Trigger.Request()).success
+    wait_for(lambda: seen and seen[0] == (None, None))
+
+
+def test_a_reset_of_the_plant_reaches_everybody(bench):
+    reset = bench.peer.speak("reset", Empty)
+    bench.wait_for(reset.get_subscription_count)
+    bench.drive()
+    resets = bench.block.resets
+    reset.publish(Empty())
+    bench.wait_for(lambda: bench.block.resets > resets)
+    bench.wait_for(lambda: bench.state == "stopping: the plant was reset")
+    bench.drive()
+
+
+def test_a_value_that_no_message_is_known_for_is_refused(runner, bench_parameters):
+    class Odd:
+        inputs = {"number": Input(topic="number", type=int)}
+
+    with pytest.raises(ValueError, match="int: call register"):
+        Shell(lambda params: Odd(), bench_parameters, name="odd", context=runner.context)
+
+
+def test_twist_is_spoken_where_asked_for(make_bench):
+    class Elsewhere(make_bench.func.Mover):
+        outputs = {"command": Output(topic="cmd_vel_in", type=Command, stop=STOP)}
+
+    bench = make_bench.func.__new__(make_bench.func)
+    runner, bench.peer = make_bench.args
+    bench.stamp, bench.patience = 0.0, 30.0
+    bench.odometry, twists = bench.peer.speak("odom", Odometry), bench.peer.hear("cmd_vel_in", Twist)
+    overrides = {"start_enabled": True, "enable_stamped_cmd_vel": False}
+    runner.add(Shell(Elsewhere, make_bench.keywords.get("params", NoParameters), context=runner.context, overrides=overrides))

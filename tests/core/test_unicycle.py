@@ -1,0 +1,141 @@
+"""The robot: its limits, how it executes commands and how it moves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from turtlebot_gym.models.unicycle import INTEGRATORS, advance, execute, execution_variances, limit, slips
+from turtlebot_gym.parameters import Command, Pose, ProcessNoise
+from turtlebot_gym.robots import ROBOTS
+
+EULER, MIDPOINT = INTEGRATORS["euler"], INTEGRATORS["midpoint"]
+COMMANDS = [Command(*row) for row in np.random.default_rng(0).uniform(-4.0, 4.0, (500, 2)).tolist()]
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+def test_limit_holds_every_limit_and_the_curvature(robot):
+    for command in COMMANDS:
+        limited = limit(command, robot)
+        v, omega = abs(limited.v), abs(limited.omega)
+        assert v <= robot.max_linear * (1.0 + 1e-15)
+        assert omega <= robot.max_angular * (1.0 + 1e-15)
+        assert v + omega * robot.wheel_separation / 2.0 <= robot.max_wheel * (1.0 + 1e-15)
+        # On the same path, in the same direction, and no slower than it must be.
+        assert limited.v * command.omega == pytest.approx(limited.omega * command.v, abs=1e-15)
+        assert limited.v * command.v >= 0.0
+        again = limit(limited, robot)
+        assert again == pytest.approx(limited, rel=1e-15)
+        at_a_limit = [
+            v / robot.max_linear,
+            omega / robot.max_angular,
+            (v + omega * robot.wheel_separation / 2) / robot.max_wheel,
+        ]
+        assert limited == command or max(at_a_limit) == pytest.approx(1.0)
+
+
+def test_limit_leaves_what_is_allowed_alone():
+    burger = ROBOTS["burger"]
+    for command in (Command(0.0, 0.0), Command(0.1, -0.5), Command(-0.2, 0.0), Command(0.0, 2.6)):
+        assert limit(command, burger) == command
+
+
+def test_limit_counts_the_faster_wheel():
+    burger = ROBOTS["burger"]
+    full = limit(Command(burger.max_linear, burger.max_angular), burger)
+    assert full.v + full.omega * burger.wheel_separation / 2.0 == pytest.approx(burger.max_wheel)
+    assert full.v < 0.6 * burger.max_linear
+    free = replace(burger, max_wheel=math.inf)
+    assert limit(Command(free.max_linear, free.max_angular), free) == (free.max_linear, free.max_angular)
+
+
+def drive(v, omega, seconds, dt, middle):
+    pose = Pose(0.0, 0.0, 0.3)
+    for _ in range(round(seconds / dt)):
+        pose = advance(pose, v, omega, dt, middle)
+    return np.array(pose)
+
+
+def arc(v, omega, seconds):
+    """The exact pose on a circle."""
+    heading = 0.3 + omega * seconds
+    radius = v / omega
+    return np.array([radius * (math.sin(heading) - math.sin(0.3)), radius * (math.cos(0.3) - math.cos(heading)), heading])
+
+
+def test_integrators_converge_to_the_arc_with_their_orders():
+    exact = arc(0.2, 0.7, 2.0)
+    for middle, order in ((EULER, 1), (MIDPOINT, 2)):
+        errors = [np.abs(drive(0.2, 0.7, 2.0, dt, middle) - exact)[:2].max() for dt in (0.1, 0.05, 0.025)]
+        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
+        assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.1)
+    assert np.abs(drive(0.2, 0.7, 2.0, 0.1, MIDPOINT) - exact).max() < 1e-3
+
+
+def test_integrators_agree_on_straight_lines_and_turns_on_the_spot():
+    for v, omega in ((0.2, 0.0), (0.0, 1.5), (-0.1, 0.0)):
+        assert advance(Pose(1.0, 2.0, 0.5), v, omega, 0.1, EULER) == advance(Pose(1.0, 2.0, 0.5), v, omega, 0.1, MIDPOINT)
+    assert advance(Pose(1.0, 2.0, 3.1), 0.2, 1.0, 0.1, EULER) == pytest.approx(
+        (1.0 + 0.02 * math.cos(3.1), 2.0 + 0.02 * math.sin(3.1), 3.2 - 2.0 * math.pi)
+    )
+
+
+ALPHAS = ProcessNoise(alpha1=0.02, alpha2=0.003, alpha3=0.4, alpha4=0.05)
+
+
+def test_execution_noise_is_that_of_the_velocity_motion_model():
+    var_v, var_omega = execution_variances(Command(0.2, -1.5), ALPHAS, 0.1)
+    assert var_v == pytest.approx(0.02 * 0.04 + 0.003 * 2.25)
+    assert var_omega == pytest.approx(0.4 * 0.04 + 0.05 * 2.25)
+    executed = execute(Command(0.2, -1.5), ALPHAS, False, (2.0, -1.0), 0.1)
+    assert executed == pytest.approx((0.2 + 2.0 * math.sqrt(var_v), -1.5 - math.sqrt(var_omega)))
+    assert execute(Command(0.0, 0.0), ALPHAS, False, (3.0, 3.0), 0.1) == (0.0, 0.0)
+
+
+def test_slip_takes_its_share_of_the_motion():
+    slippery = replace(ALPHAS, slip=0.4)
+    firm, slipping = (execute(Command(0.2, 1.0), slippery, state, (0.5, 0.5), 0.1) for state in (False, True))
+    assert slipping == pytest.approx((0.6 * firm.v, 0.6 * firm.omega))
+
+
+def spread(dt, runs=1500, metres=2.0):
+    """Return the variance of the distance covered after some metres of noisy driving, in steps of dt."""
+    rng = np.random.default_rng(int(1000 * dt))
+    command, steps = Command(0.2, 0.0), round(metres / 0.2 / dt)
+    draws = rng.normal(size=(runs, steps)).tolist()
+    distances = [sum(execute(command, ALPHAS, False, (draw, 0.0), dt).v for draw in run) * dt for run in draws]
+    return np.var(distances)
+
+
+def test_drift_per_metre_does_not_depend_on_the_control_rate():
+    # The variance over n runs is chi2(n) / n of the true one, which is alpha1 v^2 per 0.1 s, times (0.1 s)^2: two tests of 10^-4.
+    expected = 0.02 * 0.04 * 0.1**2 * 100
+    low, high = np.divide(stats.chi2.interval(1.0 - 1e-4, df=1500), 1500)
+    for dt in (0.05, 0.2):
+        assert low < spread(dt) / expected < high
+    assert not low < 2.0 < high  # what leaving dt out of the variance would give at 0.2 s
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+def test_bursts_of_slip_last_as_long_as_stated(dt):
+    """The chain's share of time and its bursts' mean length do not depend on dt."""
+    chain = ProcessNoise(slip=0.5, slip_start=0.02, slip_end=0.1)
+    draws = np.random.default_rng(3).random(200_000).tolist()
+    states, slipping = [], False
+    for draw in draws:
+        slipping = slips(slipping, chain, draw, dt)
+        states.append(slipping)
+    starts = int(np.sum(np.diff(np.array(states, int)) == 1))
+    # Bursts are geometric with mean 0.1 s / slip_end: the mean of n of them is normal with relative deviation below n^-1/2.
+    bound = stats.norm.isf(0.5e-4) / math.sqrt(starts)
+    assert sum(states) * dt / starts == pytest.approx(1.0, rel=bound)
+    share = 0.02 / 0.12
+    assert np.mean(states) == pytest.approx(share, rel=2.0 * bound)
+
+
+def test_no_slip_never_slips():
+    assert not any(slips(False, ProcessNoise(), draw, 0.1) for draw in (1e-12, 0.5, 1.0 - 1e-12))
