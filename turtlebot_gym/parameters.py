@@ -162,6 +162,9 @@ class ProcessNoise:
     """Variance of the turning rate per squared speed, rad^2/m^2."""
     alpha4: float = 0.0
     """Variance of the turning rate per squared turning rate, 1."""
+    scale: float = 1.0
+    """What the robot makes of a commanded speed, as a share of it: a wheel's radius that is off by 2 % is 1.02 or 0.98. The
+    filter never knows it."""
     slip: float = 0.0
     """Share of the motion that is lost during a burst of slip, 0 to 1."""
     slip_start: float = 0.0
@@ -172,6 +175,8 @@ class ProcessNoise:
     def __post_init__(self) -> None:
         require(self, "non-negative", "alpha1", "alpha2", "alpha3", "alpha4")
         require(self, "a probability", "slip", "slip_start", "slip_end")
+        require(self, "positive", "scale")
+        require(self, "finite", "scale")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

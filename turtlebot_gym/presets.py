@@ -72,7 +72,7 @@ def matched(noise: Noise) -> FilterTuning:
     return FilterTuning(
         Q=(0.0, 0.0, 0.0, SPEED_FLOOR**2, TURN_FLOOR**2),
         R=tuple(max(variance, VARIANCE_FLOOR) for variance in R),
-        process=replace(process, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
+        process=replace(process, scale=1.0, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
         odometry_input=odometry.wheel,
     )
 

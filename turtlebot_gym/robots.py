@@ -20,13 +20,19 @@ class Robot:
     """Distance between the wheels' tracks, m."""
     max_wheel: float = math.inf
     """Limit of each wheel's rim speed, ``|v| + |omega| wheel_separation / 2``, m/s; infinite where none is known."""
+    max_linear_acceleration: float = math.inf
+    """Limit of the change of speed, m/s^2; infinite where the base follows at once."""
+    max_angular_acceleration: float = math.inf
+    """Limit of the change of turning rate, rad/s^2."""
+    reverse: bool = True
+    """Whether it may drive backwards."""
     radius: float = 0.09
     """Radius of the footprint, m; for drawing."""
 
     def __post_init__(self) -> None:
-        require(self, "positive", "max_linear", "max_angular", "wheel_separation", "max_wheel", "radius")
-        if not math.isfinite(self.max_linear + self.max_angular + self.wheel_separation + self.radius):
-            raise ValueError(f"Robot: only max_wheel may be infinite, got {self!r}.")
+        finite = ("max_linear", "max_angular", "wheel_separation", "radius")
+        require(self, "positive", *finite, "max_wheel", "max_linear_acceleration", "max_angular_acceleration")
+        require(self, "finite", *finite)
 
 
 ROBOTS = {

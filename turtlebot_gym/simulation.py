@@ -9,7 +9,7 @@ from turtlebot_gym.estimation.ekf import Estimate, initialize, step
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.odometry import measure
-from turtlebot_gym.models.unicycle import INTEGRATORS, advance, execute, limit, slips
+from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, limit, slips
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Command, FilterTuning, Noise, Pose, Reward, State, choose
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
@@ -29,6 +29,10 @@ OBSERVED = {"ekf": 0.0, "odometry": 1.0, "truth": 2.0}
 """What the policy is shown as the robot's pose."""
 
 
+MAX_DELAY = 3
+"""Longest delay of a command, steps."""
+
+
 class Parameters(NamedTuple):
     """All that an environment's transition depends on, besides its state and its key."""
 
@@ -43,6 +47,8 @@ class Parameters(NamedTuple):
     """The integrator, a value of `models.unicycle.INTEGRATORS`."""
     observed: float
     """A value of `OBSERVED`."""
+    delay: float
+    """Steps by which a command comes late, 0 to `MAX_DELAY`."""
 
 
 def make_parameters(
@@ -55,6 +61,7 @@ def make_parameters(
     observation: str = "ekf",
     reward: Reward | None = None,
     dt: float = REFERENCE_PERIOD,
+    delay: int = 0,
 ) -> Parameters:
     """Return the parameters of an environment, checked, from presets' names or values.
 
@@ -67,10 +74,13 @@ def make_parameters(
         observation: What the policy is shown as the robot's pose: "ekf", "odometry" or "truth".
         reward: Weights; None for the default ones.
         dt: Control interval, s.
+        delay: Steps by which a command comes late, 0 to 3.
 
     Raises:
-        ValueError: If a name is unknown or dt is not positive.
+        ValueError: If a name is unknown, dt is not positive, or the delay is out of its range.
     """
+    if delay not in range(MAX_DELAY + 1):
+        raise ValueError(f"delay must be a whole number from 0 to {MAX_DELAY}, got {delay!r}.")
     if not 0.0 < dt < math.inf:
         raise ValueError(f"dt must be positive and finite, got {dt!r}.")
     model = make_noise(noise)
@@ -83,6 +93,7 @@ def make_parameters(
         float(dt),
         choose("integrator", integrator, INTEGRATORS),
         choose("observation", observation, OBSERVED),
+        float(delay),
     )
 
 
@@ -94,7 +105,9 @@ class World(NamedTuple):
     """The last measurement that arrived."""
     estimate: Estimate
     command: Command
-    """The last limited command."""
+    """The command in force, within the robot's limits."""
+    asked: tuple[Command, Command, Command]
+    """The last `MAX_DELAY` commands that the policy asked for, the newest first."""
     reference: Pose
     """The waypoint to reach."""
     following: Pose
@@ -176,7 +189,8 @@ def begin(key: int, p: Parameters) -> World:
     pose = start_pose(key, p)
     z, _ = _measure(key, 0, pose, pose, p)
     truth = State(pose.x, pose.y, pose.theta, 0.0, 0.0)
-    return World(truth, z, initialize(z, p.tuning), Command(0.0, 0.0), pose, pose, pose, False, 0.0, 0.0)
+    rest = Command(0.0, 0.0)
+    return World(truth, z, initialize(z, p.tuning), rest, (rest, rest, rest), pose, pose, pose, False, 0.0, 0.0)
 
 
 @kernel
@@ -196,7 +210,11 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
     dt, noise, task = p.dt, p.noise, p.task
     steps = world.steps + 1.0
     at = int(steps)
-    command = limit(command, p.robot)
+    first, second, third = world.asked
+    late = third if p.delay > 2.5 else (second if p.delay > 1.5 else first)
+    due_command = Command(late.v if p.delay > 0.5 else command.v, late.omega if p.delay > 0.5 else command.omega)
+    asked = (command, first, second)
+    command = accelerate(world.command, limit(due_command, p.robot), p.robot, dt)
 
     # The plant: the pose moves with the twist of the interval before, then the twist follows the command.
     before = world.true_state
@@ -215,7 +233,7 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
 
     # The task.
     reference = world.reference
-    moved = World(truth, z, estimate, command, reference, world.following, wheels, slipping, world.visited, steps)
+    moved = World(truth, z, estimate, command, asked, reference, world.following, wheels, slipping, world.visited, steps)
     there = arrived(truth, reference, task)
     reached = arrived(_believed(moved, p.observed), reference, task) if task.on_belief else there
     by_time = task.switch_period < math.inf
@@ -228,7 +246,7 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
     reward = reward_of(distance_to(before, reference), distance, command, success, p.reward, p.robot, dt)
     truncated = steps >= task.max_steps and not terminated
     outcome = Outcome(reward, distance, success, terminated, truncated, done_with)
-    return World(truth, z, estimate, command, reference, world.following, wheels, slipping, visited, steps), outcome
+    return World(truth, z, estimate, command, asked, reference, world.following, wheels, slipping, visited, steps), outcome
 
 
 @kernel
@@ -246,5 +264,15 @@ def retarget(world: World, waypoints, p: Parameters) -> World:
     reference, following = Pose(now[0], now[1], now[2]), Pose(then[0], then[1], then[2])
     w = world
     return World(
-        w.true_state, w.odometry, w.estimate, w.command, reference, following, w.wheels, w.slipping, w.visited, w.steps
+        w.true_state,
+        w.odometry,
+        w.estimate,
+        w.command,
+        w.asked,
+        reference,
+        following,
+        w.wheels,
+        w.slipping,
+        w.visited,
+        w.steps,
     )

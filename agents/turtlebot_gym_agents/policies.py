@@ -68,7 +68,13 @@ class BearingPolicy:
     """
 
     def __init__(
-        self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, gain: float = 5.0, focus: float = 2.0, slow: float = 0.05
+        self,
+        robot: str | Robot = "burger",
+        dt: float = REFERENCE_PERIOD,
+        *,
+        gain: float = 5.0,
+        focus: float = 2.0,
+        slow: float = 0.05,
     ) -> None:
         _require_positive(dt=dt, gain=gain, slow=slow)
         if not 0.0 <= focus < math.inf:
@@ -80,12 +86,13 @@ class BearingPolicy:
         """Return actions (..., 2) for observations (..., 13)."""
         o, robot, dt = _fields(observations), self._robot, self._dt
         moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
-        left_now, ahead_now = o.distance * o.sin_bearing, o.distance * o.cos_bearing - moved
-        ahead = ahead_now * np.cos(turned) + left_now * np.sin(turned)
-        left = left_now * np.cos(turned) - ahead_now * np.sin(turned)
-        direction = np.where(ahead < 0.0, -1.0, 1.0)
-        turn = np.arctan2(direction * left, direction * ahead)  # in [-pi/2, pi/2]: to the bearing, or away from it
-        speed = np.cos(turn) ** self._focus * np.minimum(np.hypot(ahead, left) / self._slow, 1.0)
+        ahead_now, left_now = o.distance * o.cos_bearing - moved, o.distance * o.sin_bearing
+        sine, cosine = np.sin(turned), np.cos(turned)
+        ahead, left = cosine * ahead_now + sine * left_now, cosine * left_now - sine * ahead_now
+        direction = np.where((ahead < 0.0) & robot.reverse, -1.0, 1.0)
+        turn = np.arctan2(direction * left, direction * ahead)
+        facing = np.maximum(np.cos(turn), 0.0) ** self._focus
+        speed = facing * np.minimum(np.hypot(ahead, left) / self._slow, 1.0)
         return _action(direction * speed, self._gain * turn / robot.max_angular)
 
 

@@ -178,15 +178,13 @@ class Mover:
 class Bench:
     """A shell around a mover, whose steady clock the test sets, and a peer that is its world."""
 
-    Mover = Mover
-
     def __init__(self, runner, peer, *, make=Mover, enabled=True, **overrides):
         self.peer, self.now, self.patience = peer, FakeTime(), PATIENCE
         self.odometry = peer.speak("odom", Odometry)
         self.commands = peer.hear("cmd_vel", TwistStamped)
         self.states = peer.hear("mover/state", String, LATCHED)
         self.reports = peer.hear("/diagnostics", DiagnosticArray)
-        overrides = {"start_enabled": enabled, **overrides}
+        overrides = overrides if enabled is None else {"start_enabled": enabled, **overrides}
         self.shell = Shell(make, NoParameters, name="mover", context=runner.context, overrides=overrides, now=self.now)
         runner.add(self.shell)
         self.block = self.shell.block

@@ -2,6 +2,7 @@
 
 import importlib.util
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,8 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
-from turtlebot_gym_ros import Every, Input, Output, Shell
+from turtlebot_gym_ros import Every, Input, Shell
+from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.convert import quaternion_of
 from turtlebot_gym_ros.qos import LATCHED
 from turtlebot_gym_ros.runner import Runner
@@ -22,6 +24,19 @@ from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.parameters import STOP, Command, Pose, State
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoParameters:
+    pass
+
+
+@pytest.fixture
+def another_runner():
+    runner = Runner()
+    runner.start()
+    yield runner
+    runner.close()
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +144,7 @@ def test_intervals_are_exact_and_gaps_reset(bench):
     assert bench.block.resets == resets + 1
 
 
-def test_an_optional_input_is_none_and_one_that_is_given_once_is_gone(runner, peer, wait_for, bench_parameters):
+def test_an_optional_input_is_none_and_one_that_is_given_once_is_gone(runner, peer, wait_for):
     seen = []
 
     class Listener:
@@ -150,7 +165,7 @@ def test_an_optional_input_is_none_and_one_that_is_given_once_is_gone(runner, pe
             seen.append((command, goal))
             return {}
 
-    runner.add(Shell(Listener, bench_parameters, context=runner.context))
+    runner.add(Shell(Listener, NoParameters, context=runner.context))
     wait_for(lambda: (None, None) in seen)
     held, once = peer.speak("cmd_vel", TwistStamped), peer.speak("extra", TwistStamped)
     wait_for(lambda: held.get_subscription_count() and once.get_subscription_count())
@@ -174,21 +189,72 @@ def test_a_reset_of_the_plant_reaches_everybody(bench):
     bench.drive()
 
 
-def test_a_value_that_no_message_is_known_for_is_refused(runner, bench_parameters):
+def test_a_value_that_no_message_is_known_for_is_refused(runner):
     class Odd:
         inputs = {"number": Input(topic="number", type=int)}
+        outputs = {}
 
     with pytest.raises(ValueError, match="int: call register"):
-        Shell(lambda params: Odd(), bench_parameters, name="odd", context=runner.context)
+        Shell(lambda params: Odd(), NoParameters, name="odd", context=runner.context)
 
 
-def test_twist_is_spoken_where_asked_for(make_bench):
-    class Elsewhere(make_bench.func.Mover):
-        outputs = {"command": Output(topic="cmd_vel_in", type=Command, stop=STOP)}
+# The graph around it.
 
-    bench = make_bench.func.__new__(make_bench.func)
-    runner, bench.peer = make_bench.args
-    bench.stamp, bench.patience = 0.0, 30.0
-    bench.odometry, twists = bench.peer.speak("odom", Odometry), bench.peer.hear("cmd_vel_in", Twist)
+
+def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, another_runner):
+    stranger = Node("stranger", context=another_runner.context)  # a participant holds one type per topic
+    stranger.create_subscription(Twist, "cmd_vel", lambda message: None, 10)
+    status = bench.report("/stranger subscribes to geometry_msgs/msg/Twist,")
+    stranger.destroy_node()
+    assert status.level == DiagnosticStatus.ERROR
+    assert "python -m turtlebot_gym_ros mover --ros-args -p enable_stamped_cmd_vel:=false" in status.message
+
+
+def test_twist_is_spoken_where_asked_for(runner, peer, wait_for, example):
+    odometry, twists = peer.speak("odom", Odometry), peer.hear("cmd_vel", Twist)
+    reports = peer.hear("/diagnostics", DiagnosticArray)
     overrides = {"start_enabled": True, "enable_stamped_cmd_vel": False}
-    runner.add(Shell(Elsewhere, make_bench.keywords.get("params", NoParameters), context=runner.context, overrides=overrides))
+    runner.add(Shell(example.FaceEast, example.Params, context=runner.context, overrides=overrides))
+    message, stamp = Odometry(), 0
+    message.header.frame_id = "odom"
+    message.pose.pose.orientation = quaternion_of(0.5)
+
+    def answered():
+        nonlocal stamp
+        stamp += 100_000_000
+        message.header.stamp = Time(nanoseconds=stamp).to_msg()
+        odometry.publish(message)
+        time.sleep(0.01)
+        return twists
+
+    assert wait_for(answered)[0].angular.z == pytest.approx(-0.5, abs=1e-12)
+    wait_for(lambda: reports and reports[-1].status[0].level == DiagnosticStatus.OK)
+
+
+def test_a_graph_without_fault_is_reported_as_such(bench):
+    bench.drive()
+    bench.reports.clear()
+    status = bench.report("")
+    assert status.level == DiagnosticStatus.OK
+    assert "/odom" in {item.key for item in status.values}
+
+
+def test_a_second_publisher_is_reported(bench):
+    bench.peer.speak("cmd_vel", TwistStamped)
+    assert bench.report("/peer publishes too").level == DiagnosticStatus.ERROR
+
+
+def test_a_command_that_nobody_hears_is_reported(runner, peer, wait_for, example):
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    runner.add(Shell(example.FaceEast, example.Params, context=runner.context))
+    wait_for(lambda: [report for report in reports if "/cmd_vel: nobody listens." in report.status[0].message])
+
+
+def test_a_plant_warns_of_strangers_that_obey_the_same_commands(runner, peer, wait_for):
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context))
+    said = "/cmd_vel: /peer obeys the same commands as this simulation. Is it a real robot?"
+    wait_for(lambda: reports)
+    assert said not in reports[-1].status[0].message
+    peer.hear("cmd_vel", TwistStamped)
+    wait_for(lambda: said in reports[-1].status[0].message)

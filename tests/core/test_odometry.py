@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_increments_carry_a_pose_along_whatever_the_frame():
         return Pose(offset.x + x, offset.y + y, offset.theta + pose.theta)
 
     pose = placed(path[0])
-    for before, after in zip(path, path[1:], strict=False):
+    for before, after in pairwise(path):
         pose = increment(pose, before, after, sincos(pose.theta - before.theta))
         expected = placed(after)
         assert pose[:2] == pytest.approx(expected[:2], abs=1e-12)

@@ -112,7 +112,7 @@ def spread(dt, runs=1500, metres=2.0):
 
 
 def test_drift_per_metre_does_not_depend_on_the_control_rate():
-    # The variance over n runs is chi2(n) / n of the true one, which is alpha1 v^2 per 0.1 s, times (0.1 s)^2: two tests of 10^-4.
+    # The variance over n runs is chi2(n) / n of the true one, alpha1 v^2 (0.1 s)^2 per 0.1 s: two tests of 10^-4.
     expected = 0.02 * 0.04 * 0.1**2 * 100
     low, high = np.divide(stats.chi2.interval(1.0 - 1e-4, df=1500), 1500)
     for dt in (0.05, 0.2):

@@ -90,6 +90,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         laps: How often the waypoints are visited in turn.
         waypoints: Poses to visit instead of the square.
         dt: Control interval, s.
+        delay: Steps by which a command comes late, 0 to 3.
         render_mode: None, "human" or "rgb_array".
 
     Raises:
@@ -117,6 +118,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         laps: int | None = None,
         waypoints: Sequence[Pose] | None = None,
         dt: float = 0.1,
+        delay: int = 0,
         render_mode: str | None = None,
     ) -> None:
         self._batch = make_batch(
@@ -134,6 +136,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             observation=observation,
             reward=reward,
             dt=dt,
+            delay=delay,
         )
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be one of None, 'human', 'rgb_array', got {render_mode!r}.")

@@ -54,6 +54,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         laps: See there.
         waypoints: See there.
         dt: See there.
+        delay: See there.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
@@ -81,6 +82,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         laps: int | None = None,
         waypoints: Sequence[Pose] | None = None,
         dt: float = 0.1,
+        delay: int = 0,
     ) -> None:
         if not (isinstance(num_envs, (int, np.integer)) and num_envs > 0):
             raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}.")
@@ -104,6 +106,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             observation=observation,
             reward=reward,
             dt=dt,
+            delay=delay,
         )
         self.num_envs = int(num_envs)
         self.render_mode = None

@@ -17,11 +17,24 @@ INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
 
 @kernel
 def limit(command: Command, robot: Robot) -> Command:
-    """Scale a command into a robot's limits, per axis and per wheel, and keep the curvature of its path."""
-    v, omega = abs(command.v), abs(command.omega)
+    """Scale a command into a robot's limits, per axis and per wheel, and keep the curvature of its path.
+
+    A robot that must not reverse stands, and turns, where it is asked to.
+    """
+    forward = command.v if robot.reverse else max(command.v, 0.0)
+    v, omega = abs(forward), abs(command.omega)
     wheel = v + omega * robot.wheel_separation * 0.5
     excess = max(max(v / robot.max_linear, omega / robot.max_angular), max(wheel / robot.max_wheel, 1.0))
-    return Command(command.v / excess, command.omega / excess)
+    return Command(forward / excess, command.omega / excess)
+
+
+@kernel
+def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Command:
+    """Return what of a command is reached within an interval, from the command that was in force before it."""
+    dv, domega = robot.max_linear_acceleration * dt, robot.max_angular_acceleration * dt
+    return Command(
+        min(max(command.v, before.v - dv), before.v + dv), min(max(command.omega, before.omega - domega), before.omega + domega)
+    )
 
 
 @kernel

@@ -169,8 +169,6 @@ class Topic(NamedTuple):
     """A topic that is recorded."""
 
     kind: str
-    message: type
-    connection: Connection
     profile: QoSProfile
     subscription: Subscription
 
@@ -184,6 +182,7 @@ class DataLogger(Node):
         folder = Path(p.output or time.strftime("bags/%Y-%m-%dT%H-%M-%S")).absolute()
         self._bag = Bag(folder)
         self._recorded: dict[str, Topic] = {}
+        self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
         self._latest: dict[str, tuple[float, type, bytes]] = {}
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -200,13 +199,25 @@ class DataLogger(Node):
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
-            if topic not in self._recorded:
-                self._record(topic, kinds)
+            known = self._recorded.get(topic)
+            kind = kinds[0] if len(kinds) == 1 else self._choose(topic, known.kind if known else "")
+            if known is None or known.kind != kind:
+                self._record(topic, kind)
 
-    def _record(self, topic: str, kinds: Sequence[str]) -> None:
-        """Subscribe as reliably as all publishers of a topic allow, again where another one has come that allows less."""
-        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
-        if not profiles:
+    def _choose(self, topic: str, known: str) -> str:
+        """Return which type to record of a topic with several: a process can hear only one."""
+        kinds = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)})
+        wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
+        kind = next((each for each in (wanted, known, *kinds) if each in kinds), known)
+        if len(kinds) > 1 and (topic, "") not in self._refused:
+            self._refused.add((topic, ""))
+            self.get_logger().error(f"{topic} is published as {' and '.join(kinds)}: only {kind} is recorded")
+        return kind
+
+    def _record(self, topic: str, kind: str) -> None:
+        """Subscribe as reliably as all publishers of a topic allow; again where another one has come that allows less."""
+        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
+        if not profiles or (topic, kind) in self._refused:
             return
         reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
         latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
@@ -215,34 +226,23 @@ class DataLogger(Node):
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        if (known := self._recorded.get(topic)) is not None:
-            if known.profile == profile:
-                return
-            self.destroy_subscription(known.subscription)
-            kind, message, connection = known.kind, known.message, known.connection
-        else:
-            kind = self._choose(topic, kinds)
-            if (topic, kind) in self._refused:
-                return
-            try:
+        known = self._recorded.get(topic)
+        if known is not None and (known.kind, known.profile) == (kind, profile):
+            return
+        try:
+            if (topic, kind) not in self._opened:
                 package, folder, name = kind.split("/")
                 message = getattr(import_module(f"{package}.{folder}"), name)
-                connection = self._bag.add(topic, kind, latched=latched)
-            except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
-                self._refused.add((topic, kind))
-                self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
-                return
-        subscription = self.create_subscription(message, topic, self._writer_of(topic, message, connection), profile, raw=True)
-        self._recorded[topic] = Topic(kind, message, connection, profile, subscription)
-
-    def _choose(self, topic: str, kinds: Sequence[str]) -> str:
-        """Return the type to record; a process can hold only one on a topic."""
-        wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
-        kind = wanted if wanted in kinds else kinds[0]
-        if len(kinds) > 1 and (topic, "") not in self._refused:
-            self._refused.add((topic, ""))
-            self.get_logger().error(f"{topic} has several types, {', '.join(kinds)}: only {kind} is recorded")
-        return kind
+                self._opened[topic, kind] = message, self._bag.add(topic, kind, latched=latched)
+        except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
+            self._refused.add((topic, kind))
+            self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
+            return
+        if known is not None:
+            self.destroy_subscription(known.subscription)
+        write = self._writer_of(topic, *self._opened[topic, kind])
+        subscription = self.create_subscription(self._opened[topic, kind][0], topic, write, profile, raw=True)
+        self._recorded[topic] = Topic(kind, profile, subscription)
 
     def _writer_of(self, topic: str, message: type, connection: Connection) -> Any:
         def write(data: bytes, info: Any) -> None:
@@ -252,8 +252,8 @@ class DataLogger(Node):
         return write
 
     def _commit(self) -> None:
-        for topic, known in self._recorded.items():
-            self._record(topic, [known.kind])
+        for topic, known in list(self._recorded.items()):
+            self._record(topic, known.kind)
         self._bag.commit()
         if self._csv is not None:
             self._csv.flush()

@@ -14,6 +14,7 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.block import Block
 from turtlebot_gym_ros.discovery import prepare
@@ -109,11 +110,14 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
     Returns:
         The exit code: 0, or 2 where the parameters were refused, with one line on stderr.
     """
+    arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        runner = Runner(sys.argv[1:] if argv is None else argv)
+        runner = Runner(arguments)
     except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
         return refuse(error)
     try:
+        if rest := remove_ros_args(arguments):
+            raise ValueError(f"unknown argument {rest[0]!r}; parameters are given as --ros-args -p NAME:=VALUE.")
         runner.add(Shell(make, params, name=name, context=runner.context))
     except (ValueError, TypeError, OSError, ImportError) as error:
         runner.close()

@@ -1,0 +1,81 @@
+"""What every result file carries, so that it can be made again: the configuration, the seed, the commit and the versions."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import turtlebot_gym
+
+LIBRARIES = ("numpy", "scipy", "gymnasium", "numba", "stable-baselines3", "torch", "onnxruntime")
+"""Their versions are written down where they are installed."""
+
+
+def provenance() -> dict[str, Any]:
+    """Return with what a result was made: this package's version and commit, and the libraries' versions."""
+    return {
+        "version": turtlebot_gym.__version__,
+        "commit": _commit(),
+        "libraries": {"python": platform.python_version(), **dict(filter(all, map(_installed, LIBRARIES)))},
+    }
+
+
+def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:
+    """Write a result with its configuration and its provenance.
+
+    Args:
+        path: The file; its folder is made where it is missing.
+        result: Numbers, arrays and nested containers of them; NaN and infinity are written as null, which is valid JSON.
+        config: What it was made with, the seed among it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(plain({"config": config, **provenance(), **result}), indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """Return a value in JSON's own types; named tuples become objects, and numbers of arrays keep 7 digits."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return plain(value._asdict())
+    if isinstance(value, np.ndarray):
+        exact = value.dtype.kind != "f"
+        return plain([item if exact else float(f"{item:.7g}") for item in value.tolist()] if value.ndim == 1 else list(value))
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (str, int)):
+        return value
+    return str(value)  # paths, and presets that were given as objects
+
+
+def _installed(name: str) -> tuple[str, str | None]:
+    try:
+        return name, version(name)
+    except PackageNotFoundError:
+        return name, None
+
+
+def _commit() -> str | None:
+    """Return the commit that this package's files are checked out from, marked where files differ from it; or None."""
+    git = ["git", "--no-optional-locks", "-C", str(Path(turtlebot_gym.__file__).parent)]
+    options: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 10, "check": True}
+    try:
+        # HEAD:./ fails where the package only lies inside somebody's repository, as in a virtual environment
+        commit = subprocess.run([*git, "rev-parse", "HEAD", "HEAD:./"], **options).stdout.split()[0]
+        changes = subprocess.run([*git, "status", "--porcelain", "--untracked-files=no"], **options).stdout
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return f"{commit}-dirty" if changes else commit

@@ -1,0 +1,182 @@
+"""Nodes as processes: what they refuse, how they end, and that the last thing they say is zero."""
+
+import signal
+import time
+
+import pytest
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from std_msgs.msg import Header, String
+from turtlebot_gym_ros.__main__ import HELP, NODES, main
+from turtlebot_gym_ros.convert import conversion
+from turtlebot_gym_ros.qos import LATCHED
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.parameters import Belief, Covariance, Pose, State
+
+POLICIES = """
+import time
+import numpy as np
+
+def ahead(observation):
+    return np.array([0.5, 0.0], np.float32)
+
+def blocks(observation, calls=[]):
+    calls.append(1)
+    if len(calls) > 3:
+        time.sleep(3600.0)
+    return ahead(observation)
+"""
+NAIVE = """
+import rclpy
+from geometry_msgs.msg import TwistStamped
+rclpy.init()
+node = rclpy.create_node("velocity_controller")
+publisher = node.create_publisher(TwistStamped, "cmd_vel", 10)
+message = TwistStamped()
+message.twist.linear.x = 0.1
+node.create_timer(0.05, lambda: publisher.publish(message))
+try:
+    rclpy.spin(node)
+except BaseException:
+    pass
+finally:
+    try:
+        publisher.publish(TwistStamped())
+    except Exception:
+        pass
+"""
+
+
+def node(name, *parameters):
+    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in parameters for word in ("-p", each))]
+
+
+def test_help_lists_the_nodes_and_what_a_person_must_know(capsys):
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(f"  {name} " in out for name in NODES)
+    assert "no obstacle avoidance" in HELP
+
+
+@pytest.mark.parametrize("name", ["velocity_controller", "turtlebot_simulator", "kalman_filter"])
+def test_a_node_explains_itself(capsys, name):
+    assert main([name, "--help"]) == 0
+    assert "Inputs:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["flight_controller"], "there is no node 'flight_controller'"),
+        (["velocity_controller", "--ros-args", "-p", "policy:=clever"], "clever"),
+        (["velocity_controller", "--ros-args", "-p", "policy:=no_such_module:drive"], "no_such_module"),
+        (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "did you mean policy?"),
+        (["velocity_controller", "--ros-args", "-p", "goal_tolerance:=0.001"], "goal_tolerance must be"),
+        (["velocity_controller", "--ros-args", "-p", "start_enabled:=1"], "start_enabled must be of type bool"),
+        (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be positive"),
+        (["turtlebot_simulator", "--ros-args", "-p", "noise:=silence"], "noise must be one of"),
+        (["waypoint_generator", "--ros-args", "-p", "waypoints:=/nowhere.yaml"], "cannot read '/nowhere.yaml'"),
+        (["waypoint_generator", "--ros-args", "-p", "switch:=never"], "switch must be one of"),
+        (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
+        (["kalman_filter", "filter:=matched"], "filter:=matched"),
+    ],
+)
+def test_what_is_wrong_is_one_clear_line_and_exit_code_2(capsys, argv, said):
+    assert main(argv) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith("error: ")
+    assert said in line
+    assert not captured.out
+
+
+def test_the_exit_code_is_the_process_own(launch, peer):
+    process = launch(*node("waypoint_generator", "waypoint:=square"))
+    assert process.wait(30) == 2
+    assert "did you mean waypoints?" in process.stderr.read()
+    assert not peer.node.count_publishers("reference")
+
+
+class World:
+    """Estimates and a reference for a controller in a process of its own, and ears for what it commands."""
+
+    def __init__(self, peer, wait_for):
+        self.wait_for = wait_for
+        self.estimate, self.reference = peer.speak("estimate", Odometry), peer.speak("reference", PoseStamped)
+        self.commands = peer.hear("cmd_vel", TwistStamped)
+        self.states = peer.hear("velocity_controller/state", String, LATCHED)
+        self.stamp = 0
+
+    def tick(self):
+        self.stamp += 100_000_000
+        header = Header(stamp=Time(nanoseconds=self.stamp).to_msg(), frame_id="odom")
+        estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.01] * 15)), 0.0, 0.0)
+        self.reference.publish(conversion(Pose).write(Pose(2.0, 0.0, 0.0), header))
+        self.estimate.publish(conversion(Estimate).write(estimate, header))
+        time.sleep(0.05)
+
+    def until(self, what):
+        self.wait_for(lambda: self.tick() or what())
+
+    @property
+    def speeds(self):
+        return [message.twist.linear.x for message in self.commands]
+
+
+@pytest.fixture
+def world(peer, wait_for, tmp_path):
+    (tmp_path / "policies.py").write_text(POLICIES)
+    return World(peer, wait_for)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, world, tmp_path, number):
+    process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
+    world.until(lambda: len(world.commands) > 5)
+    process.send_signal(number)
+    assert process.wait(30) == 0
+    world.wait_for(lambda: world.speeds[-1] == 0.0)
+    first = world.speeds.index(0.0)
+    assert min(world.speeds[:first]) > 0.1
+    assert set(world.speeds[first:]) == {0.0}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_with_the_handlers_of_rclpy_would_not_have_said_it(launch, world, number):
+    process = launch("-c", NAIVE)
+    world.wait_for(lambda: len(world.commands) > 5)
+    process.send_signal(number)
+    process.wait(30)
+    time.sleep(0.3)  # long enough for what will not come
+    assert 0.0 not in world.speeds
+
+
+def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp_path):
+    process = launch(*node("velocity_controller", "policy:=policies:blocks", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
+    world.until(lambda: 0.0 in world.speeds)
+    world.wait_for(lambda: world.states[-1].data.startswith("silent: fault: a step takes longer"))
+    assert set(world.speeds[world.speeds.index(0.0) :]) == {0.0}
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(30) == 0
+
+
+def test_a_controller_that_starts_again_waits_to_be_enabled(launch, world, tmp_path):
+    process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
+    world.until(lambda: len(world.commands) > 3)
+    process.kill()
+    process.wait()
+    world.commands.clear()
+    world.states.clear()
+    launch(*node("velocity_controller", "policy:=policies:ahead"), PYTHONPATH=path(tmp_path))
+    world.until(lambda: world.states and world.states[-1].data == "silent: not enabled")
+    for _ in range(10):
+        world.tick()
+    assert not world.commands
+
+
+def path(folder):
+    import os
+
+    return os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))

@@ -1,0 +1,268 @@
+"""What protects a robot from a node that moves it.
+
+A law is a protection. Beside it stands the sabotage that switches the protection off, which the law must notice.
+"""
+
+import math
+import time
+from threading import Event
+
+import pytest
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Bool
+from turtlebot_gym_ros import convert, safety, shell
+from turtlebot_gym_ros.feed import Feed
+from turtlebot_gym_ros.safety import Safety
+from turtlebot_gym_ros.shell import Shell
+from turtlebot_gym_ros.triggers import Messages
+
+from turtlebot_gym.parameters import Command
+
+
+def starts_disabled(make_bench, patience):
+    bench = make_bench(enabled=None)
+    bench.patience = patience
+    bench.wait_for(lambda: bench.send() or bench.advance(0.01) and bench.shell._feeds["odometry"]._received > 5)
+    assert bench.state == "silent: not enabled"
+    assert not bench.commands
+    assert not bench.steps
+
+
+def disabled_it_stops(make_bench, patience):
+    bench = driving(make_bench, patience)
+    bench.enable(False)
+    for _ in range(5):
+        bench.send()
+    bench.stops("not enabled")
+
+
+def old_inputs_stop(make_bench, patience):
+    bench = driving(make_bench, patience)
+    bench.now.at += 0.49
+    time.sleep(0.1)  # some turns of the watch
+    assert bench.state == "active"
+    bench.now.at += 0.02
+    bench.stops("/odom is older than 0.5 s")
+
+
+def failing(act, said):
+    def law(make_bench, patience):
+        bench = driving(make_bench, patience)
+        bench.block.act = act
+        bench.send()
+        bench.wait_for(lambda: bench.state.startswith("stopping: fault"))
+        assert said in bench.state
+        fault = bench.state.removeprefix("stopping: ")
+        bench.block.go_on()
+        for _ in range(5):
+            bench.send()
+        assert said in bench.report("fault" if said == "fault" else said).message
+        bench.stops(fault)
+        assert bench.enable().success
+        bench.drive()
+
+    return law
+
+
+exceptions_stop = failing(lambda: 1 / 0, "ZeroDivisionError")
+nan_stops = failing(lambda: {"command": Command(math.nan, 0.0)}, "must be finite")
+infinity_stops = failing(lambda: {"command": Command(0.1, -math.inf)}, "must be finite")
+nonsense_stops = failing(lambda: None, "AttributeError")
+
+
+def blocked_steps_stop(make_bench, patience):
+    bench = driving(make_bench, patience)
+    release = Event()
+    steps = bench.steps
+
+    def block():
+        release.wait(30.0)
+        return {"command": Command(0.1, 0.0)}
+
+    bench.block.act = block
+    try:
+        bench.send()
+        bench.wait_for(lambda: bench.steps > steps)
+        bench.now.at += 0.45
+        time.sleep(0.1)
+        assert 0.0 not in bench.speeds
+        bench.now.at += 0.1  # the odometry is also older than its limit now
+        bench.wait_for(lambda: 0.0 in bench.speeds)
+    finally:
+        release.set()
+    bench.wait_for(lambda: bench.shell._dropped == 1)
+    assert bench.shell.safety.state.startswith(("stopping", "silent"))
+    assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
+
+
+def blocked_steps_are_faults(make_bench, patience):
+    bench = driving(make_bench, patience)
+    release = Event()
+    steps = bench.steps
+    bench.block.act = lambda: release.wait(30.0) and {"command": Command(0.1, 0.0)}
+    try:
+        bench.send()
+        bench.wait_for(lambda: bench.steps > steps)
+        bench.now.at += 0.6
+        bench.wait_for(lambda: not bench.shell.safety.enabled)
+    finally:
+        release.set()
+
+
+def the_emergency_stop_stops(make_bench, patience):
+    bench = make_bench()
+    emergency = bench.peer.speak("emergency_stop", Bool)
+    bench.wait_for(emergency.get_subscription_count)
+    bench.drive()
+    bench.patience = patience
+    emergency.publish(Bool(data=True))
+    bench.stops("emergency stop")
+    assert not bench.enable().success
+    emergency.publish(Bool(data=False))
+    bench.wait_for(lambda: bench.enable().success)
+    bench.drive()
+
+
+def a_silent_emergency_stop_stops(make_bench, patience):
+    bench = make_bench()
+    emergency = bench.peer.speak("emergency_stop", Bool)
+    bench.wait_for(emergency.get_subscription_count)
+    bench.drive()
+    bench.patience = patience
+    emergency.publish(Bool(data=False))
+    bench.wait_for(lambda: bench.shell.safety._heard is not None)
+    for _ in range(6):  # the odometry goes on
+        bench.now.at += 0.1
+        bench.settle()
+    bench.wait_for(lambda: bench.state.startswith("stopping: the emergency stop is silent"))
+    bench.stops("the emergency stop is silent")
+    assert not bench.enable().success
+
+
+def with_clock(make_bench, patience):
+    """Return a driving bench in simulated time, and a function that sets the time."""
+    bench = make_bench(use_sim_time=True)
+    clock = bench.peer.speak("/clock", Clock)
+    bench.wait_for(clock.get_subscription_count)
+
+    def set_time(seconds):
+        clock.publish(Clock(clock=Time(seconds=seconds).to_msg()))
+        bench.wait_for(lambda: bench.shell.node.get_clock().now().nanoseconds == seconds * 10**9)
+
+    set_time(1000)
+    bench.drive()
+    bench.patience = patience
+    return bench, set_time
+
+
+def a_clock_that_stands_still_stops(make_bench, patience):
+    bench, _ = with_clock(make_bench, patience)
+    for _ in range(6):  # the odometry goes on, the clock does not
+        bench.now.at += 0.1
+        bench.settle()
+    bench.wait_for(lambda: 0.0 in bench.speeds)
+    bench.stops("/clock stands still")
+
+
+def a_clock_that_leaps_stops(leap):
+    def law(make_bench, patience):
+        bench, set_time = with_clock(make_bench, patience)
+        resets = bench.block.resets
+        set_time(1000 + leap)
+        bench.wait_for(lambda: bench.state.startswith("stopping: fault: the clock jumped"))
+        assert bench.block.resets > resets
+        for _ in range(5):
+            bench.send()
+        bench.stops("fault: the clock jumped")
+
+    return law
+
+
+leaping_ahead, leaping_back = a_clock_that_leaps_stops(60), a_clock_that_leaps_stops(-60)
+
+
+def refused(said, **broken):
+    """Return the law that a kind of odometry is refused with a message, and counts as missing."""
+
+    def law(make_bench, patience):
+        bench = driving(make_bench, patience)
+        steps = bench.steps
+        bench.send(**broken)
+        status = bench.report(said)
+        assert status.level == b"\x01"
+        assert bench.steps == steps
+        bench.now.at += 0.6
+        bench.stops("/odom is older than 0.5 s")
+
+    return law
+
+
+another_frame = refused("its frame is 'map' instead of 'odom'", frame="map")
+no_rotation = refused("the quaternion (0.0, 0.0, 0.0, 0.0) has norm 0", norm=0.0)
+nan_odometry = refused("the pose must be finite", x=math.nan)
+repeated = refused("stamp", dt=0.0)
+out_of_order = refused("stamp", dt=-0.05)
+
+
+def the_end_of_the_node_stops(make_bench, patience):
+    bench = driving(make_bench, patience)
+    bench.shell.close()
+    bench.wait_for(lambda: 0.0 in bench.speeds)
+    assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
+
+
+def driving(make_bench, patience):
+    bench = make_bench()
+    bench.drive()
+    bench.patience = patience
+    return bench
+
+
+def nothing(*arguments, **options):
+    """Stand in for a protection that is switched off."""
+
+
+def enabled_from_the_start(original):
+    def init(self, *, enabled):
+        original(self, enabled=True)
+
+    return init
+
+
+PROTECTIONS = {
+    starts_disabled: (Safety, "__init__", enabled_from_the_start(Safety.__init__)),
+    disabled_it_stops: (Shell, "disable", nothing),
+    old_inputs_stop: (Feed, "_is_fresh", lambda self, now: self._latest is not None),
+    exceptions_stop: (Shell, "_fault", nothing),
+    nan_stops: (convert, "_finite", nothing),
+    infinity_stops: (convert, "_finite", nothing),
+    nonsense_stops: (Shell, "_fault", nothing),
+    blocked_steps_stop: (Shell, "_watch_safety", nothing),
+    blocked_steps_are_faults: (safety, "BLOCKED", math.inf),
+    the_emergency_stop_stops: (Safety, "hear_emergency", nothing),
+    a_silent_emergency_stop_stops: (safety, "SILENCE", math.inf),
+    a_clock_that_stands_still_stops: (shell, "CLOCK_SILENCE", math.inf),
+    leaping_ahead: (Shell, "_jumped", nothing),
+    leaping_back: (Shell, "_jumped", nothing),
+    another_frame: (Feed, "read", lambda self, message, frame: self.conversion.read(message)),
+    no_rotation: (convert, "yaw_of", lambda q: 0.0),
+    nan_odometry: (convert, "_finite", nothing),
+    repeated: (Messages, "check", nothing),
+    out_of_order: (Messages, "check", nothing),
+    the_end_of_the_node_stops: (Shell, "_publish_stops", nothing),
+}
+CASES = [pytest.param(law, *how, id=f"{law.__name__}{at}") for at, (law, how) in enumerate(PROTECTIONS.items())]
+
+
+@pytest.mark.parametrize(("law", "owner", "name", "sabotage"), CASES)
+def test_protection(make_bench, law, owner, name, sabotage):
+    law(make_bench, 30.0)
+
+
+@pytest.mark.parametrize(("law", "owner", "name", "sabotage"), CASES)
+def test_its_absence_is_noticed(make_bench, monkeypatch, law, owner, name, sabotage):
+    monkeypatch.setattr(owner, name, sabotage)
+    with pytest.raises((AssertionError, pytest.fail.Exception)):
+        law(make_bench, 1.0)
+

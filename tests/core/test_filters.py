@@ -1,0 +1,169 @@
+"""The filter as an object: the same steps as the functions', and everything there to look at."""
+
+from __future__ import annotations
+
+import builtins
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.filters import KalmanFilter, entries, matrix, reference_filter
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import Command, FilterTuning, Pose
+from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
+
+TUNING = matched(DOCUMENTED)
+GATED = replace(TUNING, gate=9.0, max_rejections=2)
+
+
+def drive(seed, steps=300):
+    """Draw commands and odometry; None for what drops out."""
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        command = Command(*rng.uniform([-0.2, -1.0], [0.2, 1.0]).tolist())
+        odometry = Pose(*rng.normal(0.0, [0.3, 0.3, 1.0]).tolist())
+        yield command, odometry if rng.random() > 0.2 else None
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("tuning", [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, odometry_input=True)])
+def test_steps_are_those_of_the_function(tuning, integrator):
+    kf = KalmanFilter(tuning, integrator=integrator, dt=0.05)
+    before = Pose(0.3, 0.2, 0.1)
+    kf.start(before)
+    estimate = ekf.initialize(before, tuning)
+    for command, odometry in drive(0):
+        kf.step(command, odometry)
+        z = odometry or before
+        estimate = ekf.step(estimate, command, before, z, odometry is not None, tuning, 0.05, INTEGRATORS[integrator])
+        before = z
+        assert kf.belief == estimate.belief
+        assert (kf.nis, kf.rejections) == (estimate.nis, estimate.rejections)
+        assert kf.state.tolist() == list(estimate.belief.mean)
+        np.testing.assert_array_equal(kf.covariance, matrix(estimate.belief.covariance))
+
+
+def test_predict_and_update_make_a_step():
+    halves, whole = (KalmanFilter(TUNING, state=(1.0, 2.0, 0.5, 0.1, 0.2)) for _ in range(2))
+    for command, odometry in drive(1):
+        halves.predict(command)
+        if odometry is not None:
+            halves.update(odometry)
+        whole.step(command, odometry)
+        assert halves.belief == whole.belief
+        np.testing.assert_array_equal(halves.innovation, whole.innovation)
+        np.testing.assert_array_equal(halves.innovation_covariance, whole.innovation_covariance)
+
+
+def test_innovation_its_covariance_and_nis_belong_together():
+    kf = KalmanFilter(TUNING)
+    assert np.isnan(kf.innovation).all()
+    assert np.isnan(kf.innovation_covariance).all()
+    for command, odometry in drive(2):
+        kf.step(command, odometry)
+        if odometry is not None:
+            nu, S = kf.innovation, kf.innovation_covariance
+            assert kf.nis == pytest.approx(nu @ np.linalg.solve(S, nu), rel=1e-9)
+
+
+def test_refused_measurements_can_be_looked_at():
+    kf = KalmanFilter(GATED, covariance=np.diag([1e-4] * 5))
+    kf.step(Command(0.0, 0.0), Pose(3.0, 0.0, 0.0))
+    assert kf.rejections == 1
+    assert kf.nis > GATED.gate
+    assert kf.innovation.tolist() == [3.0, 0.0, 0.0]
+    assert kf.state[0] == 0.0
+
+
+def test_it_equals_filterpy():
+    kf, reference = KalmanFilter(TUNING, dt=0.2, integrator="midpoint"), reference_filter(TUNING, dt=0.2, integrator="midpoint")
+    np.testing.assert_array_equal(kf.covariance, reference.P)  # both start with P0
+    for command, odometry in drive(3):
+        kf.step(command, odometry)
+        reference.predict(command)
+        reference.update(odometry)
+        difference = kf.state - reference.x
+        difference[2] = math.remainder(difference[2], 2.0 * math.pi)
+        np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+        np.testing.assert_allclose(kf.covariance, reference.P, rtol=1e-8, atol=1e-14)
+        if odometry is not None:
+            np.testing.assert_allclose(kf.innovation, reference.y, atol=1e-9)
+            np.testing.assert_allclose(kf.innovation_covariance, reference.S, rtol=1e-8, atol=1e-14)
+
+
+def test_what_it_shows_is_a_copy():
+    kf = KalmanFilter(TUNING)
+    kf.step(Command(0.1, 0.1), Pose(0.1, 0.1, 0.1))
+    for name in ("state", "covariance", "innovation", "innovation_covariance"):
+        before = getattr(kf, name)
+        getattr(kf, name)[...] = 99.0
+        np.testing.assert_array_equal(getattr(kf, name), before)
+
+
+def test_any_positive_semidefinite_covariance_will_do():
+    rng = np.random.default_rng(4)
+    for rank in range(6):
+        root = rng.normal(size=(5, rank)) * 10.0 ** rng.uniform(-3.0, 1.0)
+        P = root @ root.T
+        kf = KalmanFilter(TUNING, covariance=P)
+        np.testing.assert_allclose(kf.covariance, P)
+        kf.step(Command(0.1, 0.5), Pose(0.1, 0.0, 0.0))
+        assert np.isfinite(kf.covariance).all()
+
+
+@pytest.mark.parametrize(
+    ("covariance", "rule"),
+    [
+        (np.diag([1.0, 1.0, 1.0, 1.0, -1e-3]), "positive semidefinite"),
+        (np.eye(5) + np.eye(5, k=1), "symmetric"),
+        (np.eye(5) + 2.0 * (np.eye(5, k=1) + np.eye(5, k=-1)), "positive semidefinite"),
+        (np.diag([1.0, math.nan, 1.0, 1.0, 1.0]), "finite"),
+        (np.diag([1.0, math.inf, 1.0, 1.0, 1.0]), "finite"),
+        (np.eye(4), "5 x 5"),
+        (np.ones(5), "5 x 5"),
+    ],
+)
+def test_other_covariances_are_refused(covariance, rule):
+    with pytest.raises(ValueError, match=f"covariance must be .*{rule}"):
+        KalmanFilter(TUNING, covariance=covariance)
+    with pytest.raises(ValueError, match="P0 must be"):
+        entries(covariance, name="P0")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("dt", 0.0), ("dt", -0.1), ("dt", math.nan), ("dt", math.inf), ("integrator", "rk4"),
+        ("state", (0.0, 0.0, math.nan, 0.0, 0.0)), ("state", (0.0, 0.0, 0.0)),
+    ],
+)  # fmt: skip
+def test_bad_arguments_are_named(name, value):
+    with pytest.raises(ValueError, match=name):
+        KalmanFilter(TUNING, **{name: value})
+    if name != "state":
+        with pytest.raises(ValueError, match=name):
+            reference_filter(TUNING, **{name: value})
+
+
+def test_the_reference_says_what_to_install(monkeypatch):
+    real = builtins.__import__
+
+    def blocked(name, *args, **kwargs):
+        if name.startswith("filterpy"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", blocked)
+    with pytest.raises(ImportError, match="pip install filterpy"):
+        reference_filter(TUNING)
+
+
+def test_a_singular_tuning_is_no_trouble():
+    kf = KalmanFilter(FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3), covariance=np.zeros((5, 5)))
+    for command, odometry in drive(5, steps=50):
+        kf.step(command, odometry)
+    assert np.isfinite(kf.state).all()
+    assert kf.covariance.tolist() == np.zeros((5, 5)).tolist()
