@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 from rclpy.node import Node
-from turtlebot_gym_ros import guard, logger, standalone
+from turtlebot_gym_ros import arbiter, logger, standalone
 from turtlebot_gym_ros.__main__ import NODES
 from turtlebot_gym_ros.graph import BLOCKS
 from turtlebot_gym_ros.shell import Shell
@@ -38,7 +38,7 @@ def declared(name, context, config):
         names = {*shell.node.list_parameters([], 0).names}
         shell.close()
     else:
-        params = {"cmd_vel_guard": guard.Parameters, "data_logger": logger.Parameters}[name]
+        params = {"cmd_vel_guard": arbiter.Parameters, "data_logger": logger.Parameters}[name]
         node = Node(name, context=context, cli_args=arguments, automatically_declare_parameters_from_overrides=True)
         standalone.declare(node, params)
         names = {*node.list_parameters([], 0).names}

@@ -36,11 +36,16 @@ GATED = turtlebot_gym.FilterTuning(
 )
 """A gate that is often shut, and often enough for a restart."""
 
+HEAVY = turtlebot_gym.Robot(
+    max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0
+)
+
 CASES = {
     "nav": {"task": "nav"},
     "pose, everything noisy": {"task": "pose", "noise": SHAKY, "filter": GATED, "integrator": "midpoint", "arrival": "belief"},
     "square by time": {"task": "square", "noise": "documented", "filter": "tutorial", "switch": "time", "robot": "tutorial"},
     "square twice, on wheels": {"task": "square", "noise": "wheel", "laps": 2, "dt": 0.2, "robot": "turtlebot4"},
+    "heavy and late": {"task": "nav", "noise": "rough", "robot": HEAVY, "delay": 2, "integrator": "midpoint"},
     "odometry shown": {"task": "nav", "noise": "rough", "observation": "odometry"},
     "truth shown": {"task": "nav", "noise": "clean", "observation": "truth", "integrator": "midpoint"},
 }

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from turtlebot_gym.models.unicycle import INTEGRATORS, advance, execute, execution_variances, limit, slips
+from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, limit, slips
 from turtlebot_gym.parameters import Command, Pose, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
 
@@ -51,6 +51,24 @@ def test_limit_counts_the_faster_wheel():
     assert full.v < 0.6 * burger.max_linear
     free = replace(burger, max_wheel=math.inf)
     assert limit(Command(free.max_linear, free.max_angular), free) == (free.max_linear, free.max_angular)
+
+
+def test_a_robot_that_must_not_reverse_turns_where_it_stands():
+    forward = replace(ROBOTS["burger"], reverse=False)
+    assert limit(Command(-0.2, 1.0), forward) == (0.0, 1.0)
+    assert limit(Command(0.1, 1.0), forward) == (0.1, 1.0)
+
+
+def test_acceleration_is_limited_both_ways_and_reaches_its_aim():
+    robot = replace(ROBOTS["burger"], max_linear_acceleration=0.5, max_angular_acceleration=3.0)
+    command, seen = Command(0.0, 0.0), []
+    for _ in range(10):
+        command = accelerate(command, Command(0.2, -1.0), robot, 0.1)
+        seen.append(command)
+    assert seen[0] == pytest.approx((0.05, -0.3))
+    assert seen[3:] == [(pytest.approx(0.2), pytest.approx(-1.0))] * 7
+    assert accelerate(command, Command(0.0, 0.0), robot, 0.1) == pytest.approx((0.15, -0.7))
+    assert accelerate(command, Command(-9.0, 9.0), ROBOTS["burger"], 0.1) == (-9.0, 9.0)  # infinite: at once
 
 
 def drive(v, omega, seconds, dt, middle):

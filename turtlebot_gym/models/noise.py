@@ -64,7 +64,7 @@ def normals(key: int, step: int, stream: int) -> tuple[float, float]:
 def log_unit(x: float) -> float:
     """Return the natural logarithm of x in (2^-63, 1], to 1e-15 relative, without a branch.
 
-    Exact multiplications by powers of two bring x to [0.5, 1], one comparison each; then the series of fdlibm's log.
+    Exact multiplications by powers of two bring x to [0.707, 1.414], one comparison each; then the series of fdlibm's log.
 
     References:
         Sun Microsystems, *fdlibm* (1993), e_log.c: the coefficients.
@@ -75,6 +75,7 @@ def log_unit(x: float) -> float:
     exponent, x = (exponent - 8.0, x * 256.0) if x < 2.0**-8 else (exponent, x)
     exponent, x = (exponent - 4.0, x * 16.0) if x < 2.0**-4 else (exponent, x)
     exponent, x = (exponent - 2.0, x * 4.0) if x < 2.0**-2 else (exponent, x)
+    exponent, x = (exponent - 1.0, x * 2.0) if x < 0.5 else (exponent, x)
     exponent, x = (exponent - 1.0, x * 2.0) if x < 0.7071067811865476 else (exponent, x)
     f = x - 1.0
     s = f / (2.0 + f)

@@ -13,15 +13,13 @@ stop is pressed or its publisher silent::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
-Parameters: see `Parameters`. All times are taken on the steady clock, so it works with ``use_sim_time`` and no ``/clock``.
+Parameters: see `arbiter.Parameters`. All times are taken on the steady clock, so it works with ``use_sim_time`` and no ``/clock``.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -36,160 +34,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.parameters import STOP, Command
-from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym_ros.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.standalone import declare, run
-
-EMERGENCY_SILENCE = 0.5
-"""Silence of a publisher of ``/emergency_stop``, once seen, that is a stop, s."""
-POSE_AGE = 0.5
-"""Age from which a pose no longer proves that the robot is inside the geofence, s."""
-ZEROS = 1.0
-"""How long zeros are sent before the silence, s."""
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameters:
-    """Parameters of ``cmd_vel_guard``; none changes while it runs."""
-
-    robot: str = "burger"
-    """Preset whose limits hold, per axis and per wheel."""
-    enable_stamped_cmd_vel: bool = True
-    """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; else Twist."""
-    start_enabled: bool = True
-    """Whether commands pass from the start on; if not, ``~/enable`` is needed after every (re)start."""
-    max_age: float = 0.4
-    """Age from which a command no longer counts, s; at most 0.5."""
-    rate: float = 50.0
-    """How often ages are checked, Hz; 50 to 200."""
-    max_acceleration: float = 2.5
-    """Limit of each wheel's acceleration at the rim, m/s^2. A stop is never delayed by it."""
-    speed_scale: float = 1.0
-    """Factor on every command, in (0, 1]."""
-    geofence: float = 0.0
-    """Radius about the origin of the pose's frame beyond which only a person drives, m; 0 is no fence."""
-    geofence_topic: str = "odom"
-    """Where the pose for the geofence comes from: ``odom`` or ``estimate``."""
-
-    def __post_init__(self) -> None:
-        for name, holds, rule in (
-            ("robot", self.robot in ROBOTS, f"one of {', '.join(ROBOTS)}"),
-            ("max_age", 0.0 < self.max_age <= 0.5, "in (0, 0.5] s"),
-            ("rate", 50.0 <= self.rate <= 200.0, "in [50, 200] Hz"),
-            ("max_acceleration", self.max_acceleration > 0.0, "positive"),
-            ("speed_scale", 0.0 < self.speed_scale <= 1.0, "in (0, 1]"),
-            ("geofence", 0.0 <= self.geofence < math.inf, "a radius in m, or 0"),
-            ("geofence_topic", self.geofence_topic in ("odom", "estimate"), "odom or estimate"),
-        ):
-            if not holds:
-                raise ValueError(f"parameter {name!r} must be {rule}, got {getattr(self, name)!r}")
-
-
-class Guard:
-    """Decide at every moment what the wheels are told. Knows no ROS; ``now`` is a steady time, s."""
-
-    def __init__(self, parameters: Parameters, now: float) -> None:
-        self._p = parameters
-        self._robot = ROBOTS[parameters.robot]
-        self._heard: dict[str, tuple[float, Command]] = {}
-        self._news = ""
-        self._last, self._then = STOP, now
-        self._zeros_until = now + ZEROS
-        self._emergency: tuple[float, bool] | None = None
-        self._distance = (-math.inf, math.inf)
-        self.enabled = parameters.start_enabled
-        self.emergency = False
-        self.state = "stopped"
-        self.refused = 0
-
-    def hear(self, source: str, command: Command, now: float) -> None:
-        """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""
-        if not math.isfinite(command.v + command.omega):
-            command, self.refused = STOP, self.refused + 1
-        self._heard[source], self._news = (now, command), source
-
-    def hear_emergency(self, pressed: bool, now: float) -> None:
-        """Take the state of the emergency stop."""
-        self._emergency = now, pressed
-        self.emergency |= pressed
-
-    def locate(self, x: float, y: float, now: float) -> None:
-        """Take the robot's position, m."""
-        self._distance = now, math.hypot(x, y)
-
-    def greet(self, now: float) -> None:
-        """Send zeros to a robot that has just connected, unless it is commanded: it may hold an older command."""
-        self._zeros_until = now + ZEROS
-
-    def enable(self, on: bool, now: float) -> str:
-        """Let commands pass that come from now on, or stop; return why it is refused, or nothing."""
-        if on and self._emergency is not None:
-            heard, pressed = self._emergency
-            if pressed or now - heard > EMERGENCY_SILENCE:
-                return f"the emergency stop is {'pressed' if pressed else 'silent'}"
-        if on:
-            self.emergency = False
-        self.enabled = on
-        self._heard.clear()
-        self._zeros_until = now + ZEROS
-        return ""
-
-    def step(self, now: float) -> Command | None:
-        """Return what to publish now; nothing if nobody commands or nothing has changed."""
-        # A process that was suspended must not make up for it by one large step of the ramp.
-        dt, self._then = min(now - self._then, 2.0 / self._p.rate), now
-        if self._emergency is not None and now - self._emergency[0] > EMERGENCY_SILENCE:
-            self.emergency = True
-        target = self._target(now)
-        news, self._news = self._news == self.state, ""
-        if target is None:
-            self._last = STOP
-            if self.emergency:
-                self.state = "emergency"
-            elif now >= self._zeros_until:
-                self.state = "silent" if self.enabled else "disabled"
-                return None
-            return STOP
-        self._zeros_until = now + ZEROS
-        command = self._ramp(target, dt)
-        if command == self._last and not news:
-            return None
-        self._last = command
-        return command
-
-    def _target(self, now: float) -> Command | None:
-        """Return the command in force, within the limits; sets the state."""
-        self.state = "stopped"
-        if self.emergency or not self.enabled:
-            return None
-        for source in ("teleop", "program"):
-            heard, command = self._heard.get(source, (-math.inf, STOP))
-            if now - heard > self._p.max_age:
-                continue
-            self.state = source
-            if source == "program" and self.outside(now):
-                return STOP
-            v, omega = limit(command, self._robot)
-            return Command(v * self._p.speed_scale, omega * self._p.speed_scale)
-        return None
-
-    def outside(self, now: float) -> bool:
-        """Return whether there is a geofence that the robot is not known to be inside of."""
-        measured, distance = self._distance
-        return self._p.geofence > 0.0 and not (now - measured <= POSE_AGE and distance <= self._p.geofence)
-
-    def _ramp(self, target: Command, dt: float) -> Command:
-        """Move from the last command straight towards the target, which keeps the curvature of a start and of braking."""
-        dv, domega = target.v - self._last.v, target.omega - self._last.omega
-        wheel = abs(dv) + abs(domega) * self._robot.wheel_separation * 0.5
-        if target == STOP or wheel <= self._p.max_acceleration * dt:
-            return target
-        share = self._p.max_acceleration * dt / wheel
-        return Command(self._last.v + share * dv, self._last.omega + share * domega)
 
 
 class CmdVelGuard(Node):
@@ -198,7 +48,7 @@ class CmdVelGuard(Node):
     def __init__(self, context: Context) -> None:
         super().__init__("cmd_vel_guard", context=context, automatically_declare_parameters_from_overrides=True)
         p = declare(self, Parameters)
-        self._p, self._guard = p, Guard(p, time.monotonic())
+        self._p, self._arbiter = p, Arbiter(p, time.monotonic())
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
@@ -219,32 +69,32 @@ class CmdVelGuard(Node):
     def _hear(self, topic: str, source: str) -> None:
         def hear(message: Any) -> None:
             twist, now = (message.twist if self._p.enable_stamped_cmd_vel else message), time.monotonic()
-            self._guard.hear(source, Command(twist.linear.x, twist.angular.z), now)
-            self._publish(self._guard.step(now))
+            self._arbiter.hear(source, Command(twist.linear.x, twist.angular.z), now)
+            self._publish(self._arbiter.step(now))
 
         self.create_subscription(self._type, topic, hear, LATEST)
 
     def _hear_emergency(self, message: Bool) -> None:
         now = time.monotonic()
-        self._guard.hear_emergency(message.data, now)
-        self._publish(self._guard.step(now))
+        self._arbiter.hear_emergency(message.data, now)
+        self._publish(self._arbiter.step(now))
 
     def _locate(self, message: Odometry) -> None:
         position = message.pose.pose.position
-        self._guard.locate(position.x, position.y, time.monotonic())
+        self._arbiter.locate(position.x, position.y, time.monotonic())
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        response.message = self._guard.enable(request.data, time.monotonic())
+        response.message = self._arbiter.enable(request.data, time.monotonic())
         response.success = not response.message
         return response
 
     def _tick(self) -> None:
         robots = self._velocity.get_subscription_count()
         if robots > self._robots:
-            self._guard.greet(time.monotonic())
+            self._arbiter.greet(time.monotonic())
         self._robots = robots
-        self._publish(self._guard.step(time.monotonic()))
-        passing = self._guard.enabled and not self._guard.emergency
+        self._publish(self._arbiter.step(time.monotonic()))
+        passing = self._arbiter.enabled and not self._arbiter.emergency
         if passing != self._announced:
             self._announced = passing
             self._enabled.publish(Bool(data=passing))
@@ -265,7 +115,7 @@ class CmdVelGuard(Node):
             log = self.get_logger()
             {DiagnosticStatus.OK: log.info, DiagnosticStatus.WARN: log.warning}.get(level, log.error)(report)
         self._report = report
-        values = [KeyValue(key="refused", value=str(self._guard.refused))]
+        values = [KeyValue(key="refused", value=str(self._arbiter.refused))]
         status = DiagnosticStatus(name=self.get_name(), hardware_id=self._p.robot, level=level, message=report, values=values)
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
@@ -286,16 +136,16 @@ class CmdVelGuard(Node):
                         f"/{info.node_name} has {info.topic_type} on {topic}, the guard {name}: start that node or this one "
                         f"with -p enable_stamped_cmd_vel:={str(not self._p.enable_stamped_cmd_vel).lower()}"
                     )
-        if self._guard.emergency:
+        if self._arbiter.emergency:
             service = self.resolve_service_name("~/enable")
             return DiagnosticStatus.ERROR, (
                 f'emergency stop; when it is released: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"'
             )
-        if self._guard.outside(time.monotonic()):
+        if self._arbiter.outside(time.monotonic()):
             return DiagnosticStatus.WARN, f"not known to be within {self._p.geofence} m of the origin: only a person drives"
         if self._robots == 0:
             return DiagnosticStatus.WARN, f"nobody listens to {topics[0]}"
-        return DiagnosticStatus.OK, self._guard.state
+        return DiagnosticStatus.OK, self._arbiter.state
 
     def close(self) -> None:
         """Send zeros and wait until the robot has them."""

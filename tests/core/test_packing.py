@@ -1,0 +1,99 @@
+"""Values in tiles: what is stored is loaded again, and the slices say where it lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.loop import PARAMETERS, WORLD
+from turtlebot_gym.packing import TILE, as_tuple, flatten, packing
+from turtlebot_gym.simulation import Parameters, make_parameters
+
+
+class Inner(NamedTuple):
+    a: float
+    flag: bool
+
+
+class Outer(NamedTuple):
+    first: Inner
+    pair: tuple[float, float]
+    nested: tuple[Inner, Inner]
+    last: float
+
+
+@dataclass(frozen=True)
+class Data:
+    number: float
+    numbers: tuple[float, ...]
+    inner: Inner
+
+
+VALUE = Outer(Inner(1.0, True), (2.0, 3.0), (Inner(4.0, False), Inner(5.0, True)), 6.0)
+
+
+def test_numbers_in_order():
+    assert list(flatten(VALUE)) == [1.0, 1.0, 2.0, 3.0, 4.0, 0.0, 5.0, 1.0, 6.0]
+
+
+def test_what_is_stored_is_loaded_again_in_every_lane():
+    pack = packing(VALUE)
+    assert pack.size == 9
+    buffer = np.zeros(3 + pack.size * TILE)
+    for lane in range(TILE):
+        pack.store(buffer, 3 + lane, VALUE._replace(last=float(lane)))
+    for lane in range(TILE):
+        loaded = pack.load(buffer.tolist(), 3 + lane)
+        assert loaded == VALUE._replace(last=float(lane))
+        assert type(loaded) is Outer
+        assert type(loaded.nested[1]) is Inner
+        assert loaded.first.flag is True
+        assert loaded.nested[0].flag is False
+
+
+def test_lanes_do_not_overlap():
+    pack = packing(VALUE)
+    buffer = np.full(pack.size * TILE, np.nan)
+    pack.store(buffer, 5, VALUE)
+    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [5 + k * TILE for k in range(pack.size)]
+
+
+def test_slices_name_every_tuple_in_the_value():
+    assert packing(VALUE).slices == {
+        "": slice(0, 9),
+        "first": slice(0, 2),
+        "pair": slice(2, 4),
+        "nested": slice(4, 8),
+        "nested[0]": slice(4, 6),
+        "nested[1]": slice(6, 8),
+    }
+
+
+def test_dataclasses_become_tuples_with_the_same_attributes():
+    value = as_tuple((Data(1.0, (2.0, 3.0), Inner(4.0, True)), 5.0))
+    assert value[0].number == 1.0
+    assert value[0].numbers == (2.0, 3.0)
+    assert value[0].inner == Inner(4.0, True)
+    assert list(flatten(value)) == [1.0, 2.0, 3.0, 4.0, 1.0, 5.0]
+    assert type(as_tuple(Data(0.0, (), Inner(0.0, False)))) is type(value[0])  # one type for all: the loop is compiled once
+
+
+def test_parameters_and_worlds_have_a_place_each():
+    p = as_tuple(make_parameters(noise="rough"))
+    buffer = np.zeros(PARAMETERS.size * TILE)
+    PARAMETERS.store(buffer, 0, p)
+    assert PARAMETERS.load(buffer.tolist(), 0) == p
+    assert isinstance(p, Parameters)
+    assert WORLD.slices["estimate.belief.covariance"].stop - WORLD.slices["estimate.belief.covariance"].start == 15
+
+
+@pytest.mark.parametrize("preset", ["clean", "tutorial", "documented", "wheel", "rough"])
+def test_all_parameters_have_the_same_structure(preset):
+    # A preset with an int for a float, or a tuple of another length, would need another compiled loop.
+    def shape(value):
+        return [shape(item) for item in value] if isinstance(value, tuple) else isinstance(value, bool)
+
+    assert shape(as_tuple(make_parameters(noise=preset))) == shape(as_tuple(make_parameters()))

@@ -1,0 +1,216 @@
+"""Tasks: starts and goals, what the policy observes, arrival and reward."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.noise import episode_key
+from turtlebot_gym.parameters import Command, Covariance, Pose, Reward, State
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
+from turtlebot_gym.tasks import (
+    NAV,
+    OBSERVATION_HIGH,
+    OBSERVATION_LOW,
+    POSE,
+    SQUARE_WAYPOINTS,
+    Task,
+    arrived,
+    draw_goal,
+    draw_start,
+    make_task,
+    observe,
+    reward_of,
+    stated_deviations,
+)
+
+BURGER = ROBOTS["burger"]
+GOAL, NEXT = Pose(2.0, 0.0, 1.0), Pose(2.0, 2.0, 0.0)
+KEYS = [episode_key(seed, 0) for seed in range(3000)]
+
+
+def seen(state, *, std=(0.1, 0.2), nis=3.0, reference=GOAL, following=NEXT):
+    return observe(state, std, nis, reference, following, BURGER)
+
+
+def test_observation_in_the_body_frame():
+    at_origin = seen(State(0.0, 0.0, 0.0, 0.1054, -1.3175))
+    assert at_origin == pytest.approx(
+        (2.0, 1.0, 0.0, math.cos(1.0), math.sin(1.0), 0.5, -0.5, 0.1, 0.2, 3.0, math.sqrt(8.0), math.sqrt(0.5), math.sqrt(0.5))
+    )
+    looking_left = seen(State(0.0, 0.0, math.pi / 2.0, 0.0, 0.0))
+    assert (looking_left.cos_bearing, looking_left.sin_bearing) == pytest.approx((0.0, -1.0))
+    assert (looking_left.cos_turn, looking_left.sin_turn) == pytest.approx((math.sin(1.0), math.cos(1.0)))
+
+
+def test_observation_does_not_depend_on_the_world_frame():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        x, y, theta, u, v = rng.uniform(-3.0, 3.0, 5).tolist()
+        turn, dx, dy = rng.uniform(-3.0, 3.0, 3).tolist()
+
+        def moved(pose, turn=turn, dx=dx, dy=dy):
+            c, s = math.cos(turn), math.sin(turn)
+            return (dx + c * pose[0] - s * pose[1], dy + s * pose[0] + c * pose[1], wrap(pose[2] + turn))
+
+        state = State(x, y, theta, u, v)
+        there = observe(
+            State(*moved(state), u, v), (0.1, 0.2), 3.0, Pose(*moved(GOAL)), Pose(*moved(NEXT)), BURGER
+        )  # fmt: skip
+        assert there == pytest.approx(seen(state), abs=1e-12)
+
+
+def test_at_the_goal_the_bearing_is_straight_ahead():
+    at_goal = seen(State(2.0, 0.0, 2.0, 0.0, 0.0), following=GOAL)
+    assert at_goal[:3] == (0.0, 1.0, 0.0)
+    assert at_goal[10:] == (0.0, 1.0, 0.0)
+
+
+def test_observations_are_clipped_to_their_bounds():
+    rng = np.random.default_rng(1)
+    low, high = np.array(OBSERVATION_LOW), np.array(OBSERVATION_HIGH)
+    assert np.isfinite([low, high]).all()
+    for scale in (1e-9, 1.0, 1e3, 1e9):
+        for _ in range(200):
+            x, y, v, omega = (scale * rng.normal(size=4)).tolist()
+            state = State(x, y, float(rng.uniform(-math.pi, math.pi)), v, omega)
+            std = tuple(np.abs(scale * rng.normal(size=2)).tolist())
+            observation = np.array(seen(state, std=std, nis=abs(scale * rng.normal())))
+            assert (observation >= low).all()
+            assert (observation <= high).all()
+    assert seen(State(0.0, 1e9, 0.0, 9.0, -99.0), std=(9.0, 9.0), nis=1e9)[5:11] == (2.0, -2.0, 5.0, math.pi, 25.0, 20.0)
+
+
+def test_stated_deviations():
+    P = Covariance(*[0.0] * 15)._replace(xx=0.09, yy=0.16, tt=0.25, xy=0.1)
+    assert stated_deviations(P) == pytest.approx((0.5, 0.5))
+
+
+def test_arrival_point():
+    for distance, there in ((0.0, True), (0.149, True), (0.151, False)):
+        assert arrived(State(2.0 - distance, 0.0, -2.0, 0.2, 2.0), GOAL, NAV) is there
+
+
+@pytest.mark.parametrize(
+    ("theta", "omega", "there"),
+    [(1.0, 0.0, True), (1.19, 0.5, True), (0.81, -0.5, True), (1.21, 0.0, False), (1.0, 0.51, False), (1.0, -0.51, False)],
+)
+def test_arrival_pose_wants_the_heading_without_spinning(theta, omega, there):
+    assert arrived(State(2.0, 0.1, theta, 0.0, omega), GOAL, POSE) is there
+
+
+def test_arrival_headings_meet_across_pi():
+    assert arrived(State(0.0, 0.0, -3.1, 0.0, 0.0), Pose(0.0, 0.0, 3.1), POSE)
+
+
+def test_reward_of_full_speed_is_one_minus_time_and_effort():
+    weights = Reward()
+    speed = BURGER.max_linear
+    step = reward_of(1.0, 1.0 - speed * 0.1, Command(speed, 0.0), False, weights, BURGER, 0.1)
+    assert step == pytest.approx(1.0 - 0.1 - 0.01)
+    assert reward_of(1.0, 1.0, Command(0.0, 0.0), True, weights, BURGER, 0.1) == pytest.approx(10.0 - 0.1)
+    back = reward_of(1.0, 1.0 + speed * 0.1, Command(-speed, BURGER.max_angular), False, weights, BURGER, 0.1)
+    assert back == pytest.approx(-1.0 - 0.1 - 0.02)
+    other = Reward(progress=2.0, time=0.5, effort=0.0, success=3.0)
+    assert reward_of(1.0, 1.0 - speed * 0.1, Command(speed, 0.0), True, other, BURGER, 0.1) == pytest.approx(2.0 - 0.5 + 3.0)
+
+
+def test_starts_and_goals_fill_the_arena():
+    # Kolmogorov and Smirnov on 6 coordinates: perfect draws fail for one seed in 10^5.
+    starts = np.array([draw_start(key, NAV) for key in KEYS])
+    goals = np.array([draw_goal(key, 0, Pose(99.0, 99.0, 0.0), NAV) for key in KEYS])  # too far away to be refused
+    for poses in (starts, goals):
+        assert np.abs(poses[:, :2]).max() <= 2.0
+        assert (poses[:, 2] >= -math.pi).all()
+        assert (poses[:, 2] < math.pi).all()
+        for column, reach in zip(poses.T, (2.0, 2.0, math.pi), strict=True):
+            assert stats.kstest(column, "uniform", args=(-reach, 2.0 * reach)).pvalue > 1e-5 / 6.0
+    assert abs(np.corrcoef(starts[:, :2].T, goals[:, :2].T)[:2, 2:]).max() < 4.0 * stats.norm.isf(0.05) / math.sqrt(len(KEYS))
+
+
+@pytest.mark.parametrize("task", [NAV, replace(NAV, min_distance=2.0), replace(NAV, arena=5.0)])
+def test_goals_keep_their_distance_and_differ_from_each_other(task):
+    for key in KEYS[:500]:
+        start = draw_start(key, task)
+        first = draw_goal(key, 0, start, task)
+        second = draw_goal(key, 1, first, task)
+        assert math.dist(start[:2], first[:2]) >= task.min_distance
+        assert math.dist(first[:2], second[:2]) >= task.min_distance
+        assert first != second
+        assert max(map(abs, first[:2])) <= task.arena
+
+
+def walk(task, steps, teleport=None, **options):
+    """Drive a robot that `teleport` puts where it should be; return the outcomes and references."""
+    task, waypoints = make_task(task, **options)
+    p = make_parameters(task, noise="clean")
+    key = episode_key(0, 0)
+    world = retarget(begin(key, p), waypoints, p)
+    log = []
+    for _ in range(steps):
+        if teleport is not None and teleport(world):
+            world = world._replace(true_state=State(*world.reference, 0.0, 0.0))
+        world, come = transition(world, Command(0.0, 0.0), key, len(waypoints), p)
+        if come.reached:
+            world = retarget(world, waypoints, p)
+        log.append((come, world))
+        if come.terminated:
+            break
+    return log
+
+
+@pytest.mark.parametrize("laps", [1, 3])
+def test_the_square_ends_when_all_its_waypoints_are_reached_in_order(laps):
+    log = walk("square", 100, lambda world: True, laps=laps)
+    assert len(log) == 4 * laps
+    assert [come.terminated for come, _ in log] == [False] * (4 * laps - 1) + [True]
+    assert [come.is_success for come, _ in log] == [False] * (4 * laps - 1) + [True]
+    corners = [world.reference for _, world in log]
+    expected = [SQUARE_WAYPOINTS[(k + 1) % 4] for k in range(4 * laps - 1)] + [SQUARE_WAYPOINTS[3]]
+    assert corners == expected
+    following = [world.following for _, world in log]
+    assert following[:-2] == [SQUARE_WAYPOINTS[(k + 2) % 4] for k in range(4 * laps - 2)]
+    assert following[-1] == SQUARE_WAYPOINTS[3]  # there is none after it
+
+
+def test_the_square_by_time_switches_every_15_s_and_does_not_end():
+    log = walk("square", 700, None, switch="time")
+    switches = [k + 1 for k, (come, _) in enumerate(log) if come.reached]
+    assert switches[:4] == [150, 300, 450, 600]
+    assert not any(come.terminated for come, _ in log)
+    assert [world.reference for _, world in log[149:600:150]] == [*SQUARE_WAYPOINTS[1:], SQUARE_WAYPOINTS[3]]
+
+
+def test_waypoints_of_ones_own():
+    log = walk("square", 10, lambda world: True, waypoints=[(1.0, 0.0, 7.0), (2.0, 0.0, 0.0)])
+    assert len(log) == 2
+    assert log[0][1].reference == (2.0, 0.0, 0.0)
+    assert make_task("square", waypoints=[(1.0, 0.0, 7.0)])[1][0].theta == pytest.approx(7.0 - 2.0 * math.pi)
+
+
+@pytest.mark.parametrize("arrival", ["truth", "belief"])
+def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
+    task, waypoints = make_task("square", arrival=arrival, waypoints=[Pose(1.0, 0.0, 0.0)])
+    p = make_parameters(task, noise="clean", filter=replace(make_parameters(noise="clean").tuning, R=(100.0,) * 3))
+    key = episode_key(0, 0)
+    world = retarget(begin(key, p), waypoints, p)
+    certain = world.estimate.belief._replace(mean=State(1.0, 0.0, 0.0, 0.0, 0.0), covariance=Covariance(*[0.0] * 15))
+    deluded = world._replace(estimate=world.estimate._replace(belief=certain))
+    _, come = transition(deluded, Command(0.0, 0.0), key, 1, p)
+    assert (come.terminated, come.is_success) == (arrival == "belief", False)
+    there = world._replace(true_state=State(1.0, 0.0, 0.0, 0.0, 0.0))
+    _, come = transition(there, Command(0.0, 0.0), key, 1, p)
+    assert (come.terminated, come.is_success) == (arrival == "truth", arrival == "truth")
+
+
+def test_names_give_the_tasks_with_what_was_asked_for():
+    assert make_task("nav")[0] == NAV
+    assert make_task("pose", arrival="belief", max_steps=50)[0] == replace(POSE, on_belief=True, max_steps=50.0)
+    own = Task(radius=0.5)
+    assert make_task(own)[0] == own
