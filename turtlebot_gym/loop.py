@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_NUMBA, kernel
 from turtlebot_gym.models.noise import episode_key
 from turtlebot_gym.packing import TILE, as_tuple, flatten, packing
 from turtlebot_gym.parameters import STOP, Command, Pose
@@ -63,7 +63,7 @@ else:
         return function if function is not None else lambda function: function
 
 
-@njit(error_model="numpy")
+@kernel
 def _step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes):
     """Advance the ``count`` environments of a tile, which begins with environment ``first``."""
     for lane in range(count):

@@ -58,12 +58,16 @@ class BearingPolicy:
     on where the waypoint *will* lie in the body frame. Decided on the present bearing, the direction falls into a cycle of
     two steps where the bearing is near 90 degrees.
 
+    The defaults are what `benchmarks/tune_bearing.py` finds.
+
     Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot; one that must not reverse is driven forwards only.
         dt: Control interval, s.
-        gain: Turning rate per angle still to turn, 1/s; its inverse is about the time that noise is averaged over.
+        gain: Turning rate per angle to turn, 1/s.
         focus: How strictly to turn first and drive then: the speed goes with this power of the cosine of the angle to turn.
-        slow: Distance below which the speed goes with the distance, m: without it a robot that nobody stops would shuttle
+        tolerance: Bearings that pass the waypoint by less than this are left alone, m. Turning takes speed from a robot whose
+            wheels are at their limit, and noise would have it turn all the time.
+        slow: Distance below which the speed goes with the distance, m. Without it a robot that nobody stops would shuttle
             across its goal.
     """
 
@@ -72,15 +76,17 @@ class BearingPolicy:
         robot: str | Robot = "burger",
         dt: float = REFERENCE_PERIOD,
         *,
-        gain: float = 5.0,
+        gain: float = 6.0,
         focus: float = 2.0,
+        tolerance: float = 0.03,
         slow: float = 0.05,
     ) -> None:
         _require_positive(dt=dt, gain=gain, slow=slow)
-        if not 0.0 <= focus < math.inf:
-            raise ValueError(f"focus must be >= 0 and finite, got {focus!r}.")
+        for name, number in (("focus", focus), ("tolerance", tolerance)):
+            if not 0.0 <= number < math.inf:
+                raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
         self._robot, self._dt = make_robot(robot), dt
-        self._gain, self._focus, self._slow = gain, focus, slow
+        self._gain, self._focus, self._tolerance, self._slow = gain, focus, tolerance, slow
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
@@ -89,10 +95,12 @@ class BearingPolicy:
         ahead_now, left_now = o.distance * o.cos_bearing - moved, o.distance * o.sin_bearing
         sine, cosine = np.sin(turned), np.cos(turned)
         ahead, left = cosine * ahead_now + sine * left_now, cosine * left_now - sine * ahead_now
+        distance = np.hypot(ahead, left)
         direction = np.where((ahead < 0.0) & robot.reverse, -1.0, 1.0)
-        turn = np.arctan2(direction * left, direction * ahead)
-        facing = np.maximum(np.cos(turn), 0.0) ** self._focus
-        speed = facing * np.minimum(np.hypot(ahead, left) / self._slow, 1.0)
+        angle = np.arctan2(direction * left, direction * ahead)
+        speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(distance / self._slow, 1.0)
+        allowed = np.arcsin(self._tolerance / np.maximum(distance, self._tolerance)) if self._tolerance else 0.0
+        turn = np.sign(angle) * np.maximum(np.abs(angle) - allowed, 0.0)
         return _action(direction * speed, self._gain * turn / robot.max_angular)
 
 

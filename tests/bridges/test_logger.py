@@ -239,7 +239,8 @@ def test_snapshots(start, peer, matched, wait_for, tmp_path):
         ("storage:=bag", "parameter 'storage' must be sqlite3 or mcap, got 'bag'"),
         ("snapshot_period:=-1", "parameter 'snapshot_period' must be in [0, 3600] s, got -1.0"),
         ("outpt:=x", "unknown parameter 'outpt'"),
-        ("output:=.", "parameter 'output' must name a new folder, but '.' exists"),
+        ("output:=.", "parameter 'output' must name a new folder, but '/"),
+        ("output:=/dev/null/run", "[Errno 20] Not a directory: '/dev/null/run'"),
     ],
 )
 def test_wrong_parameters_are_refused_before_anything_is_written(start, tmp_path, argument, message):

@@ -46,7 +46,7 @@ def test_observation_in_the_body_frame():
     )
     looking_left = seen(State(0.0, 0.0, math.pi / 2.0, 0.0, 0.0))
     assert (looking_left.cos_bearing, looking_left.sin_bearing) == pytest.approx((0.0, -1.0))
-    assert (looking_left.cos_turn, looking_left.sin_turn) == pytest.approx((math.sin(1.0), math.cos(1.0)))
+    assert (looking_left.cos_turn, looking_left.sin_turn) == pytest.approx((math.sin(1.0), -math.cos(1.0)))
 
 
 def test_observation_does_not_depend_on_the_world_frame():
@@ -60,9 +60,8 @@ def test_observation_does_not_depend_on_the_world_frame():
             return (dx + c * pose[0] - s * pose[1], dy + s * pose[0] + c * pose[1], wrap(pose[2] + turn))
 
         state = State(x, y, theta, u, v)
-        there = observe(
-            State(*moved(state), u, v), (0.1, 0.2), 3.0, Pose(*moved(GOAL)), Pose(*moved(NEXT)), BURGER
-        )  # fmt: skip
+        turned = State(*moved(state), u, v)
+        there = seen(turned, reference=Pose(*moved(GOAL)), following=Pose(*moved(NEXT)))
         assert there == pytest.approx(seen(state), abs=1e-12)
 
 

@@ -61,6 +61,16 @@ def normals(key: int, step: int, stream: int) -> tuple[float, float]:
 
 
 @kernel
+def _double(exponent: float, x: float, power: float, factor: float, limit: float) -> tuple[float, float]:
+    """Multiply x by ``factor = 2^power`` where it is below the limit, exactly.
+
+    It is written as arithmetic, because LLVM would make branches of conditional expressions whose conditions hang together.
+    """
+    below = 1.0 if x < limit else 0.0
+    return exponent - power * below, x * (1.0 + (factor - 1.0) * below)
+
+
+@kernel
 def log_unit(x: float) -> float:
     """Return the natural logarithm of x in (2^-63, 1], to 1e-15 relative, without a branch.
 
@@ -70,13 +80,13 @@ def log_unit(x: float) -> float:
         Sun Microsystems, *fdlibm* (1993), e_log.c: the coefficients.
     """
     exponent = 0.0
-    exponent, x = (-32.0, x * 4294967296.0) if x < 2.0**-32 else (exponent, x)
-    exponent, x = (exponent - 16.0, x * 65536.0) if x < 2.0**-16 else (exponent, x)
-    exponent, x = (exponent - 8.0, x * 256.0) if x < 2.0**-8 else (exponent, x)
-    exponent, x = (exponent - 4.0, x * 16.0) if x < 2.0**-4 else (exponent, x)
-    exponent, x = (exponent - 2.0, x * 4.0) if x < 2.0**-2 else (exponent, x)
-    exponent, x = (exponent - 1.0, x * 2.0) if x < 0.5 else (exponent, x)
-    exponent, x = (exponent - 1.0, x * 2.0) if x < 0.7071067811865476 else (exponent, x)
+    exponent, x = _double(exponent, x, 32.0, 2.0**32, 2.0**-32)
+    exponent, x = _double(exponent, x, 16.0, 2.0**16, 2.0**-16)
+    exponent, x = _double(exponent, x, 8.0, 2.0**8, 2.0**-8)
+    exponent, x = _double(exponent, x, 4.0, 2.0**4, 2.0**-4)
+    exponent, x = _double(exponent, x, 2.0, 2.0**2, 2.0**-2)
+    exponent, x = _double(exponent, x, 1.0, 2.0, 0.5)
+    exponent, x = _double(exponent, x, 1.0, 2.0, 0.7071067811865476)
     f = x - 1.0
     s = f / (2.0 + f)
     z = s * s

@@ -13,7 +13,8 @@ stop is pressed or its publisher silent::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
-Parameters: see `arbiter.Parameters`. All times are taken on the steady clock, so it works with ``use_sim_time`` and no ``/clock``.
+A guard that is started again remembers no emergency stop; with ``start_enabled`` false it needs to be enabled then too.
+Parameters: see `arbiter.Parameters`. All times are of the steady clock, so it works with ``use_sim_time`` and no ``/clock``.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class CmdVelGuard(Node):
         self._p, self._arbiter = p, Arbiter(p, time.monotonic())
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._enabled = self.create_publisher(Bool, "~/enabled", LATCHED)
         self._robots, self._report = 0, ""
         self._hear("cmd_vel_teleop", "teleop")
@@ -128,13 +129,15 @@ class CmdVelGuard(Node):
         if len(speakers) > 1:
             names = ", ".join(sorted(f"/{info.node_name}" for info in speakers))
             return DiagnosticStatus.ERROR, f"{topics[0]} must have one publisher, the guard, but has {names}"
+        stamped = self._p.enable_stamped_cmd_vel
         package, name = self._type.__module__.split(".")[0], self._type.__name__
         for topic in topics:
             for info in (*self.get_publishers_info_by_topic(topic), *self.get_subscriptions_info_by_topic(topic)):
                 if info.topic_type != f"{package}/msg/{name}":
+                    mine, other = (f"-p enable_stamped_cmd_vel:={str(each).lower()}" for each in (stamped, not stamped))
                     return DiagnosticStatus.ERROR, (
-                        f"/{info.node_name} has {info.topic_type} on {topic}, the guard {name}: start that node or this one "
-                        f"with -p enable_stamped_cmd_vel:={str(not self._p.enable_stamped_cmd_vel).lower()}"
+                        f"/{info.node_name} has {info.topic_type} on {topic}, the guard {name}: start the guard with {other}, "
+                        f"or that node with {mine}"
                     )
         if self._arbiter.emergency:
             service = self.resolve_service_name("~/enable")

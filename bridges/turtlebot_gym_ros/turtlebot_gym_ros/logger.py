@@ -1,7 +1,8 @@
 """Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
 
 It subscribes to whatever is published, as it appears, and needs nobody's consent. The bag is written as sqlite3 and committed
-each second, so a ``kill -9`` loses at most the last second; MCAP, which a kill would leave empty, is made of it at the end.
+each second, so a ``kill -9`` loses at most the last second; MCAP, which a kill would leave empty, is made of it at the end,
+and if that is cut short, the sqlite3 bag is still there.
 
 Of a recorder that was killed the folder holds ``NAME.db3`` without its ``metadata.yaml``: `rebuild` makes a whole bag of it
 (``ros2 bag reindex`` does so as well). Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
@@ -71,8 +72,6 @@ class Parameters:
             raise ValueError(f"parameter 'storage' must be sqlite3 or mcap, got {self.storage!r}")
         if not 0.0 <= self.snapshot_period <= 3600.0:
             raise ValueError(f"parameter 'snapshot_period' must be in [0, 3600] s, got {self.snapshot_period!r}")
-        if self.output and Path(self.output).exists():
-            raise ValueError(f"parameter 'output' must name a new folder, but {self.output!r} exists")
 
 
 def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
@@ -180,6 +179,8 @@ class DataLogger(Node):
         super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
         self._p = p = declare(self, Parameters)
         folder = Path(p.output or time.strftime("bags/%Y-%m-%dT%H-%M-%S")).absolute()
+        if folder.exists():
+            raise ValueError(f"parameter 'output' must name a new folder, but {str(folder)!r} exists")
         self._bag = Bag(folder)
         self._recorded: dict[str, Topic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
@@ -239,7 +240,11 @@ class DataLogger(Node):
             self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
             return
         if known is not None:
-            self.destroy_subscription(known.subscription)
+            old, write = known.subscription, self._writer_of(topic, *self._opened[topic, known.kind])
+            with old.handle:
+                while (taken := old.handle.take_message(old.msg_type, True)) is not None:
+                    write(*taken)  # came, but its callback has not run yet
+            self.destroy_subscription(old)
         write = self._writer_of(topic, *self._opened[topic, kind])
         subscription = self.create_subscription(self._opened[topic, kind][0], topic, write, profile, raw=True)
         self._recorded[topic] = Topic(kind, profile, subscription)

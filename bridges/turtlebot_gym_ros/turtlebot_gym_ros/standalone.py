@@ -62,7 +62,7 @@ def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> in
     rclpy's own handlers would invalidate the context before the last messages are out.
 
     Args:
-        make: Makes the node in a context; a ValueError refuses the arguments.
+        make: Makes the node in a context; a ValueError or OSError refuses the arguments.
         argv: Arguments, those of the process by default.
 
     Returns:
@@ -77,7 +77,7 @@ def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> in
         if rest := remove_ros_args(argv):
             raise ValueError(f"unknown argument {rest[0]!r}; parameters are given as --ros-args -p NAME:=VALUE")
         node = make(context)
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         context.try_shutdown()
         return 2

@@ -1,0 +1,171 @@
+"""The command line, ``turtlebot-gym``: one dataclass for each subcommand, whose fields are its options.
+
+To add one: write a frozen dataclass with a docstring under each field and a ``run`` method, and name it in `COMMANDS`. Results
+go to standard output, progress and errors to standard error. What is heavy to import is imported in ``run``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.replay import Columns
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from turtlebot_gym_agents.evaluation import Evaluation
+
+File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+
+
+class Command(Protocol):
+    """A subcommand, with the options that it was given."""
+
+    def run(self) -> None:
+        """Do it."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Drive policies on the same seeds, and tell how well they do.
+
+    Of policies, noises and observations each combination is evaluated.
+    """
+
+    env: str = "turtlebot_gym/TurtleBotNav-v0"
+    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
+    policy: tuple[str, ...] = ("proportional", "bearing")
+    """proportional, bearing, or module:callable for one of your own."""
+    noise: tuple[str, ...] = ("tutorial",)
+    """Noise presets: clean, tutorial, documented, wheel, rough."""
+    filter: str = "matched"
+    """The filter's tuning: matched or tutorial."""
+    observation: tuple[str, ...] = ("ekf",)
+    """What policies are shown as the robot's pose: ekf, odometry, truth."""
+    robot: str = "burger"
+    """burger, waffle, turtlebot4 or tutorial."""
+    switch: str | None = None
+    """Square only: the next waypoint comes on "arrival", or after a "time" of 15 s."""
+    arrival: str = "truth"
+    """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
+    laps: int | None = None
+    """Square only: how often it is driven."""
+    episodes: int = 1000
+    """Episodes of each combination; episode i has the seed SEED + i."""
+    seed: int = 0
+    """The first seed."""
+    json: File = None
+    """Write configuration, results and every episode's numbers here."""
+    plot: File = None
+    """Draw the first episode here; of several combinations, their paths."""
+
+    def run(self) -> None:
+        """Evaluate, print tables, and write what is asked for."""
+        from turtlebot_gym_agents import report
+        from turtlebot_gym_agents.evaluation import evaluate
+
+        combinations = list(itertools.product(self.policy, self.noise, self.observation))
+        evaluations: dict[str, Evaluation] = {}
+        with _progress(self.episodes * len(combinations)) as advance_to:
+            for at, (policy, noise, observation) in enumerate(combinations):
+                evaluations[self._label(policy, noise, observation)] = evaluate(
+                    policy,
+                    env=self.env,
+                    episodes=self.episodes,
+                    seed=self.seed,
+                    progress=lambda ended, done=at * self.episodes: advance_to(done + ended),
+                    noise=noise,
+                    filter=self.filter,
+                    observation=observation,
+                    robot=self.robot,
+                    switch=self.switch,
+                    arrival=self.arrival,
+                    laps=self.laps,
+                )
+        _print(*report.evaluation_tables(evaluations, title=f"{self.env}, {self.episodes} episodes, robot {self.robot}"))
+        if self.json is not None:
+            runs = [
+                {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
+                for label, one in evaluations.items()
+            ]
+            write_json(self.json, {"runs": runs}, config=asdict(self))
+        if self.plot is not None:
+            _save(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
+
+    def _label(self, *names: str) -> str:
+        """Return what tells a combination from the others."""
+        choices = (self.policy, self.noise, self.observation)
+        told = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
+        return ", ".join(told or names[:1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """Run the filter over recorded drives with known truth.
+
+    It predicts with the wheel odometry as it was recorded, and is corrected by measured poses that are made from the true ones
+    with a preset's noise.
+    """
+
+    files: tyro.conf.Positional[tuple[Path, ...]]
+    """Tables with named columns, separated by commas, semicolons or blanks."""
+    noise: str = "documented"
+    """Noise preset of the measured poses: clean, tutorial, documented, wheel, rough."""
+    filter: str = "matched"
+    """The filter's tuning: matched or tutorial."""
+    seed: int = 0
+    """The first seed of the noise."""
+    seeds: int = 20
+    """How many seeds to average over."""
+    rate: float = 10.0
+    """Measured poses per second."""
+    integrator: str = "midpoint"
+    """euler or midpoint."""
+    columns: Columns = field(default_factory=Columns)
+    """What the columns are called."""
+    json: File = None
+    """Write configuration and results here."""
+    plot: File = None
+    """Draw the first seed here; of several files, each into a picture of its own with the file's name appended."""
+
+    def run(self) -> None:
+        """Replay, print a table, and write what is asked for."""
+        from turtlebot_gym_agents import report
+        from turtlebot_gym_agents.replay import dead_reckoning, read_drive, replay_figure, replay_seeds
+
+        if not self.files:
+            raise ValueError("At least one FILE must be given.")
+        if not self.seeds > 0:
+            raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        drives = {path: read_drive(path, columns=self.columns) for path in self.files}
+        options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}
+        results = {}
+        with _progress(self.seeds * len(drives)) as advance_to:
+            count = itertools.count(1)
+            for path, drive in drives.items():
+                seeds = range(self.seed, self.seed + self.seeds)
+                results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
+        named = {path.name: result for path, result in results.items()}
+        _print(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
+        if self.json is not None:
+            runs = [{"file": path, **result._replace(trajectory=None)._asdict()} for path, result in results.items()]
+            write_json(self.json, {"runs": runs}, config=asdict(self))
+        if self.plot is not None:
+            for path, drive in drives.items():
+                figure = replay_figure(
+                    results[path].trajectory, dead_reckoning(drive), title=f"{path.name}, noise {self.noise}, seed {self.seed}"
+                )
+                several = len(drives) > 1
+                _save(figure, self.plot.with_stem(f"{self.plot.stem}-{path.stem}") if several else self.plot)

@@ -1,0 +1,278 @@
+"""The environments as Gymnasium and Stable-Baselines3 see them."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import Error, InvalidAction, ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import RecordVideo
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from turtlebot_gym.envs.navigation import NavigationEnv
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+IDS = [NAV, "turtlebot_gym/TurtleBotPose-v0", "turtlebot_gym/TurtleBotSquare-v0"]
+NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
+STRAIGHT = np.array([1.0, 0.0], np.float32)
+
+
+@pytest.fixture(params=["scalar", "vector"])
+def maker(request):
+    """Make an environment of one or of three, and an action for it."""
+
+    def make(**options):
+        if request.param == "scalar":
+            return gym.make(NAV, **options), STRAIGHT
+        return gym.make_vec(NAV, num_envs=3, **options), np.tile(STRAIGHT, (3, 1))
+
+    return make
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_gymnasiums_checker_is_content(id):
+    # Warnings are errors here.
+    check_env(gym.make(id).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("id", IDS)
+@pytest.mark.parametrize("options", [{"noise": "wheel"}, {"observation": "truth", "dt": 0.02}], ids=str)
+def test_gymnasiums_checker_is_content_with_options(id, options):
+    check_env(gym.make(id, **options).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_stable_baselines3s_checker_is_content(id):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(gym.make(id), warn=True)
+
+
+def test_render_modes_pass_gymnasiums_checker(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    check_env(gym.make(NAV, render_mode="rgb_array").unwrapped)
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_ids_make_both_environments(id):
+    scalar, vector = gym.make(id), gym.make_vec(id, num_envs=2)
+    assert isinstance(scalar.unwrapped, NavigationEnv)
+    assert isinstance(vector, NavigationVectorEnv)
+    assert gym.make(f"turtlebot_gym:{id}").spec.id == id
+    assert scalar.spec.max_episode_steps == (600 if "Square" in id else 300)
+    assert scalar.observation_space == vector.single_observation_space
+    assert scalar.observation_space.shape == (13,)
+    assert scalar.observation_space.dtype == np.float32
+    np.testing.assert_array_equal(scalar.observation_space.low, np.array(OBSERVATION_LOW, np.float32))
+    np.testing.assert_array_equal(scalar.observation_space.high, np.array(OBSERVATION_HIGH, np.float32))
+
+
+SHAPES = {
+    "true_state": (5,), "odometry": (3,), "estimate": (5,), "covariance": (5, 5), "reference": (3,), "command": (2,),
+}  # fmt: skip
+
+
+def test_scalar_info():
+    env = gym.make(NAV)
+    _, info = env.reset(seed=0)
+    for _ in range(3):
+        assert {key: np.shape(info[key]) for key in SHAPES} == SHAPES
+        assert type(info["distance"]) is float
+        assert type(info["is_success"]) is bool
+        assert set(info) == {*SHAPES, "distance", "is_success"}
+        assert info["distance"] == pytest.approx(np.hypot(*(info["reference"] - info["true_state"][:3])[:2]))
+        np.testing.assert_array_equal(info["covariance"], info["covariance"].T)
+        before = {key: np.copy(value) for key, value in info.items()}
+        _, _, _, _, after = env.step(STRAIGHT)
+        for key, value in before.items():
+            np.testing.assert_array_equal(info[key], value)  # a new buffer at every step
+        info = after
+
+
+def test_vector_info():
+    default, full = (gym.make_vec(NAV, num_envs=4, info=info) for info in ("default", "full"))
+    for env, keys in ((default, {}), (full, SHAPES)):
+        expected = {**{key: (4, *shape) for key, shape in keys.items()}, "distance": (4,), "is_success": (4,)}
+        _, infos = env.reset(seed=0)
+        for _ in range(2):
+            assert {key: value.shape for key, value in infos.items() if not key.startswith("_")} == expected
+            infos = env.step(np.tile(STRAIGHT, (4, 1)))[4]
+
+
+def test_actions_beyond_one_are_clipped():
+    ends = []
+    for action in ([1.0, -1.0], [7.0, -1.5], [1.0, -1e30]):
+        env = gym.make(NAV, noise="clean")
+        env.reset(seed=0)
+        ends.append([env.step(np.array(action, np.float32))[0].tolist() for _ in range(5)])
+    assert ends[0] == ends[1] == ends[2]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_actions_that_are_not_finite_are_refused_with_the_environments_index(bad):
+    env = gym.make(NAV)
+    env.reset(seed=0)
+    for at in range(2):
+        action = STRAIGHT.copy()
+        action[at] = bad
+        with pytest.raises(InvalidAction, match=r"Environment 0: .*finite"):
+            env.step(action)
+    many = gym.make_vec(NAV, num_envs=5)
+    many.reset(seed=0)
+    actions = np.zeros((5, 2), np.float32)
+    actions[[3, 4], 1] = bad
+    with pytest.raises(InvalidAction, match=r"Environment 3: .*finite"):
+        many.step(actions)
+    # Opposite infinities must not cancel.
+    with pytest.raises(InvalidAction):
+        env.step(np.array([np.inf, -np.inf], np.float32))
+
+
+def test_a_refused_action_changes_nothing(maker):
+    one, action = maker()
+    two, _ = maker()
+    for env in (one, two):
+        env.reset(seed=0)
+        env.step(action)
+    with pytest.raises(InvalidAction):
+        one.step(action * np.nan)
+    np.testing.assert_array_equal(one.step(action)[0], two.step(action)[0])
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 1), (1, 2), (0,)])
+def test_actions_of_another_shape_are_refused(shape):
+    env = gym.make(NAV)
+    env.reset(seed=0)
+    with pytest.raises(InvalidAction, match="shape"):
+        env.step(np.zeros(shape, np.float32))
+    many = gym.make_vec(NAV, num_envs=3)
+    many.reset(seed=0)
+    with pytest.raises(InvalidAction, match="shape"):
+        many.step(np.zeros(shape, np.float32))
+
+
+def test_a_step_before_reset_is_refused(maker):
+    env, action = maker()
+    with pytest.raises(ResetNeeded):
+        env.step(action)
+    with pytest.raises(ResetNeeded):
+        env.unwrapped.step(action)
+
+
+def test_a_vector_environment_that_was_reset_in_part_says_which_is_missing():
+    env = gym.make_vec(NAV, num_envs=3)
+    env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
+    with pytest.raises(ResetNeeded, match="Environment 1"):
+        env.step(np.zeros((3, 2), np.float32))
+
+
+def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
+    env = gym.make_vec(NAV, num_envs=3, autoreset_mode=DISABLED, max_episode_steps=3)
+    env.reset(seed=0)
+    env.step(np.zeros((3, 2), np.float32))
+    env.reset(options={"reset_mask": np.array([True, False, False])})
+    for _ in range(2):
+        _, _, _, truncated, _ = env.step(np.zeros((3, 2), np.float32))
+    assert truncated.tolist() == [False, True, True]
+    with pytest.raises(Error, match="Environment 1"):
+        env.step(np.zeros((3, 2), np.float32))
+
+
+@pytest.mark.parametrize("seed", [0, 2**31 - 1, 2**63 - 2, 2**80])
+def test_any_seed_will_do_and_rows_follow_it(seed):
+    many = gym.make_vec(NAV, num_envs=3)
+    observations, _ = many.reset(seed=seed)
+    for i in range(3):
+        if seed + i < 2**63:  # larger ones are cut
+            np.testing.assert_array_equal(gym.make(NAV).reset(seed=seed + i)[0], observations[i])
+    assert len(np.unique(observations, axis=0)) == 3
+
+
+def test_unseeded_environments_differ():
+    starts = [gym.make(NAV).reset()[0] for _ in range(3)] + list(gym.make_vec(NAV, num_envs=3).reset()[0])
+    assert len(np.unique(starts, axis=0)) == 6
+
+
+def test_episodes_of_a_seed_differ_and_can_be_repeated():
+    env = gym.make(NAV)
+    first = [env.reset(seed=4)[0], *(env.reset()[0] for _ in range(3))]
+    again = [env.reset(seed=4)[0], *(env.reset()[0] for _ in range(3))]
+    np.testing.assert_array_equal(first, again)
+    assert len(np.unique(first, axis=0)) == 4
+
+
+def test_a_robot_with_a_perfect_view_reaches_its_goal(maker):
+    env, _ = maker(observation="truth", noise="clean")
+    observation, _ = env.reset(seed=0)
+    scalar = observation.ndim == 1
+    best = 0.0
+    for _ in range(299):
+        bearing = np.arctan2(observation[..., 2], observation[..., 1])
+        action = np.stack([np.where(np.abs(bearing) < 0.5, 1.0, 0.0), np.clip(bearing, -1.0, 1.0)], axis=-1)
+        observation, reward, terminated, truncated, info = env.step(action.astype(np.float32))
+        best = max(best, np.max(reward))
+        assert not np.any(truncated)
+        if np.any(terminated):
+            break
+    assert np.any(terminated)
+    np.testing.assert_array_equal(info["is_success"], terminated)
+    assert best > 9.0
+    assert scalar == isinstance(reward, float)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_record_episode_statistics_counts_what_was_driven(mode):
+    env = RecordEpisodeStatistics(gym.make_vec(NAV, num_envs=4, autoreset_mode=mode, max_episode_steps=20))
+    env.reset(seed=0)
+    total, length, ended = np.zeros(4), np.zeros(4, int), np.zeros(4, np.bool_)
+    episodes = 0
+    rng = np.random.default_rng(0)
+    for step in range(70):
+        if step == 7:
+            options = {"reset_mask": np.array([False, False, True, False])}
+            env.reset(options=options)
+            total[2] = length[2] = 0
+        _, rewards, terminated, truncated, infos = env.step(rng.uniform(-1.0, 1.0, (4, 2)).astype(np.float32))
+        if mode is NEXT_STEP:
+            total[ended] = length[ended] = 0
+        driven = ~ended if mode is NEXT_STEP else np.ones(4, np.bool_)
+        total[driven] += rewards[driven]
+        length[driven] += 1
+        ended = terminated | truncated
+        for i in np.flatnonzero(ended):
+            episodes += 1
+            assert infos["_episode"][i]
+            assert infos["episode"]["r"][i] == pytest.approx(total[i], rel=1e-6)
+            assert infos["episode"]["l"][i] == length[i]
+        if mode is not NEXT_STEP:
+            total[ended] = length[ended] = 0
+        if mode is DISABLED and ended.any():
+            env.reset(options={"reset_mask": ended.copy()})
+            ended[:] = False
+    assert episodes >= 12
+
+
+def test_record_video_films_an_episode(tmp_path, monkeypatch):
+    pytest.importorskip("moviepy")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = gym.make(NAV, render_mode="rgb_array", max_episode_steps=5)
+    folder = tmp_path / "films"
+    env = RecordVideo(env, str(folder), episode_trigger=lambda episode: True, disable_logger=True)
+    for seed in range(2):
+        env.reset(seed=seed)
+        done = False
+        while not done:
+            _, _, terminated, truncated, _ = env.step(STRAIGHT)
+            done = terminated or truncated
+    env.close()
+    films = sorted(folder.glob("*.mp4"))
+    assert len(films) == 2
+    assert min(film.stat().st_size for film in films) > 1000
+
+
+def test_a_vector_environment_does_not_render():
+    with pytest.raises(ValueError, match="render_mode"):
+        NavigationVectorEnv(2, render_mode="rgb_array")

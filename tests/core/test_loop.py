@@ -1,0 +1,311 @@
+"""The compiled loop: its rows, numba's cache, forks, and life without numba or Gymnasium."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import turtlebot_gym
+from turtlebot_gym.loop import PARALLEL_FROM, TILE, Batch
+from turtlebot_gym.parameters import Command, Pose
+from turtlebot_gym.presets import NOISES, matched
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
+
+WAYPOINTS = turtlebot_gym.SQUARE_WAYPOINTS
+SQUARE = turtlebot_gym.SQUARE
+
+
+def started(num_envs, parameters, *, seed=0):
+    batch = Batch(num_envs, parameters, WAYPOINTS)
+    batch.seeds[:] = seed + np.arange(num_envs)
+    batch.reset(np.ones(num_envs, np.bool_), *batch.empty())
+    return batch
+
+
+def test_each_environment_may_have_parameters_of_its_own():
+    n = TILE + 5
+    noises, robots, rules = list(NOISES.values()), list(ROBOTS.values()), ("euler", "midpoint")
+
+    def parameters(i):
+        dt = 0.05 * (1 + i % 3)
+        return make_parameters(SQUARE, robot=robots[i % 4], noise=noises[i % 5], dt=dt, integrator=rules[i % 2])
+
+    rows = [parameters(i) for i in range(n)]
+    batch = started(n, rows)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (50, n, 2)).astype(np.float32)
+    for action in actions:
+        batch.step(action)
+    for i in (0, 1, TILE - 1, TILE, n - 1):
+        p, key = rows[i], turtlebot_gym.models.noise.episode_key(i, 0)
+        world = retarget(begin(key, p), WAYPOINTS, p)
+        for action in actions[:, i].astype(float).tolist():
+            command = Command(action[0] * p.robot.max_linear, action[1] * p.robot.max_angular)
+            world, come = transition(world, command, key, len(WAYPOINTS), p)
+            world = retarget(world, WAYPOINTS, p) if come.reached else world
+        assert batch.world(i) == world
+
+
+def test_parameters_may_be_changed_on_the_way():
+    calm, shaky = make_parameters(SQUARE, noise="clean"), make_parameters(SQUARE, noise="tutorial")
+    batch = started(3, calm)
+    actions = np.zeros((3, 2), np.float32)
+    batch.step(actions)
+    assert np.abs(batch.numbers("odometry")).max() == 0.0
+    batch.set_parameters(shaky)
+    batch.step(actions)
+    assert np.abs(batch.numbers("odometry")).min() > 0.0
+    batch.set_parameters([calm, calm, shaky])
+    batch.step(actions)
+    assert (np.abs(batch.numbers("odometry")).max(axis=1) > 0.0).tolist() == [False, False, True]
+    with pytest.raises(ValueError, match="parameters must be one or 3, got 2"):
+        batch.set_parameters([calm, calm])
+
+
+@pytest.mark.parametrize("num_envs", [1, 7, TILE, TILE + 1, 3 * TILE])
+def test_what_is_read_is_a_copy(num_envs):
+    batch = started(num_envs, make_parameters(SQUARE))
+    before = [batch.world(i) for i in range(num_envs)]
+    for path in ("true_state", "odometry", "estimate.belief.covariance", "reference", "command"):
+        batch.numbers(path)[...] = 7.0
+    for array in (*batch.last(), batch.first_world()):
+        array[...] = 7.0
+    assert [batch.world(i) for i in range(num_envs)] == before
+
+
+def test_what_the_last_step_returned_can_be_had_again():
+    batch = started(TILE + 3, make_parameters(SQUARE))
+    observations, outcomes = batch.step(np.full((TILE + 3, 2), 0.5, np.float32))
+    for again, first in zip(batch.last(), (observations, outcomes), strict=True):
+        np.testing.assert_array_equal(again, first)
+        assert again.dtype == first.dtype
+
+
+def test_a_reset_leaves_the_rows_outside_its_mask():
+    batch = started(5, make_parameters(SQUARE))
+    observations, outcomes = batch.step(np.full((5, 2), 0.5, np.float32))
+    worlds, kept = [batch.world(i) for i in range(5)], observations.copy()
+    mask = np.array([False, True, False, False, True])
+    batch.episodes[mask] += 1
+    batch.reset(mask, observations, outcomes)
+    assert [batch.world(i) == worlds[i] for i in range(5)] == (~mask).tolist()
+    assert ((observations == kept).all(axis=1) == ~mask).all()
+
+
+def test_huge_seeds_and_episodes_are_fine():
+    batch = Batch(2, make_parameters(SQUARE), [Pose(1.0, 0.0, 0.0)])
+    batch.seeds[:] = [turtlebot_gym.models.noise.MAX_SEED, 0]
+    batch.episodes[:] = [10**12, 10**12]
+    batch.reset(np.ones(2, np.bool_), *batch.empty())
+    for i in range(2):
+        p, key = batch.parameters, turtlebot_gym.models.noise.episode_key(int(batch.seeds[i]), 10**12)
+        assert batch.world(i) == retarget(begin(key, p), [Pose(1.0, 0.0, 0.0)], p)
+
+
+# Other processes.
+
+
+def run(script, *, path=None, **environment):
+    """Run a script in a Python of its own, and return what it prints as JSON."""
+    env = os.environ | {key: str(value) for key, value in environment.items()}
+    if path is not None:
+        env["PYTHONPATH"] = str(path)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script], env=env, capture_output=True, text=True, cwd=path, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+CACHE = f"""
+import json
+import numpy as np
+import turtlebot_gym.loop as loop
+from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
+
+report = {{"file": loop.__file__}}
+for parallel, size in ((False, 1), (True, {PARALLEL_FROM})):
+    batch = loop.Batch(size, make_parameters(SQUARE, noise="clean"), SQUARE_WAYPOINTS)
+    for _ in range(3):
+        batch.step(np.full((size, 2), 0.5, np.float32))
+    stats = loop._compiled(loop._step_rows, parallel).stats
+    report[str(parallel)] = sum(stats.cache_misses.values()), sum(stats.cache_hits.values()), batch.world(size - 1).true_state.x
+print(json.dumps(report))
+"""
+
+
+def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
+    """numba keys its cache on neither: see `turtlebot_gym.loop`. The last process must see the new physics."""
+    package = tmp_path / "turtlebot_gym"
+    shutil.copytree(Path(turtlebot_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    options = {"path": tmp_path, "NUMBA_CACHE_DIR": tmp_path / "cache"}
+    first = run(CACHE, **options)
+    assert first["file"] == str(package / "loop.py")
+    assert first["False"][:2] == [1, 0]
+    assert first["True"][:2] == [1, 0], "the parallel loop was loaded from the serial one's cache"
+    second = run(CACHE, **options)
+    assert second["False"] == [0, 1, first["False"][2]]
+    assert second["True"] == [0, 1, first["False"][2]]
+
+    helper = package / "models" / "unicycle.py"
+    changed = helper.read_text().replace("pose.x + v * cosine * dt", "pose.x + 2.0 * v * cosine * dt")
+    assert changed != helper.read_text()
+    helper.write_text(changed)
+    third = run(CACHE.replace(f", (True, {PARALLEL_FROM})", ","), **options)
+    assert third["False"][:2] == [1, 0], "the loop was loaded from before its helper changed"
+    assert third["False"][2] > 1.5 * first["False"][2]
+
+
+def test_without_a_folder_for_the_cache_it_goes_on(monkeypatch):
+    from turtlebot_gym import loop
+
+    def njit(function, *, cache=False, **options):
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return function
+
+    monkeypatch.setattr(loop, "njit", njit)
+    assert callable(loop._compiled.__wrapped__(loop._step_rows, False))
+
+
+THREADS = f"""
+import json, threading
+import numpy as np
+from turtlebot_gym.loop import Batch
+from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
+
+actions = np.full(({2 * PARALLEL_FROM}, 2), 0.5, np.float32)
+sums = []
+
+def drive():
+    batch = Batch(len(actions), make_parameters(SQUARE), SQUARE_WAYPOINTS)
+    batch.reset(np.ones(len(actions), np.bool_), *batch.empty())
+    for _ in range(200):
+        observations, _ = batch.step(actions)
+    sums.append(observations.tobytes().hex())
+
+threads = [threading.Thread(target=drive) for _ in range(3)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(json.dumps([len(sums), len(set(sums))]))
+"""
+
+
+@pytest.mark.parametrize("layer", ["default", "workqueue"])
+def test_threads_of_python_may_step_batches_at_the_same_time(layer):
+    # The workqueue layer, which numba takes where there is neither OpenMP nor TBB, aborts on concurrent parallel loops.
+    assert run(THREADS, NUMBA_THREADING_LAYER=layer) == [3, 1]
+
+
+FORK = f"""
+import json, os
+import numpy as np
+from turtlebot_gym.loop import Batch
+from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
+
+def batch():
+    made = Batch({2 * PARALLEL_FROM}, make_parameters(SQUARE), SQUARE_WAYPOINTS)
+    made.reset(np.ones(made.num_envs, np.bool_), *made.empty())
+    return made
+
+actions = np.full(({2 * PARALLEL_FROM}, 2), 0.5, np.float32)
+expected = [batch().step(actions)[0] for _ in range(2)][0]
+import warnings
+warnings.simplefilter("ignore")  # Python 3.12 warns of forks beside threads, which is what this is about
+child = os.fork()
+if child == 0:
+    os._exit(0 if (batch().step(actions)[0] == expected).all() else 3)
+status = os.waitpid(child, 0)[1]
+print(json.dumps([os.waitstatus_to_exitcode(status), bool((batch().step(actions)[0] == expected).all())]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_child_lives_after_its_parent_ran_in_parallel():
+    assert run(FORK) == [0, True]  # a signal's number, negative, if OpenMP killed it
+
+
+BARE = """
+import json, math, sys
+for blocked in ("gymnasium", "numba", "filterpy", "scipy", "matplotlib", "pygame"):
+    sys.modules[blocked] = None
+import turtlebot_gym as tb
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.models.noise import episode_key
+from turtlebot_gym.simulation import begin, look, retarget, transition
+
+p = tb.make_parameters(tb.SQUARE, noise="rough")
+key = episode_key(3, 0)
+world = retarget(begin(key, p), tb.SQUARE_WAYPOINTS, p)
+for _ in range(200):
+    world, come = transition(world, tb.Command(0.1, 0.2), key, 4, p)
+    world = retarget(world, tb.SQUARE_WAYPOINTS, p) if come.reached else world
+print(json.dumps(look(world, p)))
+"""
+
+
+def test_the_core_works_without_gymnasium_and_numba():
+    with_them = run(BARE.replace('"gymnasium", "numba", ', ""))
+    assert run(BARE) == with_them
+    assert len(with_them) == 13
+
+
+PLAIN = """
+import json, sys
+BLOCK
+import numpy as np
+import gymnasium as gym
+import turtlebot_gym
+from turtlebot_gym.kernel import HAS_NUMBA
+
+rng = np.random.default_rng(0)
+sums = []
+for name, options in (("Nav", {"noise": "rough"}), ("Square", {"noise": "documented", "integrator": "midpoint"})):
+    one = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=25, **options)
+    many = gym.make_vec(f"turtlebot_gym/TurtleBot{name}-v0", 3, max_episode_steps=25, info="full", **options)
+    sums.append(one.reset(seed=5)[0].tobytes().hex())
+    sums.append(many.reset(seed=5)[0].tobytes().hex())
+    for _ in range(60):
+        actions = rng.uniform(-1.2, 1.2, (3, 2)).astype(np.float32)
+        observation, reward, terminated, truncated, info = one.step(actions[0])
+        observations, rewards, *_, infos = many.step(actions)
+        if terminated or truncated:
+            one.reset()
+    sums += [observation.tobytes().hex(), float(reward).hex(), info["covariance"].tobytes().hex()]
+    sums += [observations.tobytes().hex(), rewards.tobytes().hex(), infos["covariance"].tobytes().hex()]
+print(json.dumps([HAS_NUMBA, sums]))
+"""
+
+
+def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits():
+    compiled = run(PLAIN.replace("BLOCK", ""))
+    plain = run(PLAIN.replace("BLOCK", 'sys.modules["numba"] = None'))
+    assert (compiled[0], plain[0]) == (True, False)
+    assert plain[1] == compiled[1]
+
+
+def test_matched_tunings_have_a_loop_in_common():
+    # All parameters are packed in one form, so changing noise, filter or robot compiles nothing anew.
+    from turtlebot_gym import loop
+
+    p = make_parameters(SQUARE)
+    started(2, p).step(np.zeros((2, 2), np.float32))
+    compiled = len(loop._compiled(loop._step_rows, False).signatures)
+    for noise in NOISES.values():
+        started(2, p._replace(noise=noise, tuning=replace(matched(noise), gate=9.0), robot=ROBOTS["waffle"])).step(
+            np.zeros((2, 2), np.float32)
+        )
+    assert len(loop._compiled(loop._step_rows, False).signatures) == compiled
