@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import threading
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -156,13 +157,23 @@ def _compiled(make: Callable[[str], Callable[..., None]], parallel: bool) -> Cal
 
 
 class _Threads:
-    """Whether a parallel loop may run: not in a child that was forked after its parent ran one (OpenMP would kill it)."""
+    """Who may run a parallel loop: one Python thread at a time (numba's work queue aborts under two), and not a child that was
+    forked after its parent ran one (OpenMP would kill it). All others run the serial loop, which gives the same bits."""
 
+    lock = threading.Lock()
     used = False
     lost = False
 
     @classmethod
+    def acquire(cls) -> bool:
+        """Return whether the caller may run a parallel loop; it then has to release the lock."""
+        allowed = not cls.lost and cls.lock.acquire(blocking=False)
+        cls.used |= allowed
+        return allowed
+
+    @classmethod
     def after_fork(cls) -> None:
+        cls.lock = threading.Lock()
         cls.lost = cls.used
 
 
@@ -234,10 +245,13 @@ class Batch:
             Observations, shape (N, 13), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are fresh.
         """
         observations, outcomes = self.empty()
-        parallel = self._parallel and not _Threads.lost
-        _Threads.used |= parallel
-        loop = _compiled(_step_rows, parallel)
-        loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes)
+        parallel = self._parallel and _Threads.acquire()
+        try:
+            loop = _compiled(_step_rows, parallel)
+            loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes)
+        finally:
+            if parallel:
+                _Threads.lock.release()
         return observations, outcomes
 
     def numbers(self, path: str) -> NDArray[np.float64]:

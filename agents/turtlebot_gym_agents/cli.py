@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import tyro
 from rich.console import Console
@@ -23,6 +23,7 @@ from turtlebot_gym_agents.replay import Columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.table import Table
 
     from turtlebot_gym_agents.evaluation import Evaluation
 
@@ -160,7 +161,7 @@ class Replay:
         named = {path.name: result for path, result in results.items()}
         _print(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
         if self.json is not None:
-            runs = [{"file": path, **result._replace(trajectory=None)._asdict()} for path, result in results.items()]
+            runs = [{"file": path, **result.summary()} for path, result in results.items()]
             write_json(self.json, {"runs": runs}, config=asdict(self))
         if self.plot is not None:
             for path, drive in drives.items():
@@ -169,3 +170,49 @@ class Replay:
                 )
                 several = len(drives) > 1
                 _save(figure, self.plot.with_stem(f"{self.plot.stem}-{path.stem}") if several else self.plot)
+
+
+COMMANDS: dict[str, type[Command]] = {"evaluate": Evaluate, "replay": Replay}
+"""Subcommands by name."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a subcommand, and return the exit status: 0, or 2 with one line of explanation if what was asked is not possible.
+
+    Args:
+        argv: Arguments; those of the process if not told.
+    """
+    command = tyro.extras.subcommand_cli_from_dict(
+        dict(COMMANDS),
+        prog="turtlebot-gym",
+        description="A TurtleBot that navigates on what a Kalman filter believes.",
+        args=argv,
+    )
+    try:
+        command.run()
+    except (ValueError, OSError, ImportError) as error:
+        print(f"turtlebot-gym: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it."""
+    columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda completed: bar.update(task, completed=completed)
+
+
+def _print(*tables: Table) -> None:
+    """Print tables to standard output; into a file or a pipe in full width."""
+    console = Console()
+    Console(width=console.width if console.is_terminal else 160).print(*tables)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

@@ -123,9 +123,7 @@ def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
     return next(states for name, states in shown.items() if OBSERVED[name] == p.observed)[1:]
 
 
-def _at(
-    states: NDArray[np.float64], due: NDArray[np.float64], running: NDArray[np.bool_], task: Task
-) -> NDArray[np.bool_]:
+def _at(states: NDArray[np.float64], due: NDArray[np.float64], running: NDArray[np.bool_], task: Task) -> NDArray[np.bool_]:
     """Return which states satisfy the task at the waypoints that are due, shape (T, n)."""
     at = running & (_distance(states, due) <= task.radius)  # few are near enough to ask
     for step, row in np.argwhere(at):

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from turtlebot_gym.trajectory import heading_error, position_error
 
@@ -69,6 +68,8 @@ def share(happened: ArrayLike) -> Interval:
     References:
         Wilson, "Probable inference, the law of succession, and statistical inference" (1927).
     """
+    from scipy import stats  # slow to import
+
     flags = np.asarray(happened, np.bool_)
     test = stats.binomtest(int(flags.sum()), flags.size)
     low, high = test.proportion_ci(CONFIDENCE, method="wilson")
@@ -81,6 +82,8 @@ def mean(values: ArrayLike) -> Interval:
     Args:
         values: Shape (n,).
     """
+    from scipy import stats
+
     known = np.asarray(values, np.float64)
     known = known[np.isfinite(known)]
     if known.size == 0:

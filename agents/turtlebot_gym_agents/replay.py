@@ -21,13 +21,14 @@ from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, episode_key, n
 from turtlebot_gym.models.odometry import measure
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import Command, FilterTuning, Noise, OdometryNoise, Pose, ProcessNoise, choose
-from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.plotting import PURPLE, tutorial_figure
+from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym_agents.metrics import Errors, errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Columns:
@@ -76,7 +77,9 @@ def read_drive(path: str | Path, *, columns: Columns | None = None) -> Drive:
         found = [name.strip().strip('"') for name in header.split(mark)]
         missing = [name for name in names if name not in found]
         if missing:
-            raise ValueError(f"{path}: column {', '.join(map(repr, missing))} is missing; there are {', '.join(map(repr, found))}.")
+            raise ValueError(
+                f"{path}: column {', '.join(map(repr, missing))} is missing; there are {', '.join(map(repr, found))}."
+            )
         lines = [line for line in file if line.strip()]
     if len(lines) < 2:
         raise ValueError(f"{path}: a drive has at least two rows, got {len(lines)}.")
@@ -218,16 +221,26 @@ class Replayed(NamedTuple):
     """What replaying a drive with several seeds has shown."""
 
     raw: Errors
-    """Of the measured poses; each number an array with one for each seed, as those of the filter."""
-    dead_reckoning: Errors
+    """Of the measured poses; arrays with a number for each seed, as those of the filter."""
+    wheels: Errors
     """Of the wheels alone, from the first true pose on; a single number each."""
     filter: Errors
+    """Of the filter's estimate."""
     drift: float
-    """Mean error of the wheels alone at the end of segments of 1 m, m per m."""
+    """Error of the wheels alone over segments of 1 m, end to end; mean, m."""
     drift_heading: float
-    """And of their heading, rad per m."""
+    """And that of their heading, rad."""
     trajectory: Trajectory
     """The drive with the first seed."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the means over the seeds, and what each seed gave."""
+        means = {
+            name: {key: float(np.mean(values)) for key, values in errors._asdict().items()}
+            for name, errors in (("raw", self.raw), ("wheels", self.wheels), ("filter", self.filter))
+        }
+        per_metre = {"position": self.drift, "heading": self.drift_heading}
+        return {"mean": means, "wheels_per_metre": per_metre, "seeds": {"raw": self.raw, "filter": self.filter}}
 
 
 def replay_seeds(

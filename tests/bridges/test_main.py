@@ -80,7 +80,8 @@ def test_a_node_explains_itself(capsys, name):
         (["waypoint_generator", "--ros-args", "-p", "waypoints:=/nowhere.yaml"], "cannot read '/nowhere.yaml'"),
         (["waypoint_generator", "--ros-args", "-p", "switch:=never"], "switch must be one of"),
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
-        (["kalman_filter", "filter:=matched"], "filter:=matched"),
+        (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),
+        (["kalman_filter", "quickly"], "unknown argument 'quickly'"),
     ],
 )
 def test_what_is_wrong_is_one_clear_line_and_exit_code_2(capsys, argv, said):

@@ -285,7 +285,7 @@ def broken() -> list[type[NavigationVectorEnv]]:
     return [one for one in NavigationVectorEnv.__subclasses__() if one.__module__ == __name__]
 
 
-def violations(make, *, steps=20, **options):
+def violations(make, *, steps=16, **options):
     try:
         check_vector_env(make, steps=steps, **options)
     except ContractError as error:

@@ -116,8 +116,9 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
     except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
         return refuse(error)
     try:
-        if rest := remove_ros_args(arguments):
-            raise ValueError(f"unknown argument {rest[0]!r}; parameters are given as --ros-args -p NAME:=VALUE.")
+        # What stands before --ros-args would be taken as a remapping, in an old syntax, or ignored.
+        for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
+            raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
         runner.add(Shell(make, params, name=name, context=runner.context))
     except (ValueError, TypeError, OSError, ImportError) as error:
         runner.close()

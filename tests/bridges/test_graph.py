@@ -1,0 +1,152 @@
+"""The closed loop as a live graph: from any order of launching, in processes and in one, driven by a policy or by hand."""
+
+import itertools
+import time
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.bringup import main, metrics
+from turtlebot_gym_ros.qos import LATCHED
+from turtlebot_gym_ros.status import main as status
+
+from turtlebot_gym.tasks import SQUARE_WAYPOINTS
+
+NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
+# Each node is first, second, third and last in some of these, and before and after every other.
+ORDERS = [NODES, NODES[::-1], *itertools.islice(itertools.permutations(NODES), 7, 23, 4)]
+FAST = {
+    "turtlebot_simulator": ("speed:=10",),
+    "kalman_filter": ("use_sim_time:=true",),
+    "velocity_controller": ("use_sim_time:=true", "start_enabled:=true"),
+    "waypoint_generator": ("use_sim_time:=true",),
+}
+TOPICS = {
+    "odom": Odometry,
+    "true_state": Odometry,
+    "estimate": Odometry,
+    "reference": PoseStamped,
+    "next_reference": PoseStamped,
+    "cmd_vel": TwistStamped,
+}
+
+
+def node(name, *parameters):
+    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in parameters for word in ("-p", each))]
+
+
+@pytest.mark.parametrize("order", ORDERS, ids=lambda order: "-".join(name.split("_")[-1] for name in order))
+def test_it_starts_from_any_order_of_launching(launch, peer, wait_for, order):
+    heard = {topic: peer.hear(topic, kind) for topic, kind in TOPICS.items()}
+    processes = []
+    for name in order:
+        if processes:  # not all at once: the node before is up, and has nobody to talk to
+            wait_for(lambda before=processes[-1][0]: before in peer.node.get_node_names())
+        processes.append((name, launch(*node(name, *FAST[name]))))
+    wait_for(lambda: all(heard.values()))
+    wait_for(lambda: any(message.pose.pose.position.x > 0.5 for message in heard["true_state"]))
+    assert all(process.poll() is None for _, process in processes)
+
+
+def test_it_drives_the_square_in_processes(wait_for):
+    with Graph(processes=True, policy="bearing", speed=10.0) as graph:
+        graph.wait_until(lambda graph: graph.state == "silent: done")
+        trajectory = graph.trajectory()
+    figures = metrics(trajectory)
+    assert figures["waypoints reached"] == len(SQUARE_WAYPOINTS)
+    assert figures["estimate position error"] < 0.5 * figures["odometry position error"]
+    assert np.hypot(*trajectory.true_state[-1, :2]) < 0.4
+    assert list(dict.fromkeys(map(tuple, trajectory.reference))) == pytest.approx(list(SQUARE_WAYPOINTS), abs=1e-12)
+
+
+def test_it_drives_the_square_in_one_process():
+    with Graph(policy="bearing", noise="clean", speed=10.0) as graph:
+        graph.wait_until(lambda graph: graph.state == "silent: done")
+        trajectory = graph.trajectory()
+        assert graph.reports.keys() >= set(NODES)
+        assert max(level for level, _ in graph.reports.values()) == 0, graph.reports
+    assert metrics(trajectory)["waypoints reached"] == len(SQUARE_WAYPOINTS)
+    np.testing.assert_allclose(np.diff(trajectory.time), 0.1, atol=1e-9)
+    assert np.isfinite(trajectory.true_state).all()
+
+
+def test_graphs_in_one_process_do_not_disturb_each_other():
+    with Graph(domain=101, speed=10.0, seed=1) as one, Graph(domain=102, speed=10.0, mode="teleoperation") as other:
+        one.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
+        assert other.latest["true_state"][:3] == (0.0, 0.0, 0.0)
+        assert "reference" not in other.latest
+
+
+def test_a_reset_of_the_plant_begins_again(peer, wait_for):
+    truth = peer.hear("true_state", Odometry)
+    with Graph(speed=10.0) as graph:
+        graph.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
+        assert peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request()).success
+        graph.wait_until(lambda graph: abs(graph.latest["true_state"].x) < 0.3)
+        graph.wait_until(lambda graph: abs(graph.latest["estimate"].belief.mean.x) < 0.5)
+        graph.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)  # it drives on, still enabled
+    assert truth
+
+
+@pytest.mark.parametrize(("stamped", "kind"), [(True, TwistStamped), (False, Twist)])
+def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait_for, stamped, kind):
+    with Graph(mode="teleoperation", noise="clean", speed=10.0, enable_stamped_cmd_vel=stamped) as graph:
+        command = kind()
+        (command.twist if stamped else command).linear.x = 0.15
+        publisher = peer.speak("cmd_vel", kind)
+        wait_for(lambda: publisher.get_subscription_count() >= 3)  # the plant, the filter and the recorder
+        publisher.publish(command)  # once: the plant holds it for ever
+        graph.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
+        assert graph.latest["estimate"].belief.mean.x == pytest.approx(graph.latest["true_state"].x, abs=0.1)
+
+
+def test_the_scripted_person_drives(launch, peer, wait_for):
+    with Graph(mode="teleoperation", noise="clean", speed=10.0) as graph:
+        states = peer.hear("simulated_teleop/state", String, LATCHED)
+        launch(*node("simulated_teleop", "use_sim_time:=true"))
+        wait_for(lambda: states and states[-1].data == "silent: done")
+        commands = graph.trajectory().command
+        assert {0.15, 0.0} <= set(commands[:, 0].tolist())
+        assert {0.8, -0.8, 1.5, 0.0} <= set(commands[:, 1].tolist())
+        graph.wait_until(lambda graph: graph.latest["true_state"].v == 0.0)
+
+
+def test_wrong_parameters_are_refused():
+    with pytest.raises(ValueError, match="policy"), Graph(policy="clever"):
+        pass
+    with pytest.raises(ValueError, match="has a parameter polcy"):
+        Graph(polcy="bearing")
+    with pytest.raises(ValueError, match="mode must be one of"):
+        Graph(mode="manual")
+    with pytest.raises(RuntimeError, match="ended with exit code 2"), Graph(processes=True, policy="clever"):
+        pass
+
+
+def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
+    figure, report = tmp_path / "drive.png", tmp_path / "drive.json"
+    assert main(["--speed", "10", "--duration", "5", "--figure", str(figure), "--json", str(report)]) == 0
+    out = capfd.readouterr().out
+    assert "estimate position error" in out
+    assert figure.stat().st_size > 10_000
+    assert '"speed": 10.0' in report.read_text()
+
+
+@pytest.mark.parametrize("wrong", [["--policy", "clever"], ["--speed", "0"], ["--duration", "0"], ["--waypoints", "/nowhere.csv"]])
+def test_bringup_refuses_what_is_wrong_on_one_line(capsys, wrong):
+    assert main(wrong) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+
+
+def test_status_says_who_waits_for_what(capsys, launch, peer, wait_for):
+    launch(*node("kalman_filter"))
+    wait_for(lambda: "kalman_filter" in peer.node.get_node_names())
+    assert status(["--seconds", "10", "--mode", "teleoperation"]) == 1
+    out = " ".join(capsys.readouterr().out.split())
+    assert "kalman_filter" in out
+    assert "not there" in out
+    time.sleep(0.0)
