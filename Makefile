@@ -19,10 +19,11 @@ $(READY): pyproject.toml constraints.txt
 
 demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, in numbers and in a picture
 	@mkdir -p $(OUT)
-	$(RUN)turtlebot-gym evaluate --env turtlebot_gym/TurtleBotSquare-v0 --policy proportional bearing \
-		--noise tutorial documented --episodes 200 --json $(OUT)/square.json --plot $(OUT)/square.png
-	$(RUN)turtlebot-gym evaluate --env turtlebot_gym/TurtleBotNav-v0 --policy proportional bearing \
-		--noise tutorial documented rough --episodes 1000 --json $(OUT)/nav.json --plot $(OUT)/nav.png
+	$(RUN)turtlebot-gym evaluate --env turtlebot_gym/TurtleBotSquare-v0 --robot tutorial --switch time \
+		--policy proportional bearing --episodes 40 --json $(OUT)/square_by_time.json --plot $(OUT)/square_by_time.png
+	$(RUN)turtlebot-gym evaluate --env turtlebot_gym/TurtleBotSquare-v0 --policy bearing --episodes 1 --seed 3 \
+		--plot $(OUT)/square.png
+	$(RUN)turtlebot-gym evaluate --noise tutorial documented rough --episodes 1000 --json $(OUT)/nav.json --plot $(OUT)/nav.png
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
 		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --noise documented --plot $(OUT)/replay.png; \
 	else echo "No recorded drives in $(DATA): the replay is left out."; fi
@@ -37,7 +38,7 @@ test-slow: $(READY)  ## the tests that take minutes
 check: $(READY)  ## style, types and the direction of imports
 	$(RUN)ruff check
 	$(RUN)ruff format --check
-	$(RUN)pyright
+	$(RUN)pyright --pythonpath $(RUN)python
 	$(RUN)lint-imports
 
 bench: $(READY)  ## speed, as ratios in one run

@@ -9,22 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable)
 
 try:
-    from numba import float64
-    from numba.extending import intrinsic, overload, register_jitable
-
-    HAS_NUMBA = True
+    from numba import extending
 except ImportError:
-    HAS_NUMBA = False
+    extending = None
+
+HAS_NUMBA = extending is not None
 
 
 def kernel(function: F) -> F:
     """Let a compiled loop inline this function; calling it from Python runs it as plain Python."""
-    return register_jitable(forceinline=True)(function) if HAS_NUMBA else function
+    return function if extending is None else extending.register_jitable(forceinline=True)(function)
 
 
 def sqrt(x: float) -> float:
@@ -32,16 +31,19 @@ def sqrt(x: float) -> float:
     return math.sqrt(x)
 
 
-if HAS_NUMBA:
+if extending is not None:
+    from numba import float64
 
-    @intrinsic
-    def _sqrt_instruction(typing_context, x):
+    def _emit_sqrt(typing_context, x):
         def emit(context, builder, signature, arguments):
             return builder.call(builder.module.declare_intrinsic("llvm.sqrt", [arguments[0].type]), arguments)
 
         return float64(float64), emit
 
-    @overload(sqrt, jit_options={"forceinline": True})
+    _sqrt_instruction: Any = extending.intrinsic(_emit_sqrt)
+    _overload: Any = extending.overload
+
+    @_overload(sqrt, jit_options={"forceinline": True})
     def _sqrt(x):
         # Compiled math.sqrt is a call that may set errno, which keeps a loop from being vectorized; this is one instruction.
         return lambda x: _sqrt_instruction(x)

@@ -56,12 +56,9 @@ _N_OUTCOME, _N_OBSERVATION = OUTCOME.size, OBSERVATION.size
 
 if HAS_NUMBA:
     from numba import njit, prange
-else:
+else:  # the loops run as plain Python
+    njit: Any = lambda function, **options: function  # noqa: E731
     prange = range
-
-    def njit(function: Any = None, **options: Any) -> Any:
-        """Leave a function as it is: without numba the loops run as plain Python."""
-        return function if function is not None else lambda function: function
 
 
 @kernel
@@ -98,7 +95,7 @@ def _step_rows(identity: str) -> Callable[..., None]:
     # numba's cache knows a function's own code and what it closes over, but neither the helpers that it calls nor the flags
     # that it is compiled with. So the loops close over a string that stands for those.
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes):
-        identity  # noqa: B018
+        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]
         for index in prange(len(tiles)):
             at = np.int64(index)  # prange counts in unsigned integers, which mix badly with signed ones
             first = at * TILE
@@ -111,7 +108,7 @@ def _step_rows(identity: str) -> Callable[..., None]:
 
 def _reset_rows(identity: str) -> Callable[..., None]:
     def reset_rows(mask, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes):
-        identity  # noqa: B018
+        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]
         for row in range(len(mask)):
             if mask[row]:
                 at, lane = row // TILE, row % TILE

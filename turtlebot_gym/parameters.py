@@ -107,7 +107,7 @@ def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
     return diagonal
 
 
-def choose(what: str, name: str, known: Mapping[str, T]) -> T:
+def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
     """Return a named choice.
 
     Raises:
@@ -206,10 +206,10 @@ class OdometryNoise:
     def __post_init__(self) -> None:
         object.__setattr__(self, "R", variances("OdometryNoise.R", self.R, 3))
         for name, size in (("bias", 3), ("quantization", 2)):
-            value = tuple(getattr(self, name))
-            if len(value) != size:
-                raise ValueError(f"OdometryNoise.{name} must have {size} components, got {value!r}.")
-            object.__setattr__(self, name, value)
+            value = getattr(self, name)
+            if not isinstance(value, Sequence) or len(value) != size:
+                raise ValueError(f"OdometryNoise.{name} must be a sequence of {size} numbers, got {value!r}.")
+            object.__setattr__(self, name, tuple(value))
         require(self, "finite", "bias")
         require(self, "non-negative", "spike", "quantization")
         require(self, "a probability", "spike_probability", "dropout_probability")

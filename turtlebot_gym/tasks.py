@@ -108,7 +108,10 @@ def make_task(
         changes["laps"] = float(laps)
     if max_steps is not None:
         changes["max_steps"] = float(max_steps)
-    given = tuple(Pose(*map(float, waypoint)) for waypoint in (SQUARE_WAYPOINTS if waypoints is None else waypoints))
+    try:
+        given = tuple(Pose(*map(float, waypoint)) for waypoint in (SQUARE_WAYPOINTS if waypoints is None else waypoints))
+    except (TypeError, ValueError):
+        given = ()
     if not given or not all(math.isfinite(number) for waypoint in given for number in waypoint):
         raise ValueError(f"waypoints must be one or more finite poses (x, y, theta), got {waypoints!r}.")
     poses = tuple(Pose(waypoint.x, waypoint.y, wrap(waypoint.theta)) for waypoint in given)

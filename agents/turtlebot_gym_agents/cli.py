@@ -78,6 +78,8 @@ class Evaluate:
         from turtlebot_gym_agents.evaluation import evaluate
 
         combinations = list(itertools.product(self.policy, self.noise, self.observation))
+        if not combinations:
+            raise ValueError("policy, noise and observation must name at least one each.")
         evaluations: dict[str, Evaluation] = {}
         with _progress(self.episodes * len(combinations)) as advance_to:
             for at, (policy, noise, observation) in enumerate(combinations):
@@ -188,6 +190,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="A TurtleBot that navigates on what a Kalman filter believes.",
         args=argv,
     )
+    sys.path.append(str(Path.cwd()))  # for policies of one's own, which a console script would not find
     try:
         command.run()
     except (ValueError, OSError, ImportError) as error:
@@ -201,8 +204,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 @contextmanager
 def _progress(total: int) -> Iterator[Callable[[int], None]]:
     """Show a progress bar on standard error, where that is a terminal; yields a function that moves it."""
+    console = Console(stderr=True)
     columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
         yield lambda completed: bar.update(task, completed=completed)
 

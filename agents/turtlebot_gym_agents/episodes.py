@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class Record(NamedTuple):
         """Return the first environment's episode."""
         rows = np.flatnonzero(self.running[:, 0])
         drive = {name: getattr(self, name)[rows, 0] for name in Trajectory._fields if name not in ("time", "covariance")}
-        return Trajectory(time=rows * dt, covariance=self.covariance[rows], **drive)
+        return Trajectory(time=np.asarray(rows * dt, np.float64), covariance=self.covariance[rows], **drive)
 
 
 class Episodes(NamedTuple):
@@ -66,10 +66,12 @@ class Episodes(NamedTuple):
 
 def concatenate(parts: Sequence[Episodes]) -> Episodes:
     """Return the episodes of several batches, one after the other."""
-    columns = list(zip(*parts, strict=True))
-    *plain, estimate, odometry = columns
-    nested = (Errors(*map(np.concatenate, zip(*column, strict=True))) for column in (estimate, odometry))
-    return Episodes(*map(np.concatenate, plain), *nested)
+
+    def joined(rows: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+        for column in zip(*rows, strict=True):
+            yield Errors(*joined(column)) if isinstance(column[0], Errors) else np.concatenate(column)
+
+    return Episodes(*joined(parts))
 
 
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:
@@ -99,14 +101,14 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     straight = _distance(record.true_state[0], record.reference[0]) + np.sum(sides, axis=0, where=changed)
     return Episodes(
         seed=seed + np.arange(steps.size),
-        success=(record.is_success[1:] & running).any(axis=0),
+        success=np.any(record.is_success[1:] & running, axis=0),
         time=steps * p.dt,
         ideal=(straight - task.radius) / top_speed,
         path=np.sum(_distance(truth, record.true_state[:-1]), axis=0, where=running),
         effort=_mean(effort, running),
         reached=np.sum([(there & one).any(axis=0) for one in legs], axis=0),
         miss=_mean(away, done_with),
-        false_arrival=(first_seen & ~there).any(axis=0),
+        false_arrival=np.any(first_seen & ~there, axis=0),
         arrival_distance=_mean(away, first_seen),
         estimate=_errors(record.estimate[1:], truth, running),
         odometry=_errors(record.odometry[1:], truth, running),

@@ -22,7 +22,7 @@ from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym_agents import metrics
 from turtlebot_gym_agents.episodes import Episodes, Record, concatenate, measure
 from turtlebot_gym_agents.metrics import Interval
-from turtlebot_gym_agents.policies import Policy, make_policy
+from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 BATCH = 1024
@@ -102,30 +102,36 @@ def evaluate(
     if not (isinstance(seed, int) and seed >= 0):
         raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
-    parts: list[Episodes] = []
-    trajectory: Trajectory | None = None
+    runs = []
     for start in range(0, episodes, BATCH):
         size = min(BATCH, episodes - start)
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
-        p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-        driver = make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
-        record = _drive(envs, driver, seed + start, lambda ended, start=start: progress(start + ended))
+        runs.append(_run(envs, policy, seed + start, lambda ended, start=start: progress(start + ended)))
         envs.close()
-        parts.append(measure(record, p, seed + start))
-        trajectory = trajectory or record.trajectory(dt=p.dt)
+    parts, trajectories, limits = zip(*runs, strict=True)
     return Evaluation(
         config={"env": env, "policy": policy, "episodes": episodes, "seed": seed, **options},
-        limit=p.task.max_steps * p.dt,
+        limit=limits[0],
         episodes=concatenate(parts),
-        trajectory=trajectory,
+        trajectory=trajectories[0],
     )
+
+
+def _run(
+    envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None]
+) -> tuple[Episodes, Trajectory, float]:
+    """Return the environments' episodes, the first one's trajectory, and the longest time that they may take."""
+    p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    driver = make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
+    record = _drive(envs, driver, seed, progress)
+    return measure(record, p, seed), record.trajectory(dt=p.dt), p.task.max_steps * p.dt
 
 
 def _drive(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
     """Drive until every environment has ended an episode."""
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)
-    if hasattr(policy, "reset"):
+    if isinstance(policy, PolicyWithMemory):
         policy.reset(running.copy())
     rows = [_row(info, running)]
     while running.any():

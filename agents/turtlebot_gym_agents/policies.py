@@ -1,7 +1,7 @@
 """Policies that need no learning: the tutorial's law, and the geometric one that every learned policy is compared with.
 
-A policy is any callable from observations (..., 13) to actions (..., 2); one with memory also has ``reset(mask)``, which is
-called with a boolean array (...) that is true where an episode begins. Only numpy is needed here: a robot runs them too.
+A policy is any callable from observations (..., 13) to actions (..., 2); one with memory also has ``reset(mask)``. Only numpy
+is needed here: a robot runs them too.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,15 @@ class Policy(Protocol):
 
     def __call__(self, observations: NDArray[np.float32], /) -> NDArray[np.float32]:
         """Return actions (..., 2) in [-1, 1], shares of the robot's limits, for observations (..., 13)."""
+        ...
+
+
+@runtime_checkable
+class PolicyWithMemory(Policy, Protocol):
+    """A policy that remembers."""
+
+    def reset(self, mask: NDArray[np.bool_], /) -> None:
+        """Forget what was observed where the mask (...) is true: an episode begins there."""
         ...
 
 
@@ -77,7 +86,7 @@ class BearingPolicy:
         dt: float = REFERENCE_PERIOD,
         *,
         gain: float = 6.0,
-        focus: float = 2.0,
+        focus: float = 0.5,
         tolerance: float = 0.03,
         slow: float = 0.05,
     ) -> None:
@@ -133,10 +142,9 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
         found: Any = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise ValueError(f"{known}: {error}.") from error
-    policy = found(robot=make_robot(robot), dt=dt) if isinstance(found, type) else found
-    if not callable(policy):
+    if not callable(found):
         raise ValueError(f"{known}: it cannot be called.")
-    return policy
+    return cast(Policy, found(robot=make_robot(robot), dt=dt) if isinstance(found, type) else found)
 
 
 def _fields(observations: ArrayLike) -> Observation:
@@ -147,7 +155,7 @@ def _fields(observations: ArrayLike) -> Observation:
     return Observation(*np.moveaxis(values, -1, 0))
 
 
-def _action(forward: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float32]:
+def _action(forward: Any, turn: Any) -> NDArray[np.float32]:
     return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
 
 

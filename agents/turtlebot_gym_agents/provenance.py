@@ -45,7 +45,7 @@ def plain(value: Any) -> Any:
     """Return a value in JSON's own types; named tuples become objects, and numbers of arrays keep 7 digits."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+    if hasattr(value, "_asdict"):  # a named tuple
         return plain(value._asdict())
     if isinstance(value, np.ndarray):
         exact = value.dtype.kind != "f"

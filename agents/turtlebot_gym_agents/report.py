@@ -26,9 +26,9 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
     """
     first = next(iter(evaluations.values()))
     driven = Table(
-        "", "success, %", "time to goal, s", "time*, s", "minus first, s", "efficiency", "waypoints", "miss, m", "effort",
+        "", "success, %", "to goal, s", "time*, s", "minus first, s", "efficiency", "reached", "miss, m", "effort",
         "false arrivals, %",
-        title=title, caption="in brackets 95 % intervals; * with failures as the time limit; minus first: of that time, in pairs",
+        title=title, caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
     )  # fmt: skip
     believed = Table(
         "", "estimate, m: mean", "max", "final", "rad: mean", "max", "final",
@@ -39,7 +39,7 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
         s = one.summary()
         driven.add_row(
             label,
-            _percent(s["success"]),
+            "-" if one.config.get("switch") == "time" else _percent(s["success"]),
             _number(s["time_to_goal"], 2),
             _number(s["time"], 2),
             "" if one is first else _number(paired(one, first), 2),
@@ -86,10 +86,10 @@ def _errors(errors: Errors) -> list[str]:
 def _number(interval: Interval, digits: int, *, brief: bool = False) -> str:
     if not np.isfinite(interval.value):
         return "-"
-    shown = not brief and np.isfinite(interval.low)
-    bounds = f" ({interval.low:.{digits}f}, {interval.high:.{digits}f})" if shown else ""
-    return f"{interval.value:.{digits}f}{bounds}"
+    margin = 0.5 * (interval.high - interval.low)
+    return f"{interval.value:.{digits}f}" + ("" if brief or not np.isfinite(margin) else f" ± {margin:.{digits}f}")
 
 
 def _percent(interval: Interval) -> str:
-    return _number(Interval(*(100.0 * number for number in interval)), 1)
+    value, low, high = (100.0 * number for number in interval)
+    return f"{value:.1f} ({low:.1f}, {high:.1f})"

@@ -1,7 +1,6 @@
 """The closed loop as a live graph: from any order of launching, in processes and in one, driven by a policy or by hand."""
 
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -52,7 +51,7 @@ def test_it_starts_from_any_order_of_launching(launch, peer, wait_for, order):
     assert all(process.poll() is None for _, process in processes)
 
 
-def test_it_drives_the_square_in_processes(wait_for):
+def test_it_drives_the_square_in_processes():
     with Graph(processes=True, policy="bearing", speed=10.0) as graph:
         graph.wait_until(lambda graph: graph.state == "silent: done")
         trajectory = graph.trajectory()
@@ -60,7 +59,8 @@ def test_it_drives_the_square_in_processes(wait_for):
     assert figures["waypoints reached"] == len(SQUARE_WAYPOINTS)
     assert figures["estimate position error"] < 0.5 * figures["odometry position error"]
     assert np.hypot(*trajectory.true_state[-1, :2]) < 0.4
-    assert list(dict.fromkeys(map(tuple, trajectory.reference))) == pytest.approx(list(SQUARE_WAYPOINTS), abs=1e-12)
+    visited = np.array(list(dict.fromkeys(map(tuple, trajectory.reference))))
+    np.testing.assert_allclose(visited, SQUARE_WAYPOINTS, atol=1e-12)
 
 
 def test_it_drives_the_square_in_one_process():
@@ -145,8 +145,7 @@ def test_bringup_refuses_what_is_wrong_on_one_line(capsys, wrong):
 def test_status_says_who_waits_for_what(capsys, launch, peer, wait_for):
     launch(*node("kalman_filter"))
     wait_for(lambda: "kalman_filter" in peer.node.get_node_names())
-    assert status(["--seconds", "10", "--mode", "teleoperation"]) == 1
+    assert status(["--seconds", "3", "--mode", "teleoperation"]) == 1
     out = " ".join(capsys.readouterr().out.split())
     assert "kalman_filter" in out
     assert "not there" in out
-    time.sleep(0.0)

@@ -79,8 +79,9 @@ def after_driving(heard):
 
 def test_passes_then_stops_then_is_silent_without_a_clock(start, probe):
     start("-p", "use_sim_time:=true", "-p", "max_acceleration:=3")  # an integer is accepted for a float
+    probe.until(lambda: probe.heard)
+    assert set(probe.heard) == {STOP}  # whatever the robot held before
     probe.until_driving()
-    assert probe.heard[0] == STOP  # whatever the robot held before
     probe.command = None
     probe.until_reported("silent")
     stopped = after_driving(probe.heard)

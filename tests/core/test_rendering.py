@@ -9,7 +9,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.parameters import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.simulation import World
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS
@@ -26,7 +26,8 @@ def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.0
         true_state=State(*truth, 0.0, 0.0),
         odometry=odometry,
         estimate=Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),
-        command=Command(0.0, 0.0),
+        command=STOP,
+        asked=(STOP, STOP, STOP),
         reference=reference,
         following=reference,
         wheels=Pose(*truth),

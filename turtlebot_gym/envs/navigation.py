@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, SYMMETRIC, make_batch
 from turtlebot_gym.loop import WORLD
 from turtlebot_gym.models.noise import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward
+from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward, choose
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.simulation import Parameters
 from turtlebot_gym.tasks import Task
 
 _SLICES = {key: WORLD.slices[path] for key, path in PARTS.items() if key != "covariance"}
@@ -138,9 +139,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             dt=dt,
             delay=delay,
         )
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"render_mode must be one of None, 'human', 'rgb_array', got {render_mode!r}.")
-        self.render_mode = render_mode
+        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
         self.action_space = ACTION_SPACE
         self.observation_space = OBSERVATION_SPACE
@@ -151,9 +150,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._renderer: Any = None
 
     @property
-    def parameters(self):
-        """All that the environment's transition depends on; a `turtlebot_gym.simulation.Parameters`."""
-        return self._batch.parameters
+    def parameters(self) -> Parameters:
+        """All that the environment's transition depends on."""
+        parameters = self._batch.parameters
+        assert isinstance(parameters, Parameters)
+        return parameters
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -235,10 +236,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is None:
             from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
 
-            p = self._batch.parameters
+            p = self.parameters
             waypoints = None if p.task.random else [Pose(*pose) for pose in self._batch.waypoints[0].tolist()]
             fps = self.metadata["render_fps"]
-            self._renderer = Renderer(self.render_mode, robot=p.robot, task=p.task, waypoints=waypoints, dt=p.dt, fps=fps)
+            mode = "human" if self.render_mode == "human" else "rgb_array"
+            self._renderer = Renderer(mode, robot=p.robot, task=p.task, waypoints=waypoints, dt=p.dt, fps=fps)
         elif anew:
             self._renderer.reset()
         return self._renderer.draw(self._batch.world(0))

@@ -150,17 +150,16 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         batch = self._batch
         if seed is None or isinstance(seed, (int, np.integer)):
             super().reset(seed=None if seed is None else int(seed))
-            first = int(seed) if seed is not None else (self.np_random_seed if not self._begun.any() else None)
+            first = int(seed) if seed is not None else (None if self._begun.any() else self._entropy())
             seeds = [None if first is None else first + i for i in range(self.num_envs)]
         else:
             seeds = list(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"seed must hold {self.num_envs} seeds, got {len(seeds)}.")
             super().reset(seed=next((one for one in seeds if one is not None), None))
-            entropy = self.np_random_seed
-            seeds = [entropy + i if s is None and not self._begun[i] else s for i, s in enumerate(seeds)]
+            seeds = [self._entropy() + i if s is None and not self._begun[i] else s for i, s in enumerate(seeds)]
         given = np.array([one is not None for one in seeds]) & mask
-        batch.seeds[given] = [one & MAX_SEED for one, use in zip(seeds, given, strict=True) if use]
+        batch.seeds[given] = [one & MAX_SEED for one, use in zip(seeds, given, strict=True) if use and one is not None]
         batch.episodes[mask] += 1
         batch.episodes[given] = 0
         observations, outcomes = batch.last()
@@ -168,6 +167,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._begun |= mask
         self._done[mask] = False
         return observations, self._info(outcomes)
+
+    def _entropy(self) -> int:
+        """Return the seed that Gymnasium drew where none was given."""
+        return int(self.np_random_seed or 0)
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         """Return which environments to reset."""
@@ -180,7 +183,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             raise ValueError("reset_mask must be true somewhere.")
         return mask
 
-    def step(
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]  # Gymnasium has one type for rewards and episode ends
         self, actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Advance all environments by one control interval.

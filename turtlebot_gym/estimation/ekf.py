@@ -127,7 +127,8 @@ def _condition(P: Covariance, column: tuple[float, float, float, float, float], 
 @kernel
 def _inverse(S: float) -> float:
     """Return 1 / S, and 0 for the S = 0 of a component that is known already and measured without noise."""
-    return 1.0 / (S if S > 0.0 else 1.0) if S > 0.0 else 0.0
+    some = S > 1e-300  # the inverse of less may be infinite
+    return 1.0 / (S if some else 1.0) if some else 0.0
 
 
 @kernel

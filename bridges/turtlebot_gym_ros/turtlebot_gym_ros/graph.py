@@ -120,8 +120,9 @@ class Graph:
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
             self.wait_until(lambda graph: graph.latest["true_state"].v or graph.latest["true_state"].omega, timeout=PATIENCE)
         # Only now has every node heard every other: what went before does not count.
-        self._ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
         self._recorder.restart()
+        self._ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
+        self.wait_until(lambda graph: graph._recorder.has_begun, timeout=PATIENCE)
 
     def _ask(self, service: str, kind: Any, request: Any) -> None:
         client = self._recorder.node.create_client(kind, service)

@@ -49,6 +49,8 @@ class Recorder:
         self.state = "silent"
         """The controller's state."""
         self._rows: list[tuple[int, dict[str, Any]]] = []
+        self._first = 0
+        self._waits_for_rest = False
         for topic, kind in TOPICS.items():
             way = conversion(kind, stamped=stamped)
             self.node.create_subscription(way.message, topic, self._hear(topic, way.read), SENSOR)
@@ -60,8 +62,13 @@ class Recorder:
             value = read(message)
             with self._lock:
                 self.latest[topic] = value
-                if topic in ("true_state", "odom", "estimate"):
-                    stamp = Time.from_msg(message.header.stamp).nanoseconds
+                if topic not in ("true_state", "odom", "estimate"):
+                    return
+                stamp = Time.from_msg(message.header.stamp).nanoseconds
+                if self._waits_for_rest and topic == "true_state" and value.v == value.omega == 0.0:
+                    self._rows.clear()
+                    self._waits_for_rest, self._first = False, stamp
+                if stamp >= self._first and not self._waits_for_rest:
                     self._at(stamp)[topic] = value
 
         return hear
@@ -83,10 +90,15 @@ class Recorder:
         self.state = message.data
 
     def restart(self) -> None:
-        """Forget everything that was heard so far."""
+        """Forget the samples so far, and begin with the first one of a plant at rest."""
         with self._lock:
             self._rows.clear()
-            self.latest.clear()
+            self._waits_for_rest = True
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether there are samples since the start."""
+        return bool(self._rows)
 
     @property
     def time(self) -> float:

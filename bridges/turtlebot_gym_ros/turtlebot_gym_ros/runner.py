@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -49,6 +49,7 @@ class Runner:
         rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._running: list[Runnable] = []
+        self._closing = False
         self._thread = Thread(target=self._spin, name="executor", daemon=True)
 
     def add(self, runnable: Runnable) -> None:
@@ -63,8 +64,9 @@ class Runner:
     def _spin(self) -> None:
         try:
             self._executor.spin()
-        except ExternalShutdownException:
-            pass
+        except Exception:
+            if not self._closing:  # a step that was stuck comes back to nodes that are gone
+                raise
 
     def close(self) -> bool:
         """End the nodes, the last added first, then the thread and the context.
@@ -72,16 +74,16 @@ class Runner:
         Returns:
             Whether the executor has ended; it has not where a block is stuck in a step.
         """
-        ended = self._executor.shutdown(timeout_sec=0.5)
+        self._closing = True
+        self._executor.shutdown(timeout_sec=0.5)
+        if self._thread.is_alive():
+            self._thread.join(0.5)
         for runnable in reversed(self._running):
             runnable.close()
         self._running.clear()
-        self._executor.wake()
-        if self._thread.is_alive():
-            self._thread.join(0.5)
         if self.context.ok():
             self.context.shutdown()
-        return ended and not self._thread.is_alive()
+        return not self._thread.is_alive()
 
 
 def refuse(error: BaseException) -> int:

@@ -200,7 +200,7 @@ class Shell:
         now, safety = self._now(), self.safety
         if safety and not safety.enabled:
             return
-        self._waits = next((why for feed in self._feeds.values() if (why := feed.missing(now))), None) or self._rule.slow
+        self._waits = self._missing(now)
         if self._waits:
             self._rule.pause()
             if safety:
@@ -234,6 +234,12 @@ class Shell:
                 safety.stop("done", now=self._now())
         self._send_stops()
         self._tell()
+
+    def _missing(self, now: float) -> str | None:
+        """Return what a step has to wait for, if anything."""
+        if self._simulated_time and not self.node.get_clock().now().nanoseconds:
+            return "waits for /clock"
+        return next((why for feed in self._feeds.values() if (why := feed.missing(now))), self._rule.slow)
 
     def _message(self, key: str, value: Any, stamp: int) -> Any:
         """Return the message of an output: commands are stamped now, all else at the step's stamp."""
@@ -341,7 +347,7 @@ class Shell:
             if at != self._clock_at:
                 self._clock_at, self._clock_moved = at, now
         if safety.phase == "active":
-            stale = next((why for feed in self._feeds.values() if (why := feed.missing(now))), None)
+            stale = self._missing(now)
             if now - self._clock_moved > CLOCK_SILENCE and self._simulated_time:
                 stale = "/clock stands still"
             if stale:
