@@ -23,13 +23,15 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-import turtlebot_gym
+from turtlebot_gym import Parameters, Robot
+from turtlebot_gym.parameters import choose
 from turtlebot_gym_agents import hyperparameters, normalization
 from turtlebot_gym_agents.bundle import Card, describe_robot
 from turtlebot_gym_agents.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, save_model
 from turtlebot_gym_agents.export import export
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_agents.provenance import provenance
+from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.randomization import randomized
 from turtlebot_gym_agents.sb3_vec_env import Sb3VecEnv
 
 EVALUATION_SEED = 2**40
@@ -47,8 +49,8 @@ class TrainingConfig:
     """Algorithm of Stable-Baselines3, in lower case."""
     seed: int = 0
     """Of the network, and first seed of the environments."""
-    robot: str = "burger"
-    """Robot preset."""
+    robot: str | Robot = "burger"
+    """Robot preset, or a robot."""
     noise: str = "tutorial"
     """Noise preset."""
     filter: str = "matched"
@@ -57,6 +59,11 @@ class TrainingConfig:
     """What the policy sees: ekf, odometry or truth."""
     arrival: str = "truth"
     """Who says that the robot has arrived: truth or belief."""
+    delay: int = 0
+    """Steps by which commands come late."""
+    randomize: bool = False
+    """Whether noise, speed scale and delay differ from environment to environment, see `randomization`; ``noise``, ``filter``
+    and ``delay`` are then those of the evaluation."""
     steps: int | None = None
     """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
     config: Path | None = None
@@ -72,7 +79,7 @@ class TrainingConfig:
 
     def environment(self) -> dict[str, Any]:
         """Return the arguments of the environment."""
-        names = ("robot", "noise", "filter", "observation", "arrival")
+        names = ("robot", "noise", "filter", "observation", "arrival", "delay")
         return {name: getattr(self, name) for name in names}
 
 
@@ -124,7 +131,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
     algorithms: dict[str, type[BaseAlgorithm]] = {
         name.lower(): getattr(stable_baselines3, name) for name in ("A2C", "DDPG", "PPO", "SAC", "TD3")
     }
-    algorithm = turtlebot_gym.parameters.choose("algo", config.algo, algorithms)
+    algorithm = choose("algo", config.algo, algorithms)
     hyper = hyperparameters.load(config.algo, config.env, config.config)
     total = config.steps or int(hyper["n_timesteps"])
     checkpoint = folder / "checkpoint.zip"
@@ -136,8 +143,11 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
     options = config.environment()
     envs = gym.make_vec(config.env, num_envs=hyper["n_envs"], autoreset_mode=AutoresetMode.SAME_STEP, **options)
     judges = gym.make_vec(config.env, num_envs=config.episodes, autoreset_mode=AutoresetMode.SAME_STEP, **options)
-    parameters = envs.get_attr("parameters") if hasattr(envs, "get_attr") else envs.unwrapped.parameters
-    record = {"config": _plain(asdict(config)), "hyperparameters": hyper, **provenance()}
+    bare: Any = envs.unwrapped
+    parameters: Parameters = bare.parameters
+    if config.randomize:
+        bare.set_parameters(randomized(parameters, hyper["n_envs"], seed=config.seed))
+    record = {"config": plain(asdict(config)), "hyperparameters": hyper, **provenance()}
     _write(folder / "config.json", record)
 
     if checkpoint.exists():
@@ -176,7 +186,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
         env=config.env,
         robot=describe_robot(config.robot),
         dt=parameters.dt,
-        noise=config.noise,
+        noise="randomized" if config.randomize else config.noise,
         filter=config.filter,
         observation=config.observation,
         training={**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": best},
@@ -193,10 +203,6 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
     envs.close()
     judges.close()
     return result
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {key: str(value) if isinstance(value, Path) else value for key, value in values.items()}
 
 
 def _write(path: Path, content: Any) -> None:

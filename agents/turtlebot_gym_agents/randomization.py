@@ -1,0 +1,46 @@
+"""Parameters that differ from environment to environment, so that a policy learns to live with what it cannot know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from turtlebot_gym import NOISES, Noise, Parameters, make_filter
+
+PRESETS = ("clean", "tutorial", "documented", "rough")
+"""Noise models that are drawn from; `wheel` is another kind of odometry."""
+NOISE_SCALE = (0.5, 1.5)
+"""Range of the factor on the odometry's standard deviations."""
+SPEED_SCALE = 0.02
+"""Greatest error of the executed speed, as a share of it; the filter does not know it."""
+DELAYS = (0, 1)
+"""Steps by which commands come late."""
+
+
+def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str] = PRESETS) -> list[Parameters]:
+    """Draw parameters for each environment of a batch: noise model, its size, the speed's scale, and a delay.
+
+    The filter is matched to the noise that was drawn, as it would be on a robot whose odometry was measured.
+
+    Args:
+        base: What is not drawn.
+        count: How many environments.
+        seed: Of the draws.
+        presets: Noise models to draw from.
+    """
+    random = np.random.default_rng(seed)
+
+    def draw() -> Parameters:
+        noise = NOISES[presets[random.integers(len(presets))]]
+        size = random.uniform(*NOISE_SCALE) ** 2
+        scale = 1.0 + random.uniform(-SPEED_SCALE, SPEED_SCALE)
+        model = Noise(
+            process=replace(noise.process, scale=scale),
+            odometry=replace(noise.odometry, R=tuple(size * variance for variance in noise.odometry.R)),
+        )
+        delay = float(DELAYS[random.integers(len(DELAYS))])
+        return base._replace(noise=model, tuning=make_filter("matched", model), delay=delay)
+
+    return [draw() for _ in range(count)]
