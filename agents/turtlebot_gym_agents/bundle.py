@@ -1,27 +1,34 @@
 """The policy bundle: one ONNX file that knows what it was trained for, and refuses what it was not.
 
-The file is an ONNX model, with the normalization of observations inside, followed by the same message's metadata: protocol
-buffers merge what stands one after the other, so any ONNX tool reads it as one model, and the hash of the first part can be
-checked without an ONNX library. onnxruntime runs it; a robot needs neither torch nor Stable-Baselines3. Loading one runs no code.
+The file is an ONNX model, with the normalization of observations inside and a card in its metadata. The card holds the hash of
+the whole file, taken with zeros in the hash's own place. onnxruntime runs it; a robot needs neither torch nor
+Stable-Baselines3. Loading one runs no code.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot, make_robot
+from turtlebot_gym_agents.provenance import plain
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
 
 FORMAT = "turtlebot-gym-policy/1"
 ACTION = "forward speed and turning rate as shares of the robot's limits, in [-1, 1]"
 _KEY = "turtlebot_gym"
+_HASH = re.compile(rb'(?<="sha256": ")[0-9a-f]{64}(?=")')
+_NO_HASH = "0" * 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +38,7 @@ class Card:
     env: str
     """Environment id."""
     robot: Mapping[str, Any]
-    """The robot's limits, field by field, and under "name" the preset's name or "custom"."""
+    """The robot's limits, field by field (null for infinity), and under "name" the preset's name or "custom"."""
     dt: float
     """Control period, s."""
     noise: str
@@ -51,27 +58,22 @@ class Card:
 
 def describe_robot(robot: str | Robot) -> dict[str, Any]:
     """Return a robot as a card has it."""
-    return {"name": robot if isinstance(robot, str) else "custom", **asdict(make_robot(robot))}
+    return plain({"name": robot if isinstance(robot, str) else "custom", **asdict(make_robot(robot))})
 
 
-def write_bundle(path: Path, graph: bytes, card: Card) -> None:
+def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
     """Write an ONNX model with its card.
 
     Args:
-        path: The file; replaced in one step.
-        graph: The serialized ONNX model, without metadata.
+        path: The file.
+        model: From observations (n, 13) to actions (n, 2); its metadata are replaced.
         card: What it is for.
     """
-    import onnx
-
-    tail = onnx.ModelProto()
-    entry = tail.metadata_props.add()
-    entry.key = _KEY
-    content = {**asdict(card), "graph_bytes": len(graph), "sha256": hashlib.sha256(graph).hexdigest()}
-    entry.value = json.dumps(content, sort_keys=True)
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_bytes(graph + tail.SerializeToString())
-    beside.replace(path)
+    del model.metadata_props[:]
+    content = {"sha256": _NO_HASH, "card": plain(asdict(card))}
+    model.metadata_props.add(key=_KEY, value=json.dumps(content, allow_nan=False))
+    blank = model.SerializeToString()
+    path.write_bytes(_with_hash(blank, hashlib.sha256(blank).hexdigest()))
 
 
 class BundlePolicy:
@@ -93,42 +95,61 @@ class BundlePolicy:
         except ImportError as error:
             raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
         content = Path(path).read_bytes()
+        self.sha256: str = _verified_hash(path, content)
+        """Hash of the file."""
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
         try:
             self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-            properties = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])
+            told = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
         except Exception as error:  # onnxruntime has no common base class for its errors
-            raise ValueError(f"{path} is not a policy bundle: make one with `turtlebot-gym export`.") from error
-        if hashlib.sha256(content[: properties["graph_bytes"]]).hexdigest() != properties["sha256"]:
-            raise ValueError(f"{path} is damaged: its hash is not the one it was written with.")
-        self.sha256: str = properties["sha256"]
-        """Hash of the network."""
-        self.card = Card(**{item.name: properties[item.name] for item in fields(Card) if item.name in properties})
+            raise ValueError(f"{path} is not a policy bundle: {error}.") from error
+        ours = (FORMAT, OBSERVATION_LAYOUT, ACTION)
+        if (told.get("format"), told.get("layout"), told.get("action")) != ours:
+            raise ValueError(
+                f"{path}: made as {told.get('format')}, observation layout {told.get('layout')}, action {told.get('action')!r}; "
+                f"this version reads {FORMAT}, layout {OBSERVATION_LAYOUT}, {ACTION!r}."
+            )
+        self.card = Card(**told)
         """What it was trained for."""
-        self._check(str(path), robot, dt)
+        self._check(path, robot, dt)
         self._input = self._session.get_inputs()[0].name
 
-    def _check(self, path: str, robot: str | Robot | None, dt: float | None) -> None:
+    def _check(self, path: str | Path, robot: str | Robot | None, dt: float | None) -> None:
         """Raise ValueError unless the policy may run here; the message names every difference."""
         card = self.card
-        if (card.format, card.layout, card.action) != (FORMAT, OBSERVATION_LAYOUT, ACTION):
+        wanted = card.robot if robot is None else describe_robot(robot)
+        irrelevant = ("name", "radius")  # a radius is for drawing
+        others = [name for name, limit in wanted.items() if name not in irrelevant and limit != card.robot.get(name)]
+        period = card.dt if dt is None else dt
+        if others or abs(period - card.dt) > 1e-9:
+            details = "; ".join(f"{name} {card.robot.get(name)} there, {wanted[name]} here" for name in others)
             raise ValueError(
-                f"{path}: made as {card.format}, observation layout {card.layout}; this version reads {FORMAT}, layout "
-                f"{OBSERVATION_LAYOUT}."
+                f"{path}: trained at {1.0 / card.dt:g} Hz for {card.robot['name']}, asked for {1.0 / period:g} Hz "
+                f"{wanted['name']}{f' ({details})' if others else ''}."
             )
-        wanted = None if robot is None else describe_robot(robot)
-        limits = ("max_linear", "max_angular", "wheel_separation", "max_wheel")
-        other_robot = wanted is not None and any(wanted[name] != card.robot[name] for name in limits)
-        other_rate = dt is not None and abs(dt - card.dt) > 1e-9
-        if other_robot or other_rate:
-            asked = f"{1.0 / (card.dt if dt is None else dt):g} Hz {(wanted or card.robot)['name']}"
-            trained = f"{1.0 / card.dt:g} Hz for {card.robot['name']}"
-            raise ValueError(f"{path}: trained at {trained}, asked for {asked}.")
 
-    def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
         rows = np.asarray(observations, np.float32)
-        actions = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
+        actions: Any = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
         return np.asarray(actions).reshape(*rows.shape[:-1], 2)
+
+
+def _verified_hash(path: str | Path, content: bytes) -> str:
+    """Return the hash that a bundle holds.
+
+    Raises:
+        ValueError: If it holds none, or not its own.
+    """
+    found = _HASH.search(content)
+    if found is None:
+        raise ValueError(f"{path} is not a policy bundle, or not a whole one: make one with `turtlebot-gym export`.")
+    if hashlib.sha256(_with_hash(content, _NO_HASH)).hexdigest().encode() != found[0]:
+        raise ValueError(f"{path} is damaged: its hash is not the one it was written with.")
+    return found[0].decode()
+
+
+def _with_hash(content: bytes, digest: str) -> bytes:
+    return _HASH.sub(digest.encode(), content, count=1)

@@ -5,7 +5,6 @@ They know nothing of the command line: a script of one's own passes them to ``mo
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
 from collections.abc import Callable
@@ -13,87 +12,164 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies import Policy
+
+EVALUATION_SEED = 2**40
+"""First seed of the evaluation's episodes, far from those that people choose and that a training reaches."""
 
 
 def save_model(model: BaseAlgorithm, path: Path) -> None:
     """Save a model so that the file is, at every moment, either the old one or the new one, and whole."""
-    beside = path.with_name(f".{path.name}.new")
-    with beside.open("wb") as file:
+    with replacing(path) as beside, beside.open("wb") as file:
         model.save(file)
-    beside.replace(path)
+
+
+def policy_of(model: BaseAlgorithm) -> Policy:
+    """Return what a model does without exploring."""
+    return lambda observations: model.predict(observations, deterministic=True)[0]
+
+
+def figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) -> dict[str, float]:
+    """Return success rate, mean return and mean steps of one episode of each environment.
+
+    Args:
+        envs: Vector environment in the mode SAME_STEP.
+        policy: What drives.
+        seed: Environment i has the seed ``seed + i``.
+    """
+    observations, _ = envs.reset(seed=seed)
+    running = np.ones(envs.num_envs, np.bool_)
+    returns, steps, success = np.zeros(envs.num_envs), np.zeros(envs.num_envs), np.zeros(envs.num_envs, np.bool_)
+    while running.any():
+        observations, rewards, terminated, truncated, infos = envs.step(policy(observations))
+        returns[running] += rewards[running]
+        steps[running] += 1
+        done = running & (terminated | truncated)
+        if done.any():
+            success[done] = infos["final_info"]["is_success"][done]
+        running &= ~done
+    return {"success": float(success.mean()), "return": float(returns.mean()), "steps_to_end": float(steps.mean())}
 
 
 class CheckpointCallback(BaseCallback):
-    """Save the model every so many seconds; with a replay buffer, that too.
+    """Save the model every so many seconds and at the end; of an algorithm that has a replay buffer, that too.
 
     Args:
-        path: The file, replaced in one step.
-        seconds: Least time between two checkpoints.
+        path: The file, replaced in one step. The replay buffer lies beside it, see `replay_path`.
+        seconds: Least time between two checkpoints; longer where more than a twentieth of the time would go into saving.
     """
 
     def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
         super().__init__()
         self._path = path
         self._seconds = seconds
-        self._last = time.monotonic()
+        self._due = 0.0
+
+    def _on_training_start(self) -> None:
+        self._due = time.monotonic() + self._seconds
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
-        if time.monotonic() - self._last >= self._seconds:
-            save_model(self.model, self._path)
-            self._last = time.monotonic()
+        if time.monotonic() >= self._due:
+            self.save()
+
+    def _on_training_end(self) -> None:
+        self.save()
+
+    def save(self) -> None:
+        """Save now."""
+        begun = time.monotonic()
+        if isinstance(self.model, OffPolicyAlgorithm):
+            with replacing(replay_path(self._path)) as beside, beside.open("wb") as file:
+                self.model.save_replay_buffer(file)
+        save_model(self.model, self._path)
+        ended = time.monotonic()
+        self._due = ended + max(self._seconds, 20.0 * (ended - begun))
+
+
+def replay_path(checkpoint: Path) -> Path:
+    """Return where a checkpoint's replay buffer lies."""
+    return checkpoint.with_suffix(".replay.pkl")
 
 
 class EvaluationCallback(BaseCallback):
-    """Evaluate the deterministic policy on seeds of its own, keep the best model, and log to TensorBoard.
+    """Evaluate the deterministic policy on seeds of its own, on the way and at the end; keep the best model, and log.
 
     Args:
-        evaluate: Returns figures of a policy; "return" among them decides which model is best.
-        path: Where the best model is kept.
+        envs: Vector environment in the mode SAME_STEP, not the one that is trained on; one episode of each is driven.
         every: Steps between evaluations.
+        path: Where the model with the highest mean return is kept; None to keep none. A training that goes on keeps
+            the one that lies there until there is a better one.
+        seed: The first of the evaluation's seeds.
+        go_on: Called with the figures; the training stops where it returns false.
     """
 
-    def __init__(self, evaluate: Callable[[Callable], dict[str, float]], *, path: Path, every: int) -> None:
+    def __init__(
+        self,
+        envs: VectorEnv,
+        *,
+        every: int,
+        path: Path | None = None,
+        seed: int = EVALUATION_SEED,
+        go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
+    ) -> None:
         super().__init__()
-        self._evaluate = evaluate
-        self._path = path
+        self._envs = envs
         self._every = every
+        self._path = path
+        self._seed = seed
+        self._go_on = go_on
         self._next = every
-        self._best = -np.inf
+        self._stop = False
+        self.best: dict[str, float] = {"return": -np.inf}
+        """Figures of the best model, with the steps that it was trained for."""
         self.history: list[dict[str, float]] = []
+        """Figures of all evaluations."""
 
     def _on_training_start(self) -> None:
-        note = self._path.with_suffix(".json")
-        if note.is_file() and self.num_timesteps > 0:  # resumed
-            self._best = json.loads(note.read_text())["return"]
         self._next = self.num_timesteps + self._every
+        if self.num_timesteps > 0 and self._path is not None and self._path.is_file():
+            # The same seeds give the same figures again: they need no file, which a kill could part from the model's.
+            self.best = self._evaluate(type(self.model).load(self._path, device="cpu"))
 
     def _on_step(self) -> bool:
-        return True
+        return not self._stop
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._every
             self.run()
 
+    def _on_training_end(self) -> None:
+        if not self._stop:
+            self.run()
+            self.logger.dump(self.num_timesteps)
+
     def run(self) -> dict[str, float]:
         """Evaluate now."""
-        figures = {"steps": float(self.num_timesteps)}
-        figures |= self._evaluate(lambda observations: self.model.predict(observations, deterministic=True)[0])
-        self.history.append(figures)
-        for name, value in figures.items():
+        found = self._evaluate(self.model)
+        self.history.append(found)
+        for name, value in found.items():
             self.logger.record(f"eval/{name}", value)
-        if figures["return"] > self._best:
-            self._best = figures["return"]
-            save_model(self.model, self._path)
-            self._path.with_suffix(".json").write_text(json.dumps(figures) + "\n")
-        return figures
+        if found["return"] > self.best["return"]:
+            self.best = found
+            if self._path is not None:
+                save_model(self.model, self._path)
+        self._stop = not self._go_on(found)
+        return found
+
+    def _evaluate(self, model: BaseAlgorithm) -> dict[str, float]:
+        return {"steps": float(model.num_timesteps), **figures(self._envs, policy_of(model), seed=self._seed)}
 
 
 class ProgressCallback(BaseCallback):
@@ -137,4 +213,8 @@ class ProgressCallback(BaseCallback):
         self._progress.update(self._task, completed=self.num_timesteps, rate=rate, success=success)
 
     def _on_training_end(self) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Give the terminal back; for a training that an exception ends, which SB3 does not tell."""
         self._progress.stop()

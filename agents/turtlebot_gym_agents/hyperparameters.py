@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from turtlebot_gym_agents.files import replacing
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
 OURS = ("n_envs", "n_timesteps", "policy")
-"""Keys that are not arguments of the algorithm."""
+"""Keys that are not arguments of the algorithm; all of them must be given."""
 
 
 def configs_folder() -> Path:
@@ -34,18 +39,30 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
     if not file.is_file():
         known = ", ".join(sorted(found.stem for found in configs_folder().glob("*.yaml")))
         raise ValueError(f"There are no hyper-parameters for {algo!r} in {file}; known algorithms: {known}.")
-    content = yaml.safe_load(file.read_text())
-    if not isinstance(content, dict) or not ({env, "default"} & set(content)):
-        raise ValueError(f"{file} must be a mapping with an entry {env!r} or 'default'.")
-    chosen = content.get(env, content.get("default"))
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ValueError(f"{file} is not YAML: {error}.") from error
+    chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
+    if not isinstance(chosen, dict):
+        raise ValueError(f"{file} must be a mapping with an entry {env!r} or 'default', which is a mapping.")
     missing = [key for key in OURS if key not in chosen]
     if missing:
         raise ValueError(f"{file}, {env}: {', '.join(missing)} must be given.")
-    return dict(chosen)
+    whole = {key: int(_number(key, chosen[key])) for key in ("n_envs", "n_timesteps")}
+    if not all(number > 0 for number in whole.values()):
+        raise ValueError(f"{file}, {env}: n_envs and n_timesteps must be positive, got {whole}.")
+    return {**chosen, **whole}
 
 
-def arguments(hyper: dict[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of the algorithm: schedules and activations made from their names.
+def save(path: Path, env: str, hyper: dict[str, Any]) -> None:
+    """Write hyper-parameters so that `load` reads them back."""
+    with replacing(path) as beside:
+        beside.write_text(yaml.safe_dump({env: hyper}, sort_keys=False), encoding="utf-8")
+
+
+def arguments(hyper: dict[str, Any], algorithm: type[BaseAlgorithm]) -> dict[str, Any]:
+    """Return the keyword arguments of an algorithm: schedules, activations and exploration noise made from their names.
 
     Raises:
         ValueError: If a name is not understood.
@@ -53,28 +70,62 @@ def arguments(hyper: dict[str, Any]) -> dict[str, Any]:
     import torch
 
     keywords = {key: value for key, value in hyper.items() if key not in OURS}
-    for key in ("learning_rate", "clip_range"):
-        if isinstance(keywords.get(key), str):
-            keywords[key] = _schedule(key, keywords[key])
-    network = dict(keywords.pop("policy_kwargs", {}))
+    for key, value in keywords.items():
+        if isinstance(value, str):
+            keywords[key] = _rate(key, value) if key in ("learning_rate", "clip_range") else _plain(value)
+    network = keywords.pop("policy_kwargs", {})
+    if not isinstance(network, dict):
+        raise ValueError(f"policy_kwargs must be a mapping, not code, got {network!r}.")
+    network = dict(network)
     if "activation_fn" in network:
         activation = getattr(torch.nn, str(network["activation_fn"]).removeprefix("nn."), None)
         if not (isinstance(activation, type) and issubclass(activation, torch.nn.Module)):
             raise ValueError(f"activation_fn must name a module of torch.nn, got {network['activation_fn']!r}.")
         network["activation_fn"] = activation
+    kind, std = keywords.pop("noise_type", None), keywords.pop("noise_std", None)
+    if kind is not None:
+        keywords["action_noise"] = _action_noise(kind, _number("noise_std", std))
+    unknown = set(keywords) - set(inspect.signature(algorithm).parameters)
+    if unknown:
+        raise ValueError(f"{algorithm.__name__} has no arguments {', '.join(sorted(unknown))}.")
     return {**keywords, "policy_kwargs": network}
 
 
-def _schedule(key: str, text: str) -> Callable[[float], float]:
-    """Return the linear schedule that ``lin_x`` stands for."""
-    kind, _, number = text.partition("_")
+def _plain(text: str) -> float | str:
+    """Return a number that YAML takes for text, such as 1e-3; other text, such as "auto", as it is."""
     try:
-        start = float(number)
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _number(key: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{key} must be a number, got {value!r}.") from None
+
+
+def _rate(key: str, text: str) -> Any:
+    """Return the number, or the linear schedule that ``lin_x`` stands for."""
+    linear = text.startswith("lin_")
+    try:
+        start = float(text.removeprefix("lin_"))
     except ValueError:
         start = -1.0
-    if kind != "lin" or start < 0.0:
+    if not start >= 0.0:
         raise ValueError(f"{key} must be a number or 'lin_' and a number, got {text!r}.")
-    return _Linear(start)
+    return _Linear(start) if linear else start
+
+
+def _action_noise(kind: str, std: float) -> Any:
+    """Return the noise with which algorithms whose policy has none of its own explore."""
+    import numpy as np
+    from stable_baselines3.common.noise import NormalActionNoise
+
+    if kind != "normal":
+        raise ValueError(f"noise_type must be 'normal', got {kind!r}.")
+    return NormalActionNoise(np.zeros(2), np.full(2, std))
 
 
 class _Linear:

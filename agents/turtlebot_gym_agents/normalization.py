@@ -17,6 +17,8 @@ from turtlebot_gym_agents.policies import Policy
 
 CLIP = 10.0
 """Normalized observations are clipped to plus and minus this."""
+CONSTANT = 1e-3
+"""Observations whose standard deviation is below this count as constant."""
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
@@ -60,4 +62,6 @@ def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> 
         observations, *_ = envs.step(actions)
         seen.append(observations)
     rows = np.concatenate(seen).astype(np.float64)
-    return rows.mean(axis=0).tolist(), np.maximum(rows.std(axis=0), 1e-3).tolist()
+    std = rows.std(axis=0)
+    # What is constant here (the deviations of the truth are 0) keeps its scale: blown up, it would rule wherever it is not.
+    return rows.mean(axis=0).tolist(), np.where(std < CONSTANT, 1.0, std).tolist()

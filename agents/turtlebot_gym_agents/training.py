@@ -1,42 +1,45 @@
 """Train a policy with Stable-Baselines3 on the native vector environment, so that an interruption costs seconds.
 
-A run's folder holds ``config.json`` (all that the run depends on), ``checkpoint.zip`` (the last state, to resume from),
-``best.zip`` and ``best.json`` (the best one on the evaluation's seeds), ``policy.onnx`` (the bundle of the best one, when it is
-done), ``result.json`` and TensorBoard's logs. Every file is replaced in one step: a killed run leaves them whole.
+A run's folder holds ``config.json`` (all that the run depends on), ``checkpoint.zip`` (the last state, to resume from; with
+``checkpoint.replay.pkl`` where there is a replay buffer), ``best.zip`` (the best model on the evaluation's seeds),
+``policy.onnx`` (its bundle, when it is done), ``result.json`` and TensorBoard's logs. Every file is replaced in one step: a
+killed run leaves them whole.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 import stable_baselines3
 import torch
-from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
+from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from turtlebot_gym import Parameters, Robot
 from turtlebot_gym.parameters import choose
+from turtlebot_gym.simulation import Parameters
 from turtlebot_gym_agents import hyperparameters, normalization
 from turtlebot_gym_agents.bundle import Card, describe_robot
-from turtlebot_gym_agents.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, save_model
+from turtlebot_gym_agents.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
 from turtlebot_gym_agents.export import export
+from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.provenance import plain, provenance
-from turtlebot_gym_agents.randomization import randomized
 from turtlebot_gym_agents.sb3_vec_env import Sb3VecEnv
 
-EVALUATION_SEED = 2**40
-"""First seed of the evaluation's episodes, far from those that a training reaches."""
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+    name.lower(): getattr(stable_baselines3, name) for name in ("A2C", "DDPG", "PPO", "SAC", "TD3")
+}
 NORMALIZATION_SEED = 2**41
+TRAINING_SEED = 2**42
+"""A run's environments have seeds from (1 + its seed) times this on: apart from other runs' and from those that are judged by."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +51,9 @@ class TrainingConfig:
     algo: str = "ppo"
     """Algorithm of Stable-Baselines3, in lower case."""
     seed: int = 0
-    """Of the network, and first seed of the environments."""
-    robot: str | Robot = "burger"
-    """Robot preset, or a robot."""
+    """Of the network, and what the environments' seeds follow from."""
+    robot: str = "burger"
+    """Robot preset."""
     noise: str = "tutorial"
     """Noise preset."""
     filter: str = "matched"
@@ -59,11 +62,6 @@ class TrainingConfig:
     """What the policy sees: ekf, odometry or truth."""
     arrival: str = "truth"
     """Who says that the robot has arrived: truth or belief."""
-    delay: int = 0
-    """Steps by which commands come late."""
-    randomize: bool = False
-    """Whether noise, speed scale and delay differ from environment to environment, see `randomization`; ``noise``, ``filter``
-    and ``delay`` are then those of the evaluation."""
     steps: int | None = None
     """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
     config: Path | None = None
@@ -77,10 +75,28 @@ class TrainingConfig:
     threads: int = 1
     """Torch's threads: small networks gain nothing from more."""
 
-    def environment(self) -> dict[str, Any]:
-        """Return the arguments of the environment."""
-        names = ("robot", "noise", "filter", "observation", "arrival", "delay")
-        return {name: getattr(self, name) for name in names}
+    def __post_init__(self) -> None:
+        for name in ("steps", "evaluations", "episodes", "threads"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"{name} must be positive, got {value!r}.")
+        if not 0 <= self.seed < 2**20:
+            raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
+
+    def make(self, num_envs: int) -> VectorEnv:
+        """Return environments."""
+        names = ("robot", "noise", "filter", "observation", "arrival")
+        return gym.make_vec(
+            self.env,
+            num_envs=num_envs,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            **{name: getattr(self, name) for name in names},
+        )
+
+
+_FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "threads")
+"""Fields of the configuration that may be others when a run is resumed; what is in the file ``config`` may not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,28 +104,15 @@ class TrainingResult:
     """What a training run has come to."""
 
     steps: int
+    """Environment steps, those before an interruption included."""
     seconds: float
-    """Wall time of this call."""
+    """Wall time of this call, s."""
     steps_per_second: float
-    """Environment steps per second of the whole loop, evaluations included."""
+    """Environment steps per second of this call, evaluations and export included."""
     best: Mapping[str, float]
-    """The best evaluation."""
+    """Figures of the best model."""
     history: list[dict[str, float]] = field(default_factory=list)
-
-
-def figures(envs: gym.vector.VectorEnv, policy: Callable[[NDArray[np.float32]], Any]) -> dict[str, float]:
-    """Return success rate, mean return and mean steps of one episode of each environment, on the evaluation's seeds."""
-    observations, _ = envs.reset(seed=EVALUATION_SEED)
-    running = np.ones(envs.num_envs, np.bool_)
-    returns, steps, success = np.zeros(envs.num_envs), np.zeros(envs.num_envs), np.zeros(envs.num_envs, np.bool_)
-    while running.any():
-        observations, rewards, terminated, truncated, infos = envs.step(policy(observations))
-        done = running & (terminated | truncated)
-        returns[running] += rewards[running]
-        steps[running] += 1
-        success[done] = infos["final_info"]["is_success"][done] if done.any() else False
-        running &= ~done
-    return {"success": float(success.mean()), "return": float(returns.mean()), "steps_to_end": float(steps.mean())}
+    """Figures of this call's evaluations."""
 
 
 def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progress: bool = True) -> TrainingResult:
@@ -125,87 +128,128 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
         What it has come to; the folder holds the policy.
 
     Raises:
-        ValueError: If a name in the configuration is unknown, or the folder holds a run and ``resume`` is not set.
+        ValueError: If a name in the configuration is unknown, or the folder holds a run and ``resume`` is not set, or a run
+            of another configuration.
     """
     start = time.perf_counter()
-    algorithms: dict[str, type[BaseAlgorithm]] = {
-        name.lower(): getattr(stable_baselines3, name) for name in ("A2C", "DDPG", "PPO", "SAC", "TD3")
-    }
-    algorithm = choose("algo", config.algo, algorithms)
     hyper = hyperparameters.load(config.algo, config.env, config.config)
-    total = config.steps or int(hyper["n_timesteps"])
+    total = config.steps or hyper["n_timesteps"]
     checkpoint = folder / "checkpoint.zip"
-    if checkpoint.exists() and not resume:
-        raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
-    folder.mkdir(parents=True, exist_ok=True)
+    record = {"config": plain(asdict(config)), "hyperparameters": hyper, **provenance()}
+    if checkpoint.exists():
+        if not resume:
+            raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
+        _require_same(json.loads((folder / "config.json").read_text(encoding="utf-8")), record, folder)
     torch.set_num_threads(config.threads)
 
-    options = config.environment()
-    envs = gym.make_vec(config.env, num_envs=hyper["n_envs"], autoreset_mode=AutoresetMode.SAME_STEP, **options)
-    judges = gym.make_vec(config.env, num_envs=config.episodes, autoreset_mode=AutoresetMode.SAME_STEP, **options)
-    bare: Any = envs.unwrapped
-    parameters: Parameters = bare.parameters
-    if config.randomize:
-        bare.set_parameters(randomized(parameters, hyper["n_envs"], seed=config.seed))
-    record = {"config": plain(asdict(config)), "hyperparameters": hyper, **provenance()}
-    _write(folder / "config.json", record)
-
+    envs, judges = config.make(hyper["n_envs"]), config.make(config.episodes)
     if checkpoint.exists():
-        # A checkpoint is the run's own file: unpickling it is as safe as the folder.
-        model = algorithm.load(checkpoint, env=Sb3VecEnv(envs), device="cpu")
-        model.env.seed(config.seed + model.num_timesteps)
+        model = load_checkpoint(config, checkpoint, envs)
     else:
-        bearing = make_policy("bearing", robot=parameters.robot, dt=parameters.dt)
-        mean, std = normalization.measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
-        keywords = hyperparameters.arguments(hyper)
-        keywords["policy_kwargs"] |= {
-            "features_extractor_class": normalization.NormalizedObservation,
-            "features_extractor_kwargs": {"mean": mean, "std": std},
-        }
-        adapter = Sb3VecEnv(envs)
-        adapter.seed(config.seed * hyper["n_envs"])
-        model = algorithm(
-            hyper["policy"], adapter, seed=config.seed, device="cpu", tensorboard_log=str(folder / "tensorboard"), **keywords
-        )
-    if isinstance(model, OnPolicyAlgorithm):
-        model.env.bootstrap_with(model)
-
-    judge = EvaluationCallback(
-        lambda policy: figures(judges, policy), path=folder / "best.zip", every=max(1, total // config.evaluations)
-    )
-    callbacks = [CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), judge]
-    callbacks += [ProgressCallback(total, label=f"{config.env.partition('/')[2]} seed {config.seed}")] if progress else []
-    done_before = model.num_timesteps
-    if done_before < total:
-        model.learn(total - done_before, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
-        judge.run()
-        save_model(model, checkpoint)
-    best = json.loads((folder / "best.json").read_text())
+        model = make_model(config, hyper, envs, tensorboard=folder / "tensorboard")
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_json(folder / "config.json", record)
+    before = model.num_timesteps
+    judge = EvaluationCallback(judges, path=folder / "best.zip", every=max(1, total // config.evaluations))
+    bar = ProgressCallback(total, label=f"{config.env.partition('/')[2]} seed {config.seed}")
+    callbacks = [judge, CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), *([bar] if progress else [])]
+    try:
+        # A finished run has nothing to learn, but the callbacks find its best model again.
+        learn(model, total, callbacks)
+    finally:
+        bar.stop()
     seconds = time.perf_counter() - start
     card = Card(
         env=config.env,
         robot=describe_robot(config.robot),
-        dt=parameters.dt,
-        noise="randomized" if config.randomize else config.noise,
+        dt=_parameters(envs).dt,
+        noise=config.noise,
         filter=config.filter,
         observation=config.observation,
-        training={**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": best},
+        training={**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": judge.best},
     )
-    export(algorithm.load(folder / "best.zip", device="cpu"), folder / "policy.onnx", card)
+    best = ALGORITHMS[config.algo].load(folder / "best.zip", device="cpu")
+    export(best, folder / "policy.onnx", card)
+    envs.close()
+    judges.close()
+    seconds = time.perf_counter() - start
     result = TrainingResult(
         steps=model.num_timesteps,
         seconds=seconds,
-        steps_per_second=(model.num_timesteps - done_before) / seconds,
-        best=best,
+        steps_per_second=(model.num_timesteps - before) / seconds,
+        best=judge.best,
         history=judge.history,
     )
-    _write(folder / "result.json", asdict(result))
-    envs.close()
-    judges.close()
+    replace_json(folder / "result.json", asdict(result))
     return result
 
 
-def _write(path: Path, content: Any) -> None:
-    beside = path.with_name(f".{path.name}.new")
-    beside.write_text(json.dumps(content, indent=2) + "\n")
-    beside.replace(path)
+def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv, *, tensorboard: Path | None) -> BaseAlgorithm:
+    """Return a model at the beginning of its training.
+
+    Args:
+        config: What to train.
+        hyper: Its hyper-parameters.
+        envs: Where it trains.
+        tensorboard: Folder of its logs.
+    """
+    algorithm = choose("algo", config.algo, ALGORITHMS)
+    keywords = hyperparameters.arguments(dict(hyper), algorithm)
+    parameters = _parameters(envs)
+    bearing = make_policy("bearing", robot=parameters.robot, dt=parameters.dt)
+    mean, std = normalization.measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
+    keywords["policy_kwargs"] |= {
+        "features_extractor_class": normalization.NormalizedObservation,
+        "features_extractor_kwargs": {"mean": mean, "std": std},
+    }
+    model = algorithm(
+        hyper["policy"],
+        Sb3VecEnv(envs),
+        seed=config.seed,
+        device="cpu",
+        tensorboard_log=None if tensorboard is None else str(tensorboard),
+        **keywords,
+    )
+    return _set_up(model, config)
+
+
+def load_checkpoint(config: TrainingConfig, checkpoint: Path, envs: VectorEnv) -> BaseAlgorithm:
+    """Return the model of a checkpoint that `CheckpointCallback` has left in the run's own folder: it is unpickled.
+
+    Args:
+        config: What it was made for.
+        checkpoint: The file.
+        envs: Where it goes on.
+    """
+    model = choose("algo", config.algo, ALGORITHMS).load(checkpoint, env=Sb3VecEnv(envs), device="cpu")
+    if isinstance(model, OffPolicyAlgorithm):
+        model.load_replay_buffer(replay_path(checkpoint))
+    return _set_up(model, config)
+
+
+def _set_up(model: BaseAlgorithm, config: TrainingConfig) -> BaseAlgorithm:
+    adapter = model.env
+    assert isinstance(adapter, Sb3VecEnv)
+    adapter.seed((1 + config.seed) * TRAINING_SEED + model.num_timesteps)  # the model has set its own seed there
+    if isinstance(model, OnPolicyAlgorithm):
+        adapter.bootstrap_with(model)
+    return model
+
+
+def learn(model: BaseAlgorithm, total: int, callbacks: list[Any]) -> None:
+    """Train a model until it has made so many steps, those that it has made already included."""
+    model.learn(max(0, total - model.num_timesteps), callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
+
+
+def _parameters(envs: VectorEnv) -> Parameters:
+    return envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _require_same(old: Mapping[str, Any], new: Mapping[str, Any], folder: Path) -> None:
+    """Raise ValueError if a folder's run is of another configuration."""
+    for part in ("config", "hyperparameters"):
+        keys = set(old[part]) | set(new[part])
+        for key in sorted(keys - set(_FREE_TO_CHANGE)):
+            before, now = old[part].get(key), new[part].get(key)
+            if before != now:
+                raise ValueError(f"{folder} holds a run with {key} {before!r}: it cannot be resumed with {now!r}.")

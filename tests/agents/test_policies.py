@@ -1,16 +1,16 @@
-"""Policies: the tutorial's law to the letter, and a geometric one that reaches its goals; both on any batch, without heavy libraries."""
+"""Policies: the tutorial's law to the letter, and a geometric one that reaches its goals; on any batch, with numpy alone."""
 
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy, make_policy
+from turtlebot_gym_agents.evaluation import evaluate
 
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym.parameters import Pose, State
 from turtlebot_gym.tasks import Observation, observe
-from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy, make_policy
-from turtlebot_gym_agents.evaluation import evaluate
 
 
 def see(state: State, goal: Pose, robot: Robot) -> np.ndarray:
@@ -55,7 +55,7 @@ def test_a_batch_equals_its_rows(policy):
 
 def test_bearing_policy_knows_no_left_from_right_and_no_front_from_back():
     policy, robot = BearingPolicy("tutorial"), ROBOTS["tutorial"]
-    for state, goal, observation in random_sights(200, robot):
+    for *_, observation in random_sights(200, robot):
         forward, turn = policy(observation)
         o = Observation(*observation)
         mirrored = o._replace(sin_bearing=-o.sin_bearing, omega=-o.omega)
@@ -94,11 +94,12 @@ SETTINGS = [(robot, noise) for robot in ("burger", "tutorial") for noise in ("tu
 
 @pytest.mark.parametrize(("robot", "noise"), SETTINGS)
 def test_bearing_policy_reaches_its_goals(robot, noise):
-    # More than 5 failures in 1000 fail this: a policy that fails once in 2000 does so for one seed in 7 * 10^4 (binomial).
-    # Over 3000 other episodes of each setting it never failed; 9.9 and 10.6 s are 4 standard errors above its mean times there.
+    # More than 5 failures in 1000 fail this: a policy that fails once in 2000 does so for one seed in 7 * 10^4 (binomial), and
+    # over 3000 other episodes of each setting this one never failed. The longest mean times there were 10.45 and 9.62 s, with a
+    # standard error of 0.14 s for 1000 episodes: the bounds are 4 of those away, one seed in 3 * 10^4.
     summary = evaluate("bearing", episodes=1000, robot=robot, noise=noise).summary()
     assert summary["success"].value >= 0.995
-    assert summary["time"].value < {"burger": 10.9, "tutorial": 10.1}[robot]
+    assert summary["time"].value < {"burger": 11.01, "tutorial": 10.18}[robot]
 
 
 def test_the_tutorials_law_does_not_reach_them():

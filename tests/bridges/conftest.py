@@ -52,7 +52,7 @@ def wait_for(what, patience=PATIENCE):
     return value
 
 
-@pytest.fixture(name="wait_for")
+@pytest.fixture(name="wait_for", scope="session")
 def wait_for_fixture():
     return wait_for
 
@@ -97,13 +97,28 @@ class Peer:
         self.node.destroy_node()
 
 
+@pytest.fixture(scope="session")
+def make_peer():
+    """Make nodes in a context and a thread of their own, as in another process."""
+    runners = []
+
+    def make():
+        runner = Runner()
+        runner.start()
+        runners.append(runner)
+        return Peer(runner)
+
+    make.runners = runners
+    yield make
+    for runner in runners:
+        runner.close()
+
+
 @pytest.fixture
-def peer():
-    """A node in a context and a thread of its own, as in another process."""
-    runner = Runner()
-    runner.start()
-    yield Peer(runner)
-    runner.close()
+def peer(make_peer):
+    peer = make_peer()
+    yield peer
+    make_peer.runners.pop().close()
 
 
 @pytest.fixture

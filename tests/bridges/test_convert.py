@@ -100,7 +100,8 @@ def test_nothing_but_numbers_travels(value, bad):
             way.write(type(value)(*(bad if k == at else number for k, number in enumerate(value))), HEADER)
     message = way.write(value, HEADER)
     part = message.twist if type(value) is Command else message.pose.pose if type(value) is State else message.pose
-    setattr(getattr(part, "linear", None) or part.position, "x", bad)
+    vector = part.linear if type(value) is Command else part.position
+    vector.x = bad
     with pytest.raises(ValueError, match="finite"):
         way.read(message)
 

@@ -1,4 +1,4 @@
-"""Train what you deploy: one log through the compiled environment, through the blocks without ROS, and through the live nodes."""
+"""Train what you deploy: one log through the compiled environment, the blocks without ROS, and the live nodes."""
 
 import subprocess
 import sys
@@ -97,9 +97,8 @@ class Loop:
         self.wait_for = wait_for
         self.odometry, self.reference = peer.speak("odom", Odometry), peer.speak("reference", PoseStamped)
         self.estimates, self.commands = peer.hear("estimate", Odometry), peer.hear("cmd_vel", TwistStamped)
-        self.filter = Shell(
-            KalmanFilter, KalmanFilter.Params, context=runner.context, overrides={"noise": noise, "robot": robot, "filter": filter}
-        )
+        overrides = {"noise": noise, "robot": robot, "filter": filter}
+        self.filter = Shell(KalmanFilter, KalmanFilter.Params, context=runner.context, overrides=overrides)
         overrides = {"robot": robot, "goal_tolerance": 0.0, "start_enabled": True, **controller}
         self.controller = Shell(VelocityController, VelocityController.Params, context=runner.context, overrides=overrides)
         runner.add(self.filter)
@@ -161,12 +160,14 @@ def test_estimates_that_come_more_slowly_than_the_policy_are_an_error_in_words(r
     for _ in range(30):
         loop.tick(State(0.0, 0.0, 0.0, 0.0, 0.0))
         time.sleep(0.02)
-    wait_for(lambda: loop.controller.safety.state.endswith("estimate comes every 0.100 s, but a step is due every 0.05 s"))
+    wait_for(
+        lambda: loop.controller.switch.safety.state.endswith("estimate comes every 0.100 s, but a step is due every 0.05 s")
+    )
 
 
 WITHOUT = """
 import sys
-for name in ("rclpy", "geometry_msgs", "nav_msgs", "gymnasium", "numba", "torch", "stable_baselines3", "filterpy", "matplotlib"):
+for name in "rclpy geometry_msgs nav_msgs gymnasium numba torch stable_baselines3 filterpy scipy matplotlib".split():
     sys.modules[name] = None  # its import fails
 from turtlebot_gym_ros.blocks import *
 from turtlebot_gym.parameters import Pose

@@ -135,9 +135,9 @@ def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
     assert '"speed": 10.0' in report.read_text()
 
 
-@pytest.mark.parametrize("wrong", [["--policy", "clever"], ["--speed", "0"], ["--duration", "0"], ["--waypoints", "/nowhere.csv"]])
+@pytest.mark.parametrize("wrong", ["--policy clever", "--speed 0", "--duration 0", "--waypoints /nowhere.csv"])
 def test_bringup_refuses_what_is_wrong_on_one_line(capsys, wrong):
-    assert main(wrong) == 2
+    assert main(wrong.split()) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
 

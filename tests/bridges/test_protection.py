@@ -13,8 +13,10 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 from turtlebot_gym_ros import convert, safety, shell
 from turtlebot_gym_ros.feed import Feed
+from turtlebot_gym_ros.outputs import Outputs
 from turtlebot_gym_ros.safety import Safety
 from turtlebot_gym_ros.shell import Shell
+from turtlebot_gym_ros.switch import Switch
 from turtlebot_gym_ros.triggers import Messages
 
 from turtlebot_gym.parameters import Command
@@ -23,7 +25,7 @@ from turtlebot_gym.parameters import Command
 def starts_disabled(make_bench, patience):
     bench = make_bench(enabled=None)
     bench.patience = patience
-    bench.wait_for(lambda: bench.send() or bench.advance(0.01) and bench.shell._feeds["odometry"]._received > 5)
+    bench.wait_for(lambda: bench.send() or (bench.advance(0.01) and bench.shell._feeds["odometry"]._received > 5))
     assert bench.state == "silent: not enabled"
     assert not bench.commands
     assert not bench.steps
@@ -92,7 +94,7 @@ def blocked_steps_stop(make_bench, patience):
     finally:
         release.set()
     bench.wait_for(lambda: bench.shell._dropped == 1)
-    assert bench.shell.safety.state.startswith(("stopping", "silent"))
+    assert bench.shell.switch.safety.state.startswith(("stopping", "silent"))
     assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
 
 
@@ -105,7 +107,7 @@ def blocked_steps_are_faults(make_bench, patience):
         bench.send()
         bench.wait_for(lambda: bench.steps > steps)
         bench.now.at += 0.6
-        bench.wait_for(lambda: not bench.shell.safety.enabled)
+        bench.wait_for(lambda: not bench.shell.switch.safety.enabled)
     finally:
         release.set()
 
@@ -131,7 +133,7 @@ def a_silent_emergency_stop_stops(make_bench, patience):
     bench.drive()
     bench.patience = patience
     emergency.publish(Bool(data=False))
-    bench.wait_for(lambda: bench.shell.safety._heard is not None)
+    bench.wait_for(lambda: bench.shell.switch.safety._heard is not None)
     for _ in range(6):  # the odometry goes on
         bench.now.at += 0.1
         bench.settle()
@@ -232,13 +234,13 @@ def enabled_from_the_start(original):
 
 PROTECTIONS = {
     starts_disabled: (Safety, "__init__", enabled_from_the_start(Safety.__init__)),
-    disabled_it_stops: (Shell, "disable", nothing),
+    disabled_it_stops: (Switch, "disable", nothing),
     old_inputs_stop: (Feed, "_is_fresh", lambda self, now: self._latest is not None),
     exceptions_stop: (Shell, "_fault", nothing),
     nan_stops: (convert, "_finite", nothing),
     infinity_stops: (convert, "_finite", nothing),
     nonsense_stops: (Shell, "_fault", nothing),
-    blocked_steps_stop: (Shell, "_watch_safety", nothing),
+    blocked_steps_stop: (Shell, "_watch", nothing),
     blocked_steps_are_faults: (safety, "BLOCKED", math.inf),
     the_emergency_stop_stops: (Safety, "hear_emergency", nothing),
     a_silent_emergency_stop_stops: (safety, "SILENCE", math.inf),
@@ -250,7 +252,7 @@ PROTECTIONS = {
     nan_odometry: (convert, "_finite", nothing),
     repeated: (Messages, "check", nothing),
     out_of_order: (Messages, "check", nothing),
-    the_end_of_the_node_stops: (Shell, "_publish_stops", nothing),
+    the_end_of_the_node_stops: (Outputs, "publish_stops", nothing),
 }
 CASES = [pytest.param(law, *how, id=f"{law.__name__}{at}") for at, (law, how) in enumerate(PROTECTIONS.items())]
 
@@ -265,4 +267,3 @@ def test_its_absence_is_noticed(make_bench, monkeypatch, law, owner, name, sabot
     monkeypatch.setattr(owner, name, sabotage)
     with pytest.raises((AssertionError, pytest.fail.Exception)):
         law(make_bench, 1.0)
-

@@ -1,5 +1,7 @@
 """The state machine that decides whether a robot may move, told the time by the test."""
 
+from itertools import pairwise
+
 import pytest
 from turtlebot_gym_ros.safety import BLOCKED, SILENCE, STOP_FOR, STOP_PERIOD, Safety
 
@@ -41,7 +43,7 @@ def test_a_stop_is_one_second_of_zeros_and_then_silence(disable):
     times = stops(safety, 10.0, 13.0)
     assert times[0] == 10.0  # at once
     assert 10.0 + STOP_FOR - 2 * STOP_PERIOD < times[-1] < 10.0 + STOP_FOR
-    assert max(b - a for a, b in zip(times, times[1:], strict=False)) < STOP_PERIOD + 0.011
+    assert max(b - a for a, b in pairwise(times)) < STOP_PERIOD + 0.011
     assert safety.state == "silent: because"
 
 

@@ -193,6 +193,7 @@ def test_a_value_that_no_message_is_known_for_is_refused(runner):
     class Odd:
         inputs = {"number": Input(topic="number", type=int)}
         outputs = {}
+        trigger = Every(0.1)
 
     with pytest.raises(ValueError, match="int: call register"):
         Shell(lambda params: Odd(), NoParameters, name="odd", context=runner.context)

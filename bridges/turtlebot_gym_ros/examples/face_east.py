@@ -1,12 +1,13 @@
 """A block of one's own as a node: turn the robot until it faces east.
 
-    python face_east.py --ros-args -p gain:=2.0 -p start_enabled:=true
+python face_east.py --ros-args -p gain:=2.0 -p start_enabled:=true
 """
 
 from dataclasses import dataclass
 
-from turtlebot_gym.parameters import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, run
+
+from turtlebot_gym.parameters import STOP, Command, State
 
 
 @dataclass(frozen=True, kw_only=True)

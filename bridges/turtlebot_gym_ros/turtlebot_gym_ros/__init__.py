@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from turtlebot_gym_ros.block import Block, Every, Input, On, Output
 
 if TYPE_CHECKING:
-    from turtlebot_gym_ros.graph import Graph
     from turtlebot_gym_ros.convert import register
+    from turtlebot_gym_ros.graph import Graph
     from turtlebot_gym_ros.runner import run
     from turtlebot_gym_ros.shell import Shell
 

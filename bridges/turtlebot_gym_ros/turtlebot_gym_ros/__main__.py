@@ -9,7 +9,7 @@ from importlib import import_module
 from turtlebot_gym_ros.discovery import prepare
 
 NODES = {
-    "waypoint_generator": ("blocks.waypoints:WaypointGenerator", "publishes the waypoints on /reference, by time or on arrival"),
+    "waypoint_generator": ("blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference"),
     "velocity_controller": ("blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel"),
     "turtlebot_simulator": ("blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state"),
     "kalman_filter": ("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom and /cmd_vel to /estimate"),

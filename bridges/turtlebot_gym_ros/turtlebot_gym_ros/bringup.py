@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Run the closed loop as a ROS 2 graph on this machine. The simulated robot has no obstacles to avoid; "
         "a real one has, and no policy here sees them.",
     )
-    parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives; in teleoperation you, on /cmd_vel")
+    parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
     parser.add_argument("--speed", type=float, default=1.0, help="how many times faster than real time (default 1)")

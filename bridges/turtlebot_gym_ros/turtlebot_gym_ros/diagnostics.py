@@ -9,11 +9,22 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from turtlebot_gym_ros.qos import STREAM
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 FAMILY = frozenset(
-    ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator", "simulated_teleop")
-    + ("data_logger", "cmd_vel_guard", "bringup", "status")
+    [
+        "turtlebot_simulator",
+        "kalman_filter",
+        "velocity_controller",
+        "waypoint_generator",
+        "simulated_teleop",
+        "cmd_vel_guard",
+        "data_logger",
+        "bringup",
+        "status",
+    ]
 )
 """Names of the nodes that belong to a simulation."""
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
@@ -49,7 +60,7 @@ def _name(info: TopicEndpointInfo) -> str:
 
 
 def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -> Problem:
-    text = f"{mine.topic}: {_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot hear each other."
+    text = f"{mine.topic}: {_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot be matched."
     if mine.message in _VELOCITIES and other.topic_type in _VELOCITIES:
         stamped = _VELOCITIES[other.topic_type]
         start = f"python -m turtlebot_gym_ros {node.get_name()} --ros-args -p enable_stamped_cmd_vel:={stamped}"
@@ -82,28 +93,48 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
             strangers = {_name(other) for other in subscriptions if other.node_name not in FAMILY}
             if names.count(node.get_name()) > 1:
                 strangers.add("another simulator")
-            text = f"{mine.topic}: {', '.join(sorted(strangers))} obeys the same commands as this simulation. Is it a real robot?"
+            who = ", ".join(sorted(strangers))
+            text = f"{mine.topic}: {who} obeys the same commands as this simulation. Is it a real robot?"
             found += [Problem(WARN, text)] if strangers else []
     return found
 
 
-def report(node: Node, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> DiagnosticArray:
-    """Return a node's diagnostics as a message.
+class Reporter:
+    """Publishes a node's diagnostics, and logs what is new in the graph around it.
 
     Args:
         node: The node.
-        problems: What is wrong.
-        summary: What it does where nothing is wrong.
-        values: Figures, by name.
+        endpoints: Its topics.
+        plant: Whether it stands in for a robot.
     """
-    worst = sorted(problems, key=lambda problem: problem.level, reverse=True)
-    status = DiagnosticStatus(
-        level=worst[0].level if worst else OK,
-        name=node.get_fully_qualified_name(),
-        message=" ".join(problem.text for problem in worst) or summary,
-        hardware_id="turtlebot_gym_ros",
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
-    array = DiagnosticArray(status=[status])
-    array.header.stamp = node.get_clock().now().to_msg()
-    return array
+
+    def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
+        self._node, self._endpoints, self._plant = node, list(endpoints), plant
+        self._known: set[Problem] = set()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+
+    def publish(self, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> None:
+        """Publish what is wrong.
+
+        Args:
+            problems: With the node itself; those of the graph are added.
+            summary: What it does where nothing is wrong.
+            values: Figures, by name.
+        """
+        around = graph_problems(self._node, self._endpoints, plant=self._plant)
+        for problem in around:
+            if problem not in self._known:
+                log = self._node.get_logger()
+                (log.error if problem.level == ERROR else log.warning)(problem.text)
+        self._known = set(around)
+        worst = sorted([*problems, *around], key=lambda problem: problem.level, reverse=True)
+        status = DiagnosticStatus(
+            level=worst[0].level if worst else OK,
+            name=self._node.get_fully_qualified_name(),
+            message=" ".join(problem.text for problem in worst) or summary,
+            hardware_id="turtlebot_gym_ros",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)

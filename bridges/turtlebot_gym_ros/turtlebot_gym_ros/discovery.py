@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 
 PROFILE = Path(__file__).with_name("fastdds.xml")
-"""Announces a participant every 0.2 s at first, instead of every 3 s (where the first packets of two that start at once are lost)."""
+"""Announces a participant every 0.2 s at first: of two that start at once the first packets are often lost."""
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _ASKED = (_RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
+
+from rclpy.node import Node
 
 from turtlebot_gym_ros.block import Input
 from turtlebot_gym_ros.convert import Conversion
+from turtlebot_gym_ros.diagnostics import Endpoint, type_name
+from turtlebot_gym_ros.qos import SENSOR, STREAM, overridable
 
 
 class Feed:
@@ -23,6 +28,15 @@ class Feed:
         self.refusal: str | None = None
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced as one, since two threads look at it
+
+    def connect(self, node: Node, hear: Callable[[Any], None]) -> Endpoint:
+        """Subscribe to its topic, and return that as the diagnostics want it."""
+        kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
+        self._subscription = node.create_subscription(
+            kind, self.declared.topic, hear, qos, qos_overriding_options=overridable()
+        )
+        self.topic = self._subscription.topic_name
+        return Endpoint(self.topic, type_name(kind), False)
 
     def read(self, message: Any, frame: str) -> Any:
         """Return a message's value.

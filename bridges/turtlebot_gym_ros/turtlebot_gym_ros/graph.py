@@ -84,7 +84,7 @@ class Graph:
             return {"speed": speed, **chosen}
         return {"use_sim_time": True, **chosen} if speed != 1.0 else chosen
 
-    def __enter__(self) -> Graph:
+    def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11
         self._runner = Runner(domain=self._domain)
         try:
             self._recorder = Recorder(self._runner.context, stamped=self._stamped)

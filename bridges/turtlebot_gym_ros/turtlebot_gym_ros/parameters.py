@@ -5,7 +5,6 @@ rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; here
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from difflib import get_close_matches
 from typing import Any, get_type_hints
@@ -61,7 +60,7 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
     declared: dict[str, tuple[type, Any]] = {}
     for each in params:
         declared |= _values(each)
-    given: Mapping[str, Any] = node.get_parameters_by_prefix("")
+    given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
     for name in given:
         if name not in declared and not name.startswith(_ROS_OWN):
             close = get_close_matches(name, declared, n=1)

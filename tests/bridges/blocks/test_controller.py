@@ -30,7 +30,8 @@ def ahead(observation):
 
 def test_a_policy_is_given_the_environments_observation():
     given = []
-    controller(lambda observation: given.append(observation) or np.zeros(2)).step(0.1, at(0.0, 0.0), REFERENCE, Pose(0.0, 2.0, 0.0))
+    node = controller(lambda observation: given.append(observation) or np.zeros(2))
+    node.step(0.1, at(0.0, 0.0), REFERENCE, Pose(0.0, 2.0, 0.0))
     (observation,) = given
     robot = ROBOTS["burger"]
     assert observation.dtype == np.float32
@@ -100,7 +101,7 @@ def test_a_policy_with_memory_is_reset():
             self.masks.append(mask)
 
     controller(Remembers()).reset()
-    assert [mask.tolist() for mask in Remembers.masks] == [[True]]
+    assert [mask.tolist() for mask in Remembers.masks] == [True]
 
 
 @pytest.mark.parametrize(

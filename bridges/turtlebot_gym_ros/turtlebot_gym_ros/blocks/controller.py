@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.unicycle import limit
@@ -50,9 +51,8 @@ class VelocityController:
             if not 0.001 <= self.period <= 10.0:
                 raise ValueError(f"period must be in [0.001, 10] s, got {self.period!r}.")
             if not (self.goal_tolerance == 0.0 or 0.01 <= self.goal_tolerance < math.inf):
-                raise ValueError(
-                    f"goal_tolerance must be 0, or at least 0.01 m, the resolution of a TurtleBot3, got {self.goal_tolerance!r}."
-                )
+                rule = "must be 0, or at least 0.01 m, the resolution of a TurtleBot3"
+                raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
@@ -62,8 +62,6 @@ class VelocityController:
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
 
     def __init__(self, params: Params) -> None:
-        from turtlebot_gym_agents.policies import make_policy
-
         self.trigger = On("estimate", period=params.period)
         self._robot = make_robot(params.robot)
         self._policy = make_policy(params.policy, robot=self._robot, dt=params.period)
@@ -78,8 +76,8 @@ class VelocityController:
     def reset(self) -> None:
         """Forget the last episode, also in a policy with memory."""
         self._done_with: Pose | None = None
-        if hasattr(self._policy, "reset"):
-            self._policy.reset(np.ones(1, np.bool_))
+        if isinstance(self._policy, PolicyWithMemory):
+            self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., 13)
 
     def step(self, dt: float, estimate: Estimate, reference: Pose, following: Pose | None) -> dict[str, Any]:
         """Return the command, or nothing where the robot is done."""

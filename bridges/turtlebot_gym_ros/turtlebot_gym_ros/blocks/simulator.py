@@ -53,9 +53,7 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         task = replace(NAV, random=params.random_start, max_steps=math.inf)
-        self._p = make_parameters(
-            task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period
-        )
+        self._p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
         self.trigger = Every(params.period, params.speed)
         self._seed = params.seed
         self._episode = -1

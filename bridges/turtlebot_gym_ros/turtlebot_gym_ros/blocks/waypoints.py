@@ -19,8 +19,8 @@ from turtlebot_gym_ros.block import Every, Input, Output
 class WaypointGenerator:
     """Publish the waypoint to reach and the one after it, again and again, so that their end shows.
 
-    By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint stays. A pose from RViz
-    takes the place of all waypoints. A reset begins with the first one again.
+    By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint stays. A pose from
+    RViz takes the place of all waypoints. A reset begins with the first one again.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional).
     Outputs: ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame.

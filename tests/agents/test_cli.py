@@ -1,0 +1,131 @@
+"""The command line: results on standard output and in files, errors in one line, and status 2."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from turtlebot_gym_agents.cli import COMMANDS, main
+from turtlebot_gym_agents.evaluation import evaluate
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+
+
+@pytest.fixture
+def drive(tmp_path) -> Path:
+    """A recorded drive straight on, whose wheels overstate the way by 2 %."""
+    time = np.linspace(0.0, 20.0, 1001)
+    rows = np.stack([time, np.full_like(time, 0.204), 0.0 * time, 0.2 * time, 0.0 * time, 0.0 * time], axis=1)
+    np.savetxt(tmp_path / "straight.csv", rows, delimiter=",", header="t,vx,gyro,px,py,theta", comments="")
+    return tmp_path / "straight.csv"
+
+
+def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
+    paths = tmp_path / "out" / "result.json", tmp_path / "out" / "paths.png"
+    arguments = ["--policy", "proportional", "bearing", "--noise", "clean", "documented", "--observation", "ekf", "truth"]
+    assert (
+        main(["evaluate", *arguments, "--episodes", "20", "--seed", "5", "--json", str(paths[0]), "--plot", str(paths[1])]) == 0
+    )
+    told = capsys.readouterr()
+    assert "proportional, clean, ekf" in told.out
+    assert "false arrivals" in told.out
+    assert not told.err.strip()
+    content = json.loads(paths[0].read_text())
+    assert [run["label"] for run in content["runs"]] == [
+        f"{policy}, {noise}, {seen}"
+        for policy in ("proportional", "bearing") for noise in ("clean", "documented") for seen in ("ekf", "truth")
+    ]  # fmt: skip
+    assert content["config"]["seed"] == 5
+    run = content["runs"][6]
+    options = {"noise": "documented", "observation": "ekf", "robot": "burger", "filter": "matched"}
+    expected = evaluate("bearing", episodes=20, seed=5, **options)
+    assert run["config"].items() >= {"policy": "bearing", "episodes": 20, **options}.items()
+    assert run["summary"]["success"]["value"] == expected.summary()["success"].value
+    np.testing.assert_allclose(run["episodes"]["time"], expected.episodes.time)
+    assert paths[1].read_bytes().startswith(b"\x89PNG")
+
+
+def test_evaluate_draws_a_single_run_at_a_glance(tmp_path, capsys):
+    path = tmp_path / "run.svg"
+    square = ["--env", "turtlebot_gym/TurtleBotSquare-v0", "--switch", "time", "--robot", "tutorial", "--arrival", "belief"]
+    assert main(["evaluate", *square, "--policy", "bearing", "--episodes", "2", "--plot", str(path)]) == 0
+    assert "4.00" in capsys.readouterr().out  # waypoints reached
+    assert path.read_text().count('id="axes_') == 7  # trajectory; x, y, heading; two commands; error
+
+
+def test_replay_tells_the_errors_of_each_file(tmp_path, drive, capsys):
+    other = tmp_path / "other.csv"
+    other.write_text(drive.read_text())
+    paths = tmp_path / "result.json", tmp_path / "drive.png"
+    files = [str(drive), str(other)]
+    assert main(["replay", *files, "--seeds", "3", "--json", str(paths[0]), "--plot", str(paths[1])]) == 0
+    out = capsys.readouterr().out
+    assert out.index("straight.csv") < out.index("other.csv")
+    assert "0.020" in out  # per metre
+    content = json.loads(paths[0].read_text())
+    assert content["config"]["seeds"] == 3
+    assert [Path(run["file"]).name for run in content["runs"]] == ["straight.csv", "other.csv"]
+    for run in content["runs"]:
+        assert run["wheels_per_metre"]["position"] == pytest.approx(0.02, rel=0.02)
+        assert run["mean"]["filter"]["position_mean"] < run["mean"]["raw"]["position_mean"]
+        assert len(run["seeds"]["filter"]["position_mean"]) == 3
+    assert sorted(path.name for path in tmp_path.glob("*.png")) == ["drive-other.png", "drive-straight.png"]
+
+
+def test_replay_takes_other_names_of_columns(drive, capsys):
+    drive.write_text(drive.read_text().replace("t,vx,gyro", "stamp,speed,gyro", 1))
+    assert main(["replay", str(drive), "--seeds", "1"]) == 2
+    assert "column 't', 'vx' is missing" in capsys.readouterr().err
+    assert main(["replay", str(drive), "--seeds", "1", "--columns.time", "stamp", "--columns.v", "speed"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["evaluate", "--noise", "loud"], "noise must be one of 'clean', "),
+        (
+            ["evaluate", "--policy", "clever"],
+            "policy must be one of 'proportional', 'bearing', or 'module:callable'",
+        ),
+        (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
+        (["evaluate", "--env", "CartPole-v1"], "env must be one of "),
+        (["evaluate", "--laps", "2"], "draws its goal"),
+        (["evaluate", "--episodes", "0"], "episodes must be a positive whole number, got 0"),
+        (["evaluate", "--robot", "roomba"], "robot must be one of 'burger', "),
+        (["replay"], "At least one FILE"),
+        (["replay", "no/such/file.csv"], "no/such/file.csv"),
+    ],
+)
+def test_what_is_not_possible_is_told_in_one_line(arguments, message, capsys):
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    assert not told.out
+    assert told.err.startswith("turtlebot-gym: ")
+    assert message in told.err
+    assert told.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate", "--episodes", "many"], ["evaluate", "--nosuch"]])
+def test_wrong_usage_has_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+
+
+@pytest.mark.parametrize("arguments", [["--help"], *([name, "--help"] for name in COMMANDS)])
+def test_help_explains(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 0
+    assert "usage: turtlebot-gym" in capsys.readouterr().out
+
+
+def test_a_policy_of_ones_own_is_found_where_one_is(tmp_path):
+    (tmp_path / "mine.py").write_text("import numpy as np\ndef drive(o):\n    return np.ones((*o.shape[:-1], 2), np.float32)\n")
+    script = Path(sys.executable).with_name("turtlebot-gym")
+    arguments = ["evaluate", "--policy", "mine:drive", "--episodes", "2"]
+    done = subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "mine:drive" in done.stdout

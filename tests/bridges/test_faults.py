@@ -1,0 +1,257 @@
+"""Faults of the live loop as on a robot: controller -> /cmd_vel_in -> guard -> /cmd_vel, the filter listening behind the guard.
+
+All are real processes; the test is the robot, and the independent listener on ``/cmd_vel``. After each fault that must stop the
+robot it hears zeros and nothing else, no other process ends, and once all is well again and enabled, the robot drives on.
+"""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool
+from turtlebot_gym_ros.qos import LATCHED
+
+POLICY = """
+import time
+from pathlib import Path
+import numpy as np
+
+def drive(observation):
+    fault = Path("fault").read_text()
+    if fault == "raise":
+        raise RuntimeError("out of ideas")
+    while fault == "block" and Path("fault").read_text() == fault:
+        time.sleep(0.01)
+    return np.array([np.nan if fault == "nan" else 0.5, 0.0], np.float32)
+"""
+COMMANDS = {
+    "kalman_filter": ["noise:=clean"],
+    "waypoint_generator": ["waypoints:=far.csv"],
+    "velocity_controller": ["policy:=policy:drive"],
+    "cmd_vel_guard": [],
+}
+
+
+class Robot:
+    """The processes, a robot that sends odometry at 20 Hz in a thread of its own, and ears on ``/cmd_vel``."""
+
+    def __init__(self, peer, wait_for, folder):
+        self.peer, self.wait_for, self.folder = peer, wait_for, folder
+        (folder / "policy.py").write_text(POLICY)
+        (folder / "far.csv").write_text("1000,0,0\n")
+        self.set_policy("")
+        self.commands = peer.hear("cmd_vel", TwistStamped)
+        self.states = peer.hear("velocity_controller/state", String, LATCHED)
+        self.estimates = peer.hear("estimate", Odometry)
+        self.processes = {}
+        self.x = 0.0
+        self.spoil = lambda message: message
+        self._odometry = peer.speak("odom", Odometry)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+        for name in COMMANDS:
+            self.start(name)
+
+    def set_policy(self, fault):
+        (self.folder / "fault.new").write_text(fault)
+        os.replace(self.folder / "fault.new", self.folder / "fault")
+
+    def start(self, name, remap="cmd_vel:=cmd_vel_in"):
+        parameters = [word for each in COMMANDS[name] for word in ("-p", each)]
+        remapping = ["-r", remap] if name == "velocity_controller" else []
+        arguments = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *parameters, *remapping]
+        environment = {**os.environ, "PYTHONPATH": str(self.folder)}
+        self.processes[name] = subprocess.Popen(arguments, cwd=self.folder, env=environment)
+
+    def _run(self):
+        while not self._over.wait(0.05):
+            message = Odometry()
+            message.header.frame_id = "odom"
+            message.header.stamp = Time(nanoseconds=time.time_ns()).to_msg()
+            self.x += 0.05 * (self.commands[-1].twist.linear.x if self.commands else 0.0)
+            message.pose.pose.position.x = self.x
+            message.pose.pose.orientation.w = 1.0
+            message = self.spoil(message)
+            if message is not None:
+                self._odometry.publish(message)
+
+    @property
+    def speeds(self):
+        return [message.twist.linear.x for message in self.commands]
+
+    def drive(self):
+        """Enable the controller, and wait until the robot drives."""
+        self.wait_for(lambda: self.peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=True)).success)
+        self.commands.clear()
+        self.wait_for(lambda: self.commands and self.speeds[-1] > 0.09)
+
+    def stops(self):
+        """Wait until the robot has stopped, and check that it heard zeros and nothing else from then on."""
+        self.wait_for(lambda: 0.0 in self.speeds)
+        first = self.speeds.index(0.0)
+        self.wait_for(lambda: len(self.commands) > first + 5)
+        assert set(self.speeds[first:]) == {0.0}
+
+    def check_alive(self, *, but=None):
+        assert all(process.poll() is None for name, process in self.processes.items() if name != but)
+
+    def close(self):
+        self._over.set()
+        self._thread.join()
+        for process in self.processes.values():
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+        assert [process.wait(30) for process in self.processes.values()] == [0] * len(self.processes)
+
+
+@pytest.fixture(scope="module")
+def robot(make_peer, wait_for, tmp_path_factory):
+    robot = Robot(make_peer(), wait_for, tmp_path_factory.mktemp("robot"))
+    yield robot
+    robot.close()
+
+
+def bad_position(message):
+    message.pose.pose.position.x = math.nan
+    return message
+
+
+def no_rotation(message):
+    message.pose.pose.orientation.w = 0.0
+    return message
+
+
+def wrong_frame(message):
+    message.header.frame_id = "map"
+    return message
+
+
+class Repeats:
+    """Odometry that says the same again and again, stamp included; and one that comes in the wrong order."""
+
+    def __init__(self, back):
+        self.last, self.back = None, back
+
+    def __call__(self, message):
+        self.last = self.last or message
+        self.last.header.stamp.sec -= self.back
+        self.back = 0
+        return self.last
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda message: None, bad_position, no_rotation, wrong_frame, Repeats(0), Repeats(1)],
+    ids=["stops", "nan", "no rotation", "wrong frame", "repeats", "out of order"],
+)
+def test_odometry_that_is_none_stops_the_robot(robot, spoil):
+    robot.drive()
+    robot.spoil = spoil
+    try:
+        robot.stops()
+        robot.check_alive()
+    finally:
+        robot.spoil = lambda message: message
+    robot.wait_for(lambda: robot.speeds[-1] > 0.09)  # it goes on by itself
+
+
+def test_odometry_that_jumps_breaks_nothing(robot):
+    robot.drive()
+    robot.x += 5.0
+    robot.wait_for(lambda: abs(robot.estimates[-1].pose.pose.position.x - robot.x) < 0.5)
+    robot.check_alive()
+    robot.drive()
+
+
+@pytest.mark.parametrize("fault", ["raise", "nan", "block"])
+def test_a_policy_that_fails_stops_the_robot(robot, fault):
+    robot.drive()
+    robot.set_policy(fault)
+    try:
+        robot.stops()
+        robot.wait_for(lambda: "fault" in robot.states[-1].data)
+        robot.check_alive()
+    finally:
+        robot.set_policy("")
+    robot.drive()
+
+
+@pytest.mark.parametrize("name", ["velocity_controller", "kalman_filter", "waypoint_generator"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGSTOP], ids=lambda number: number.name)
+def test_the_end_of_any_process_stops_the_robot_and_it_can_start_again(robot, name, number):
+    robot.drive()
+    robot.processes[name].send_signal(number)
+    robot.stops()
+    robot.check_alive(but=name)
+    if number == signal.SIGSTOP:
+        robot.processes[name].send_signal(signal.SIGCONT)
+    else:
+        assert robot.processes[name].wait(30) == (-signal.SIGKILL if number == signal.SIGKILL else 0)
+        robot.start(name)
+    robot.drive()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name)
+def test_a_guard_that_starts_again_begins_with_zeros(robot, number):
+    """A guard's own death is not covered: a killed one leaves the last command in force until the next one starts."""
+    robot.drive()
+    robot.processes["cmd_vel_guard"].send_signal(number)
+    robot.processes["cmd_vel_guard"].wait(30)
+    if number == signal.SIGTERM:
+        robot.wait_for(lambda: robot.speeds[-1] == 0.0)
+    else:
+        assert 0.0 not in robot.speeds
+    robot.commands.clear()
+    robot.start("cmd_vel_guard")
+    robot.wait_for(lambda: robot.commands)
+    assert robot.speeds[0] == 0.0
+    robot.drive()
+
+
+def test_the_emergency_stop_stops_controller_and_guard(robot):
+    robot.drive()
+    emergency = robot.peer.speak("emergency_stop", Bool)
+    robot.wait_for(lambda: emergency.get_subscription_count() == 2)
+    emergency.publish(Bool(data=True))
+    robot.stops()
+    robot.wait_for(lambda: "emergency stop" in robot.states[-1].data)
+    robot.check_alive()
+    for name in ("cmd_vel_guard", "velocity_controller"):
+
+        def enabled(name=name):
+            emergency.publish(Bool(data=False))
+            return robot.peer.ask(f"{name}/enable", SetBool, SetBool.Request(data=True)).success
+
+        robot.wait_for(enabled)
+    robot.wait_for(lambda: emergency.publish(Bool(data=False)) or robot.speeds[-1] > 0.09)
+    for name in ("cmd_vel_guard", "velocity_controller"):  # these two are waiting for a stop that is gone now
+        robot.processes[name].terminate()
+        assert robot.processes[name].wait(30) == 0
+        robot.start(name)
+    robot.drive()
+
+
+def test_without_a_guard_the_death_of_the_controller_stops_nothing(robot):
+    """The partner of the laws above: what they rely on is the guard."""
+    for name in ("cmd_vel_guard", "velocity_controller"):
+        robot.processes[name].terminate()
+        robot.processes[name].wait(30)
+    robot.start("velocity_controller", remap="cmd_vel:=cmd_vel")
+    robot.drive()
+    robot.processes["velocity_controller"].kill()
+    robot.processes["velocity_controller"].wait(30)
+    time.sleep(1.0)  # twice what a guard would take
+    assert 0.0 not in robot.speeds
+    for name in ("cmd_vel_guard", "velocity_controller"):
+        robot.start(name)
+    robot.drive()
