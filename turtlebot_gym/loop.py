@@ -88,7 +88,8 @@ def _step_tile(first, count, actions, tile, keys, row, waypoints, observations, 
         for k in range(_N_OBSERVATION):
             observations[first + lane, k] = tile[_AT_OBSERVATION + k * TILE + lane]
     for k in range(_N_OUTCOME):
-        outcomes[k, first : first + count] = tile[_AT_OUTCOME + k * TILE : _AT_OUTCOME + k * TILE + count]
+        for lane in range(count):
+            outcomes[k, first + lane] = tile[_AT_OUTCOME + k * TILE + lane]
 
 
 def _step_rows(identity: str) -> Callable[..., None]:
