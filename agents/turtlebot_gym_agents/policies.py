@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,23 +99,81 @@ class BearingPolicy:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        o, robot, dt = _fields(observations), self._robot, self._dt
-        moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
-        ahead_now, left_now = o.distance * o.cos_bearing - moved, o.distance * o.sin_bearing
-        sine, cosine = np.sin(turned), np.cos(turned)
-        ahead, left = cosine * ahead_now + sine * left_now, cosine * left_now - sine * ahead_now
-        distance = np.hypot(ahead, left)
-        direction = np.where((ahead < 0.0) & robot.reverse, -1.0, 1.0)
-        angle = np.arctan2(direction * left, direction * ahead)
-        speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(distance / self._slow, 1.0)
-        allowed = np.arcsin(self._tolerance / np.maximum(distance, self._tolerance)) if self._tolerance else 0.0
+        robot, to = self._robot, _upcoming(observations, self._robot, self._dt)
+        direction = np.where((to.ahead < 0.0) & robot.reverse, -1.0, 1.0)
+        angle = np.arctan2(direction * to.left, direction * to.ahead)
+        speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(to.distance / self._slow, 1.0)
+        allowed = np.arcsin(self._tolerance / np.maximum(to.distance, self._tolerance)) if self._tolerance else 0.0
         turn = np.sign(angle) * np.maximum(np.abs(angle) - allowed, 0.0)
         return _action(direction * speed, self._gain * turn / robot.max_angular)
+
+
+class PolarPolicy:
+    """The polar-coordinate law: drive a smooth path that ends in the right heading, forwards or backwards.
+
+    ``v = gamma rho cos(alpha)`` and ``omega = k alpha + gamma sinc(alpha) cos(alpha) (alpha + h phi)``, with rho the distance,
+    alpha the bearing and phi the bearing minus the heading still to turn; slower, on the same path, where v is over the limit.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        gamma: Gain on the distance, 1/s.
+        k: Gain on the bearing, 1/s.
+        h: Weight of the final heading.
+
+    References:
+        Aicardi, Casalino, Bicchi, Balestrino, "Closed loop steering of unicycle-like vehicles via Lyapunov techniques" (1995).
+    """
+
+    def __init__(
+        self,
+        robot: str | Robot = "burger",
+        dt: float = REFERENCE_PERIOD,
+        *,
+        gamma: float = 1.0,
+        k: float = 2.0,
+        h: float = 2.0,
+    ) -> None:
+        _require_positive(dt=dt, gamma=gamma, k=k, h=h)
+        self._robot, self._dt, self._gamma, self._k, self._h = make_robot(robot), dt, gamma, k, h
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 13)."""
+        robot, to = self._robot, _upcoming(observations, self._robot, self._dt)
+        direction = np.where((to.ahead < 0.0) & robot.reverse, -1.0, 1.0)
+        alpha = np.arctan2(direction * to.left, direction * to.ahead)
+        phi = _wrap(alpha - to.turn)
+        v = self._gamma * to.distance * np.cos(alpha)
+        omega = self._k * alpha + self._gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self._h * phi)
+        excess = np.maximum(np.abs(v) / robot.max_linear, 1.0)
+        return _action(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
+
+
+class RotateDriveRotatePolicy:
+    """Drive to the point as `BearingPolicy` does, then turn on the spot: near optimal where turning is fast.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        stop: Distance within which it turns instead of driving, m.
+    """
+
+    def __init__(self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, stop: float = 0.1) -> None:
+        _require_positive(dt=dt, stop=stop)
+        self._drive, self._robot, self._dt, self._stop = BearingPolicy(robot, dt), make_robot(robot), dt, stop
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 13)."""
+        to = _upcoming(observations, self._robot, self._dt)
+        turning = _action(np.zeros_like(to.turn), to.turn / (self._dt * self._robot.max_angular))
+        return np.where((to.distance < self._stop)[..., None], turning, self._drive(observations))
 
 
 POLICIES: dict[str, Callable[[Robot, float], Policy]] = {
     "proportional": lambda robot, dt: ProportionalPolicy(robot),
     "bearing": lambda robot, dt: BearingPolicy(robot, dt),
+    "polar": lambda robot, dt: PolarPolicy(robot, dt),
+    "rotate-drive-rotate": lambda robot, dt: RotateDriveRotatePolicy(robot, dt),
 }
 """Makers of the built-in policies by name."""
 
@@ -124,16 +182,26 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     """Return a policy by its name.
 
     Args:
-        name: "proportional", "bearing", or "module:callable" for one of your own: a function is the policy itself, a class
-            is made with ``robot`` and ``dt`` as keywords.
+        name: "proportional", "bearing", "polar" or "rotate-drive-rotate"; a bundle's file, ``*.onnx``; or "module:callable" for
+            one of your own: a function is the policy itself, a class is made with ``robot`` and ``dt`` as keywords.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If there is none of that name, or a bundle was trained for another robot or rate.
+        ImportError: If a bundle is asked for and onnxruntime is missing.
     """
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
+    if name.endswith(".onnx"):
+        from turtlebot_gym_agents.bundle import BundlePolicy
+
+        return BundlePolicy(name, robot=robot, dt=dt)
+    if name.endswith((".zip", ".pkl", ".pt", ".pth")):
+        raise ValueError(
+            f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
+            f"turtlebot-gym export {name} --allow-pickle"
+        )
     module, colon, attribute = name.partition(":")
     known = f"policy must be one of {', '.join(map(repr, POLICIES))}, or 'module:callable', got {name!r}"
     if not (module and colon and attribute):
@@ -145,6 +213,29 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     if not callable(found):
         raise ValueError(f"{known}: it cannot be called.")
     return cast(Policy, found(robot=make_robot(robot), dt=dt) if isinstance(found, type) else found)
+
+
+class _Upcoming(NamedTuple):
+    """Where the waypoint will lie, in the body frame, when the next command acts."""
+
+    ahead: NDArray[np.float64]
+    left: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    """Heading still to turn, rad, in [-pi, pi)."""
+
+
+def _upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
+    o = _fields(observations)
+    moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
+    ahead_now, left_now = o.distance * o.cos_bearing - moved, o.distance * o.sin_bearing
+    sine, cosine = np.sin(turned), np.cos(turned)
+    ahead, left = cosine * ahead_now + sine * left_now, cosine * left_now - sine * ahead_now
+    return _Upcoming(ahead, left, np.hypot(ahead, left), _wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
+
+
+def _wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
 
 
 def _fields(observations: ArrayLike) -> Observation:
