@@ -105,12 +105,10 @@ class BundlePolicy:
             told = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
         except Exception as error:  # onnxruntime has no common base class for its errors
             raise ValueError(f"{path} is not a policy bundle: {error}.") from error
-        ours = (FORMAT, OBSERVATION_LAYOUT, ACTION)
-        if (told.get("format"), told.get("layout"), told.get("action")) != ours:
-            raise ValueError(
-                f"{path}: made as {told.get('format')}, observation layout {told.get('layout')}, action {told.get('action')!r}; "
-                f"this version reads {FORMAT}, layout {OBSERVATION_LAYOUT}, {ACTION!r}."
-            )
+        ours = {"format": FORMAT, "layout": OBSERVATION_LAYOUT, "action": ACTION}
+        theirs = {name: told.get(name) for name in ours}
+        if theirs != ours:
+            raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
         self.card = Card(**told)
         """What it was trained for."""
         self._check(path, robot, dt)

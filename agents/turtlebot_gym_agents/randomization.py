@@ -33,14 +33,14 @@ def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str
     random = np.random.default_rng(seed)
 
     def draw() -> Parameters:
-        noise = NOISES[presets[random.integers(len(presets))]]
+        noise = NOISES[presets[int(random.integers(len(presets)))]]
         size = random.uniform(*NOISE_SCALE) ** 2
         scale = 1.0 + random.uniform(-SPEED_SCALE, SPEED_SCALE)
         model = Noise(
             process=replace(noise.process, scale=scale),
             odometry=replace(noise.odometry, R=tuple(size * variance for variance in noise.odometry.R)),
         )
-        delay = float(DELAYS[random.integers(len(DELAYS))])
+        delay = float(DELAYS[int(random.integers(len(DELAYS)))])
         return base._replace(noise=model, tuning=make_filter("matched", model), delay=delay)
 
     return [draw() for _ in range(count)]

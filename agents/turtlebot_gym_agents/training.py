@@ -23,8 +23,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
+from turtlebot_gym import Parameters, Robot
 from turtlebot_gym.parameters import choose
-from turtlebot_gym.simulation import Parameters
 from turtlebot_gym_agents import hyperparameters, normalization
 from turtlebot_gym_agents.bundle import Card, describe_robot
 from turtlebot_gym_agents.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
@@ -32,6 +32,7 @@ from turtlebot_gym_agents.export import export
 from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.randomization import randomized
 from turtlebot_gym_agents.sb3_vec_env import Sb3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
@@ -39,7 +40,7 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 }
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
-"""A run's environments have seeds from (1 + its seed) times this on: apart from other runs' and from those that are judged by."""
+"""A run's environments have seeds from (1 + its seed) times this on: apart from other runs', and from the evaluation's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +53,8 @@ class TrainingConfig:
     """Algorithm of Stable-Baselines3, in lower case."""
     seed: int = 0
     """Of the network, and what the environments' seeds follow from."""
-    robot: str = "burger"
-    """Robot preset."""
+    robot: str | Robot = "burger"
+    """Robot preset, or a robot."""
     noise: str = "tutorial"
     """Noise preset."""
     filter: str = "matched"
@@ -62,6 +63,11 @@ class TrainingConfig:
     """What the policy sees: ekf, odometry or truth."""
     arrival: str = "truth"
     """Who says that the robot has arrived: truth or belief."""
+    delay: int = 0
+    """Steps by which commands come late."""
+    randomize: bool = False
+    """Whether noise, speed scale and delay differ from environment to environment, see `randomization`; ``noise``, ``filter``
+    and ``delay`` are then those of the evaluation."""
     steps: int | None = None
     """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
     config: Path | None = None
@@ -83,16 +89,20 @@ class TrainingConfig:
         if not 0 <= self.seed < 2**20:
             raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
 
-    def make(self, num_envs: int) -> VectorEnv:
-        """Return environments."""
-        names = ("robot", "noise", "filter", "observation", "arrival")
-        return gym.make_vec(
+    def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
+        """Return environments; randomized ones differ from each other."""
+        names = ("robot", "noise", "filter", "observation", "arrival", "delay")
+        envs = gym.make_vec(
             self.env,
             num_envs=num_envs,
             vectorization_mode="vector_entry_point",
             autoreset_mode=AutoresetMode.SAME_STEP,
             **{name: getattr(self, name) for name in names},
         )
+        if randomize:
+            bare: Any = envs.unwrapped
+            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed))
+        return envs
 
 
 _FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "threads")
@@ -142,7 +152,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
         _require_same(json.loads((folder / "config.json").read_text(encoding="utf-8")), record, folder)
     torch.set_num_threads(config.threads)
 
-    envs, judges = config.make(hyper["n_envs"]), config.make(config.episodes)
+    envs, judges = config.make(hyper["n_envs"], randomize=config.randomize), config.make(config.episodes)
     if checkpoint.exists():
         model = load_checkpoint(config, checkpoint, envs)
     else:
@@ -158,15 +168,20 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
         learn(model, total, callbacks)
     finally:
         bar.stop()
-    seconds = time.perf_counter() - start
+    seconds = round(time.perf_counter() - start, 1)
     card = Card(
         env=config.env,
         robot=describe_robot(config.robot),
-        dt=_parameters(envs).dt,
-        noise=config.noise,
+        dt=_parameters(judges).dt,
+        noise="randomized" if config.randomize else config.noise,
         filter=config.filter,
         observation=config.observation,
-        training={**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": judge.best},
+        training={
+            **record,
+            "steps": model.num_timesteps,
+            "seconds": round(time.perf_counter() - start, 1),
+            "evaluation": judge.best,
+        },
     )
     best = ALGORITHMS[config.algo].load(folder / "best.zip", device="cpu")
     export(best, folder / "policy.onnx", card)
@@ -195,8 +210,7 @@ def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv
     """
     algorithm = choose("algo", config.algo, ALGORITHMS)
     keywords = hyperparameters.arguments(dict(hyper), algorithm)
-    parameters = _parameters(envs)
-    bearing = make_policy("bearing", robot=parameters.robot, dt=parameters.dt)
+    bearing = make_policy("bearing", robot=_parameters(envs).robot, dt=_parameters(envs).dt)
     mean, std = normalization.measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
     keywords["policy_kwargs"] |= {
         "features_extractor_class": normalization.NormalizedObservation,
@@ -242,7 +256,9 @@ def learn(model: BaseAlgorithm, total: int, callbacks: list[Any]) -> None:
 
 
 def _parameters(envs: VectorEnv) -> Parameters:
-    return envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    """Return the environments' parameters; the first one's, where they differ."""
+    found: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    return found if isinstance(found, Parameters) else found[0]
 
 
 def _require_same(old: Mapping[str, Any], new: Mapping[str, Any], folder: Path) -> None:

@@ -71,13 +71,14 @@ class Peer:
 
     def __init__(self, runner, name="peer"):
         self.node = rclpy.node.Node(name, context=runner.context)
+        self.subscriptions = {}
         self._clients = {}
         runner.add(self)
 
     def hear(self, topic, message_type, qos=100):
         """Collect the messages of a topic; returns the list that grows."""
         heard = []
-        self.node.create_subscription(message_type, topic, heard.append, qos)
+        self.subscriptions[topic] = self.node.create_subscription(message_type, topic, heard.append, qos)
         return heard
 
     def speak(self, topic, message_type, qos=100):

@@ -11,7 +11,7 @@ import pytest
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
-from turtlebot_gym_ros import convert, safety, shell
+from turtlebot_gym_ros import convert, rosclock, safety
 from turtlebot_gym_ros.feed import Feed
 from turtlebot_gym_ros.outputs import Outputs
 from turtlebot_gym_ros.safety import Safety
@@ -244,7 +244,7 @@ PROTECTIONS = {
     blocked_steps_are_faults: (safety, "BLOCKED", math.inf),
     the_emergency_stop_stops: (Safety, "hear_emergency", nothing),
     a_silent_emergency_stop_stops: (safety, "SILENCE", math.inf),
-    a_clock_that_stands_still_stops: (shell, "CLOCK_SILENCE", math.inf),
+    a_clock_that_stands_still_stops: (rosclock, "SILENCE", math.inf),
     leaping_ahead: (Shell, "_jumped", nothing),
     leaping_back: (Shell, "_jumped", nothing),
     another_frame: (Feed, "read", lambda self, message, frame: self.conversion.read(message)),

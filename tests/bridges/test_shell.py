@@ -240,6 +240,19 @@ def test_a_graph_without_fault_is_reported_as_such(bench):
     assert "/odom" in {item.key for item in status.values}
 
 
+def test_problems_of_both_levels_are_logged_one_after_the_other(bench):
+    """rclpy's logger raises where the severity of a line changes; the watch must not end by that, or by anything else."""
+    bench.peer.speak("cmd_vel", TwistStamped)
+    bench.report("publishes too")
+    report, bench.shell._report = bench.shell._report, lambda now: 1 / 0
+    bench.advance(1.1)
+    bench.shell._report = report
+    bench.reports.clear()
+    bench.peer.node.destroy_subscription(bench.peer.subscriptions["cmd_vel"])
+    assert bench.report("nobody listens").level == DiagnosticStatus.ERROR
+    assert "publishes too" in bench.report("").message
+
+
 def test_a_second_publisher_is_reported(bench):
     bench.peer.speak("cmd_vel", TwistStamped)
     assert bench.report("/peer publishes too").level == DiagnosticStatus.ERROR

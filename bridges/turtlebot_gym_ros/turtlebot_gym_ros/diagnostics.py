@@ -122,10 +122,12 @@ class Reporter:
             values: Figures, by name.
         """
         around = graph_problems(self._node, self._endpoints, plant=self._plant)
-        for problem in around:
-            if problem not in self._known:
-                log = self._node.get_logger()
-                (log.error if problem.level == ERROR else log.warning)(problem.text)
+        for problem in set(around) - self._known:
+            # On a line each: rclpy's logger raises where the severity of a line changes.
+            if problem.level == ERROR:
+                self._node.get_logger().error(problem.text)
+            else:
+                self._node.get_logger().warning(problem.text)
         self._known = set(around)
         worst = sorted([*problems, *around], key=lambda problem: problem.level, reverse=True)
         status = DiagnosticStatus(

@@ -14,10 +14,9 @@ from functools import partial
 from threading import Event, Thread
 from typing import Any, TypeVar
 
-from rclpy.clock import Clock, JumpThreshold
+from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
@@ -32,6 +31,7 @@ from turtlebot_gym_ros.feed import Feed
 from turtlebot_gym_ros.outputs import Outputs
 from turtlebot_gym_ros.parameters import Common, declare
 from turtlebot_gym_ros.qos import STREAM
+from turtlebot_gym_ros.rosclock import RosClock
 from turtlebot_gym_ros.switch import Switch
 from turtlebot_gym_ros.triggers import Grid, Messages
 
@@ -41,10 +41,6 @@ WATCH_PERIOD = 0.02
 """Period of the watching thread, s."""
 REPORT_PERIOD = 1.0
 """Period of the diagnostics, s."""
-CLOCK_SILENCE = 0.5
-"""A ROS clock that stands still for longer stops the robot, s."""
-CLOCK_JUMP = 5.0
-"""A ROS clock that leaps ahead by more, or back at all, resets the block and stops the robot, s."""
 
 
 class Shell:
@@ -119,15 +115,12 @@ class Shell:
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
         if self._sets_clock:
             self._clock = node.create_publisher(ClockMessage, "/clock", STREAM)
-        enabled = self.common.start_enabled
-        self.switch = (
-            Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled) if self.outputs.moving else None
-        )
+        self.switch: Switch | None = None
+        if self.outputs.moving:
+            enabled = self.common.start_enabled
+            self.switch = Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled)
 
-        self._follows_clock = node.get_parameter("use_sim_time").value and not self._sets_clock
-        self._clock_at, self._clock_moved = 0, self._now()
-        threshold = JumpThreshold(min_forward=Duration(seconds=CLOCK_JUMP), min_backward=Duration(nanoseconds=-1))
-        self._jumps = node.get_clock().create_jump_callback(threshold, post_callback=self._jumped)
+        self._ros_clock = RosClock(node, ignore=self._sets_clock, jumped=self._jumped, now=self._now())
         if isinstance(trigger, Every):
             clock = self._steady if self._sets_clock else node.get_clock()
             node.create_timer(trigger.period / (speed or 1.0), self._timer, clock=clock)
@@ -213,10 +206,9 @@ class Shell:
 
     def _missing(self, now: float) -> str | None:
         """Return what a step has to wait for, if anything."""
-        if self._follows_clock and not self.node.get_clock().now().nanoseconds:
-            return "waits for /clock"
+        clock = self._ros_clock.trouble(now)
         slow = self._messages.slow if self._messages else None
-        return next((why for feed in self._feeds.values() if (why := feed.missing(now))), slow)
+        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), slow)
 
     def _fault(self, why: str) -> None:
         """Report what a step has come to, and stop until enabled again."""
@@ -249,10 +241,8 @@ class Shell:
         response.success, response.message = True, "reset"
         return response
 
-    def _jumped(self, jump: Any) -> None:
+    def _jumped(self) -> None:
         """Start again after a leap of the ROS clock; a robot that moved must be enabled again."""
-        if self._sets_clock:
-            return
         if self.switch and self.switch.safety.phase == "active":
             self.switch.stop("fault: the clock jumped", disable=True)
         self.reset("the clock jumped")
@@ -268,20 +258,17 @@ class Shell:
                 self.switch.watch()
             if now >= next_report:
                 next_report = now + REPORT_PERIOD
-                self._report(now)
+                try:
+                    self._report(now)
+                except Exception as error:  # whatever is wrong with a report, the watch goes on
+                    self._log.error(f"no diagnostics: {error}")
 
     def _watch_inputs(self, switch: Switch, now: float) -> None:
         """Stop a robot whose inputs, or whose clock, have become old."""
-        at = self.node.get_clock().now().nanoseconds
-        if at != self._clock_at:
-            self._clock_at, self._clock_moved = at, now
-        if switch.safety.phase == "active":
-            stale = self._missing(now)
-            if self._follows_clock and now - self._clock_moved > CLOCK_SILENCE:
-                stale = "/clock stands still"
-            if stale:
-                self._waits = stale
-                switch.stop(stale)
+        stale = self._missing(now)
+        if stale and switch.safety.phase == "active":
+            self._waits = stale
+            switch.stop(stale)
 
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
@@ -302,5 +289,5 @@ class Shell:
         self._watcher.join()
         if self.switch:
             self.switch.close()
-        self._jumps.unregister()
+        self._ros_clock.close()
         self.node.destroy_node()

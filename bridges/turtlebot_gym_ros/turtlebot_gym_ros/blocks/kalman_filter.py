@@ -18,8 +18,8 @@ class KalmanFilter:
     It begins with the first odometry, without any command. Where a measurement drops out it predicts, period by period, with
     the command that holds; after ``max_gap`` it begins again. Nothing is published without odometry, so dead odometry shows.
 
-    Inputs: ``odometry`` (`State`, on ``odom``, every message; its pose counts), ``command`` (`Command`, on ``cmd_vel``; optional,
-    the last value holds).
+    Inputs: ``odometry`` (`State`, on ``odom``, every message; its pose counts), ``command`` (`Command`, on ``cmd_vel``;
+    optional, the last value holds).
     Outputs: ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp and in its frame.
     Parameters: those of `Params`.
     """

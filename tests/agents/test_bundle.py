@@ -1,0 +1,171 @@
+"""The policy bundle: what it says, what it refuses, and that it needs neither torch nor Stable-Baselines3."""
+
+import json
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from stable_baselines3 import PPO
+
+from turtlebot_gym import ROBOTS
+from turtlebot_gym_agents.bundle import BundlePolicy, Card, describe_robot, write_bundle
+from turtlebot_gym_agents.export import load_model
+from turtlebot_gym_agents.policies import make_policy
+
+CARD = Card(
+    env="turtlebot_gym/TurtleBotNav-v0",
+    robot=describe_robot("burger"),
+    dt=0.1,
+    noise="tutorial",
+    filter="matched",
+    observation="ekf",
+    training={"seed": 3, "sha256": "0" * 64},
+)
+WEIGHTS = np.random.default_rng(0).normal(size=(13, 2)).astype(np.float32)
+
+
+def linear_model() -> onnx.ModelProto:
+    """Return the policy ``action = tanh(observation W)``."""
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "W"], ["product"]), helper.make_node("Tanh", ["product"], ["action"])],
+        "linear",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["n", 13])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", 2])],
+        [numpy_helper.from_array(WEIGHTS, "W")],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+
+
+@pytest.fixture
+def bundle(tmp_path):
+    path = tmp_path / "policy.onnx"
+    write_bundle(path, linear_model(), CARD)
+    return path
+
+
+def test_round_trip(bundle):
+    policy = BundlePolicy(bundle, robot="burger", dt=0.1)
+    assert policy.card == CARD
+    assert bundle.stat().st_size < 200_000
+    onnx.checker.check_model(onnx.load(bundle))
+    for shape in [(13,), (1, 13), (5, 13), (2, 3, 13)]:
+        observations = np.random.default_rng(1).normal(size=shape).astype(np.float32)
+        actions = policy(observations)
+        assert (actions.shape, actions.dtype) == ((*shape[:-1], 2), np.float32)
+        np.testing.assert_allclose(actions, np.tanh(observations @ WEIGHTS), atol=1e-6)
+
+
+def test_robots_with_infinite_limits_pass_through_json(tmp_path):
+    write_bundle(tmp_path / "policy.onnx", linear_model(), replace(CARD, robot=describe_robot("tutorial")))
+    BundlePolicy(tmp_path / "policy.onnx", robot="tutorial")
+    with pytest.raises(ValueError, match="max_wheel None there, 0.2097 here"):
+        BundlePolicy(tmp_path / "policy.onnx", robot="burger")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"dt": 0.05}, "trained at 10 Hz for burger, asked for 20 Hz burger"),
+        ({"robot": "waffle"}, "trained at 10 Hz for burger, asked for 10 Hz waffle"),
+        ({"robot": "waffle", "dt": 0.05}, "trained at 10 Hz for burger, asked for 20 Hz waffle"),
+        ({"robot": replace(ROBOTS["burger"], reverse=False)}, "reverse True there, False here"),
+        ({"robot": replace(ROBOTS["burger"], max_linear_acceleration=1.0)}, "max_linear_acceleration None there, 1.0 here"),
+    ],
+)
+def test_refuses_another_robot_or_period_by_name(bundle, options, message):
+    with pytest.raises(ValueError, match=message):
+        BundlePolicy(bundle, **options)
+
+
+def test_the_name_and_the_drawing_of_a_robot_do_not_matter(bundle):
+    BundlePolicy(bundle, robot=replace(ROBOTS["burger"], radius=0.2))
+
+
+@pytest.mark.parametrize("change", [{"layout": 2}, {"format": "turtlebot-gym-policy/9"}, {"action": "wheel speeds"}])
+def test_refuses_another_layout_format_or_action(tmp_path, change):
+    write_bundle(tmp_path / "policy.onnx", linear_model(), replace(CARD, **change))
+    with pytest.raises(ValueError, match=str(next(iter(change.values())))):
+        BundlePolicy(tmp_path / "policy.onnx")
+
+
+def test_refuses_every_damaged_byte(bundle):
+    content = bundle.read_bytes()
+    for at in range(0, len(content), 7):
+        damaged = bytearray(content)
+        damaged[at] ^= 0x10
+        bundle.write_bytes(damaged)
+        with pytest.raises(ValueError, match="damaged|not a policy bundle"):
+            BundlePolicy(bundle)
+
+
+@pytest.mark.parametrize("change", [lambda b: b[:-1], lambda b: b[: len(b) // 2], lambda b: b + b, lambda b: b + b"\0", lambda b: b""])
+def test_refuses_what_was_cut_or_grew(bundle, change):
+    bundle.write_bytes(change(bundle.read_bytes()))
+    with pytest.raises(ValueError, match="damaged|not a policy bundle"):
+        BundlePolicy(bundle)
+
+
+def test_refuses_onnx_models_that_are_not_bundles(tmp_path):
+    onnx.save(linear_model(), tmp_path / "foreign.onnx")
+    with pytest.raises(ValueError, match="not a policy bundle"):
+        BundlePolicy(tmp_path / "foreign.onnx")
+
+
+def test_runs_without_torch_and_stable_baselines3(bundle):
+    program = f"""
+import sys
+for name in ("torch", "stable_baselines3", "onnx", "gymnasium", "numba"):
+    sys.modules[name] = None  # importing it raises
+import numpy as np
+from turtlebot_gym_agents.bundle import BundlePolicy
+print(BundlePolicy({str(bundle)!r}, robot="burger", dt=0.1)(np.zeros(13)).tolist())
+"""
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
+    assert json.loads(done.stdout or "null") == [0.0, 0.0], done.stderr
+
+
+class _Trap:
+    """Makes a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (open, (str(self.path), "w"))
+
+
+@pytest.fixture
+def trap(tmp_path):
+    """Return a model that runs code when it is loaded, and the file that this makes."""
+    torch.set_num_threads(1)
+    model = PPO("MlpPolicy", "CartPole-v1", device="cpu")
+    model.trap = _Trap(tmp_path / "sprung")
+    model.save(tmp_path / "evil.zip")
+    (tmp_path / "evil.pkl").write_bytes(pickle.dumps(model.trap))
+    return tmp_path / "evil.zip", tmp_path / "sprung"
+
+
+def test_code_in_a_pickled_file_is_not_run(trap):
+    model, sprung = trap
+    for path in (model, model.with_suffix(".pkl")):
+        for refuse in (make_policy, load_model, BundlePolicy):
+            with pytest.raises(ValueError, match=path.name):
+                refuse(str(path) if refuse is make_policy else path)
+            renamed = path.with_suffix(".onnx")
+            renamed.write_bytes(path.read_bytes())
+            with pytest.raises(ValueError, match="not a policy bundle"):
+                BundlePolicy(renamed)
+    assert not sprung.exists()
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_code_in_a_pickled_file_would_have_run(trap):
+    model, sprung = trap
+    load_model(model, allow_pickle=True)
+    assert sprung.exists()

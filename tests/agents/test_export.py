@@ -1,0 +1,85 @@
+"""Export: the bundle does what the model does, or it is not written."""
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
+from turtlebot_gym_agents import export as module
+from turtlebot_gym_agents.bundle import BundlePolicy, Card, describe_robot
+from turtlebot_gym_agents.export import TOLERANCE, export, load_model
+from turtlebot_gym_agents.normalization import NormalizedObservation
+from turtlebot_gym_agents.training import TrainingConfig, make_model
+
+torch.set_num_threads(1)
+CARD = Card(env="e", robot=describe_robot("burger"), dt=0.1, noise="tutorial", filter="matched", observation="ekf")
+SHORT = {
+    "ppo": {"n_steps": 32, "batch_size": 256, "n_epochs": 2, "learning_rate": 0.003},
+    "a2c": {},
+    "sac": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64},
+    "td3": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64, "noise_type": "normal", "noise_std": 0.1},
+    "ddpg": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64},
+}
+NETWORK = {"policy": "MlpPolicy", "n_envs": 8, "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "Tanh"}}
+
+
+@pytest.fixture(params=SHORT)
+def model(request):
+    """Return a model after a short training, with its class."""
+    config = TrainingConfig(algo=request.param)
+    envs = config.make(8)
+    model = make_model(config, NETWORK | SHORT[request.param], envs, tensorboard=None)
+    model.learn(1024)
+    yield model
+    envs.close()
+
+
+def test_bundle_equals_model_on_10000_observations(model, tmp_path):
+    path = tmp_path / "new" / "policy.onnx"
+    assert export(model, path, CARD) <= TOLERANCE
+    # Another sample than the exporter's own, half of it where the robot really is.
+    random = np.random.default_rng(5)
+    anywhere = random.uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (5000, 13))
+    network = model.policy.features_extractor if hasattr(model.policy, "features_extractor") else model.actor.features_extractor
+    assert isinstance(network, NormalizedObservation)
+    near = network.mean.numpy() + random.normal(size=(5000, 13)) * network.std.numpy()
+    observations = np.concatenate([anywhere, near]).astype(np.float32)
+    expected, _ = model.predict(observations, deterministic=True)
+    actions = BundlePolicy(path)(observations)
+    np.testing.assert_allclose(actions, expected, rtol=0, atol=TOLERANCE)
+    assert actions.std() > 0.01  # a constant would be easy to equal
+    assert path.stat().st_size < 200_000
+    assert [file.name for file in path.parent.iterdir()] == ["policy.onnx"]
+
+
+def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
+    model.save(tmp_path / "model.zip")
+    loaded = load_model(tmp_path / "model.zip", allow_pickle=True)
+    assert isinstance(loaded, {PPO: PPO, A2C: A2C, SAC: SAC, TD3: TD3, DDPG: TD3}[type(model)])
+    observations = np.random.default_rng(0).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (50, 13)).astype(np.float32)
+    for one, other in zip(model.predict(observations, deterministic=True), loaded.predict(observations, deterministic=True)):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch):
+    config = TrainingConfig()
+    model = make_model(config, NETWORK | SHORT["ppo"], config.make(8), tensorboard=None)
+    forward = module._Deterministic.forward
+    monkeypatch.setattr(module._Deterministic, "forward", lambda self, observation: 0.5 * forward(self, observation))
+    (tmp_path / "policy.onnx").write_text("the old one")
+    with pytest.raises(RuntimeError, match="differ from the model's"):
+        export(model, tmp_path / "policy.onnx", CARD)
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
+
+
+def test_refuses_models_for_something_else(tmp_path):
+    with pytest.raises(ValueError, match=r"observations \(13,\)"):
+        export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", CARD)
+
+
+@pytest.mark.parametrize("content", [b"", b"no zip at all"])
+def test_refuses_files_that_are_no_models(tmp_path, content):
+    (tmp_path / "model.zip").write_bytes(content)
+    with pytest.raises(ValueError, match=r"model\.zip is not a model"):
+        load_model(tmp_path / "model.zip", allow_pickle=True)

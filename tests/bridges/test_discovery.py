@@ -1,0 +1,80 @@
+"""How nodes find each other: on this machine unless asked, and quickly."""
+
+import os
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+from std_msgs.msg import Empty
+from turtlebot_gym_ros.discovery import PROFILE, prepare
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+
+@pytest.fixture
+def environment(monkeypatch):
+    """An environment in which nothing is set; it is as it was afterwards."""
+    bare = {name: value for name, value in os.environ.items() if "ROS_" not in name and "FAST" not in name}
+    monkeypatch.setattr(os, "environ", bare)
+    return bare
+
+
+def test_it_stays_on_this_machine_unless_asked(environment):
+    assert prepare()
+    assert environment[RANGE] == "LOCALHOST"
+
+
+@pytest.mark.parametrize("asked", [RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"])
+def test_what_was_asked_for_stays(environment, asked):
+    environment[asked] = "SUBNET"
+    assert not prepare()
+    assert environment[asked] == "SUBNET"
+    assert asked == RANGE or RANGE not in environment
+
+
+def test_the_guard_serves_the_network(environment):
+    assert not prepare(local=False)
+    assert RANGE not in environment
+
+
+def test_the_profile_announces_five_times_a_second(environment):
+    prepare()
+    assert environment["FASTDDS_DEFAULT_PROFILES_FILE"] == str(PROFILE)
+    root = ElementTree.parse(PROFILE).getroot()
+    space = {"dds": root.tag.partition("}")[0].strip("{")}
+    assert root.find(".//dds:initialAnnouncements/dds:period/dds:nanosec", space).text == "200000000"
+
+
+def test_a_profile_of_ones_own_stays(environment):
+    environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = "mine.xml"
+    prepare()
+    assert "FASTDDS_DEFAULT_PROFILES_FILE" not in environment
+    assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"] == "mine.xml"
+
+
+def test_fast_dds_takes_the_profile():
+    """It says nothing of a profile that it can read, and complains of one that it cannot."""
+    code = "import rclpy; rclpy.init(); rclpy.create_node('node').destroy_node(); rclpy.shutdown()"
+    for profile, complains in ((str(PROFILE), False), (__file__, True)):
+        environment = {**os.environ, "FASTDDS_DEFAULT_PROFILES_FILE": profile, "FASTRTPS_DEFAULT_PROFILES_FILE": profile}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+        assert ("Error" in done.stdout + done.stderr) == complains, done
+
+
+TALK = """
+import rclpy, sys
+from std_msgs.msg import Empty
+rclpy.init()
+node = rclpy.create_node("remote")
+publisher = node.create_publisher(Empty, "talk", 10)
+node.create_timer(0.05, lambda: publisher.publish(Empty()))
+rclpy.spin(node)
+"""
+
+
+def test_a_node_of_this_machine_that_serves_the_network_is_heard(launch, peer, wait_for):
+    """The guard, or a robot's own driver, beside nodes that stay on this machine."""
+    heard = peer.hear("talk", Empty)
+    launch("-c", TALK, **{RANGE: "SUBNET"})
+    wait_for(lambda: heard)
