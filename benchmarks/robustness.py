@@ -19,13 +19,13 @@ import tyro
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
+
+from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.bundle import BundlePolicy
 from turtlebot_gym_agents.evaluation import Evaluation, evaluate
 from turtlebot_gym_agents.metrics import mean
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.training import TrainingConfig, train
-
-from turtlebot_gym import ROBOTS
 
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 NOISES = ("clean", "tutorial", "documented", "wheel", "rough")

@@ -17,11 +17,11 @@ import tyro
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+
+from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym_agents.evaluation import evaluate
 from turtlebot_gym_agents.policies import BearingPolicy
 from turtlebot_gym_agents.provenance import write_json
-
-from turtlebot_gym.robots import ROBOTS
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,8 @@ class EvaluationCallback(BaseCallback):
         self._seed = seed
         self._go_on = go_on
         self._next = every
-        self._stop = False
+        self.stopped = False
+        """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
         """Figures of the best model, with the steps that it was trained for."""
         self.history: list[dict[str, float]] = []
@@ -143,7 +144,7 @@ class EvaluationCallback(BaseCallback):
             self.best = self._evaluate(type(self.model).load(self._path, device="cpu"))
 
     def _on_step(self) -> bool:
-        return not self._stop
+        return not self.stopped
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps >= self._next:
@@ -151,7 +152,7 @@ class EvaluationCallback(BaseCallback):
             self.run()
 
     def _on_training_end(self) -> None:
-        if not self._stop:
+        if not self.stopped:
             self.run()
             self.logger.dump(self.num_timesteps)
 
@@ -165,7 +166,7 @@ class EvaluationCallback(BaseCallback):
             self.best = found
             if self._path is not None:
                 save_model(self.model, self._path)
-        self._stop = not self._go_on(found)
+        self.stopped = not self._go_on(found)
         return found
 
     def _evaluate(self, model: BaseAlgorithm) -> dict[str, float]:

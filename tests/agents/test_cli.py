@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from turtlebot_gym_agents.cli import COMMANDS, main
 from turtlebot_gym_agents.evaluation import evaluate
 

@@ -6,12 +6,12 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from turtlebot_gym_agents import evaluation, make_policy, metrics
-from turtlebot_gym_agents.evaluation import evaluate, paired
-from turtlebot_gym_agents.provenance import plain, write_json
 
 import turtlebot_gym
 from turtlebot_gym.models.angles import wrap
+from turtlebot_gym_agents import evaluation, make_policy, metrics
+from turtlebot_gym_agents.evaluation import evaluate, paired
+from turtlebot_gym_agents.provenance import plain, write_json
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 POSE = "turtlebot_gym/TurtleBotPose-v0"

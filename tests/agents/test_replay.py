@@ -4,6 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from turtlebot_gym.models.unicycle import advance
+from turtlebot_gym.parameters import Noise, OdometryNoise, Pose, ProcessNoise
 from turtlebot_gym_agents.replay import (
     Columns,
     Drive,
@@ -15,9 +18,6 @@ from turtlebot_gym_agents.replay import (
     replay_seeds,
     segments,
 )
-
-from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.parameters import Noise, OdometryNoise, Pose, ProcessNoise
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")

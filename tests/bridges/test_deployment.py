@@ -10,14 +10,14 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Header
-from turtlebot_gym_ros import Shell
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
-from turtlebot_gym_ros.convert import conversion
 
 from turtlebot_gym.loop import OUTCOME, Batch
 from turtlebot_gym.parameters import Pose, State
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import make_task
+from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
+from turtlebot_gym_ros.convert import conversion
 
 STEPS = 150
 SEED = 11

@@ -18,6 +18,7 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
+
 from turtlebot_gym_ros.qos import LATCHED
 
 POLICY = """
@@ -225,8 +226,8 @@ def test_a_guard_that_starts_again_begins_with_zeros(robot, number):
 def test_the_emergency_stop_stops_controller_and_guard(robot):
     robot.drive()
     emergency = robot.peer.speak("emergency_stop", Bool)
-    heard = "stopping: emergency stop"  # the guard is silent or sends zeros, whether it was the first to hear or not
-    robot.wait_for(lambda: emergency.publish(Bool(data=True)) or any(heard in state.data for state in robot.states))
+    said = "stopping: emergency stop"
+    robot.wait_for(lambda: emergency.publish(Bool(data=True)) or any(state.data == said for state in robot.states))
     robot.stops()
     robot.check_alive()
     for name in ("cmd_vel_guard", "velocity_controller"):

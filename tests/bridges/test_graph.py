@@ -8,12 +8,16 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+
+from turtlebot_gym.loop import OUTCOME, Batch
+from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.tasks import SQUARE_WAYPOINTS, make_task
+from turtlebot_gym.trajectory import heading_error, position_error
+from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.bringup import main, metrics
 from turtlebot_gym_ros.qos import LATCHED
 from turtlebot_gym_ros.status import main as status
-
-from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 
 NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
 # Each node is first, second, third and last in some of these, and before and after every other.
@@ -61,6 +65,42 @@ def test_it_drives_the_square_in_processes():
     assert np.hypot(*trajectory.true_state[-1, :2]) < 0.4
     visited = np.array(list(dict.fromkeys(map(tuple, trajectory.reference))))
     np.testing.assert_allclose(visited, SQUARE_WAYPOINTS, atol=1e-12)
+
+
+def environment_figures(n):
+    """Return mean position and heading error of estimate and odometry, (4, n), of the tutorial's drive in the environment."""
+    task, waypoints = make_task("square", switch="time")
+    batch = Batch(n, make_parameters(task, robot="tutorial"), waypoints)
+    batch.seeds[:] = np.arange(n)
+    observation, outcome = np.zeros((n, 13), np.float32), np.zeros((OUTCOME.size, n))
+    batch.reset(np.ones(n, np.bool_), observation, outcome)
+    policy, errors = make_policy("proportional", robot="tutorial"), []
+    for _ in range(600):
+        observation, outcome = batch.step(policy(observation))
+        truth = batch.numbers("true_state")
+        poses = batch.numbers("estimate.belief.mean"), batch.numbers("odometry")
+        errors.append([error(pose, truth) for pose in poses for error in (position_error, heading_error)])
+    return np.mean(errors, axis=0)
+
+
+def test_the_tutorials_figures_are_the_environments():
+    """Within the range of 400 episodes: by chance one of the four is outside for 2 % of the seeds, not for this one."""
+    expected = environment_figures(400)
+    policy = {"policy": "proportional", "robot": "tutorial", "switch": "time", "goal_tolerance": 0.0}
+    with Graph(speed=10.0, seed=4, **policy) as graph:
+        graph.wait_until(lambda graph: graph.time >= 60.0)
+        figures = metrics(graph.trajectory())
+    live = [figures[f"{what} {error} error"] for what in ("estimate", "odometry") for error in ("position", "heading")]
+    assert (expected.min(1) <= live).all(), (expected.min(1), live)
+    assert (live <= expected.max(1)).all(), (expected.max(1), live)
+    assert figures["waypoints reached"] < len(SQUARE_WAYPOINTS)  # it steers to headings, not to points
+
+
+@pytest.mark.slow
+def test_it_drives_for_a_minute_in_real_time():
+    with Graph(processes=True) as graph:
+        graph.wait_until(lambda graph: graph.time >= 60.0, timeout=120.0)
+        assert metrics(graph.trajectory())["waypoints reached"] == len(SQUARE_WAYPOINTS)
 
 
 def test_it_drives_the_square_in_one_process():

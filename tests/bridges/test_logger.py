@@ -16,6 +16,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from std_msgs.msg import String
+
 from turtlebot_gym_ros.logger import Bag, rebuild
 from turtlebot_gym_ros.runner import Runner
 

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 from rclpy.node import Node
+
 from turtlebot_gym_ros import arbiter, logger, standalone
 from turtlebot_gym_ros.__main__ import NODES
 from turtlebot_gym_ros.graph import BLOCKS

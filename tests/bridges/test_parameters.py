@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
 from turtlebot_gym_ros.parameters import Common, declare
 
 

@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import pytest
+
 from turtlebot_gym_ros.safety import BLOCKED, SILENCE, STOP_FOR, STOP_PERIOD, Safety
 
 

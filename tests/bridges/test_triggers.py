@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from turtlebot_gym_ros.block import Every, On
 from turtlebot_gym_ros.triggers import SECOND, SLOW_AFTER, Grid, Messages
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from turtlebot_gym_ros.blocks import VelocityController
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.parameters import Belief, Covariance, Pose, State
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym_ros.blocks import VelocityController
 
 REFERENCE = Pose(2.0, 0.0, 0.0)
 VARIANCES = dict.fromkeys(Covariance._fields, 0.0) | {"xx": 0.03, "yy": 0.01, "tt": 0.04}

@@ -1,7 +1,6 @@
 """The estimator is the environment's filter, run by the odometry, drop-outs included."""
 
 import pytest
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 
 from turtlebot_gym.estimation.ekf import initialize
 from turtlebot_gym.models.noise import episode_key
@@ -9,6 +8,7 @@ from turtlebot_gym.parameters import STOP, Command, Pose, State
 from turtlebot_gym.presets import NOISES, make_filter
 from turtlebot_gym.simulation import begin, make_parameters, transition
 from turtlebot_gym.tasks import NAV
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 
 COMMAND = Command(0.15, 0.4)
 

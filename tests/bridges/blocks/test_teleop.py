@@ -1,9 +1,9 @@
 """The tutorial's person at the keyboard."""
 
 import pytest
-from turtlebot_gym_ros.blocks import SimulatedTeleop
 
 from turtlebot_gym.parameters import Command
+from turtlebot_gym_ros.blocks import SimulatedTeleop
 
 AHEAD, LEFT, RIGHT, SPIN = Command(0.15, 0.0), Command(0.15, 0.8), Command(0.15, -0.8), Command(0.0, 1.5)
 

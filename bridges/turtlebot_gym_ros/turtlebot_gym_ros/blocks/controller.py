@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.parameters import STOP, Command, Pose
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.tasks import NAV, arrived, observe, stated_deviations
+from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_ros.block import Input, On, Output
 
 VARIANCE_FLOOR = 1e-6
