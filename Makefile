@@ -43,7 +43,7 @@ check: $(READY)  ## style, types and the direction of imports
 
 bench: $(READY)  ## speed, as ratios in one run
 	@mkdir -p $(OUT)
-	$(RUN)python benchmarks/speed.py --json $(OUT)/speed.json
+	$(RUN)turtlebot-gym benchmark --json $(OUT)/speed.json
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet

@@ -72,15 +72,17 @@ class CheckpointCallback(BaseCallback):
         self._path = path
         self._seconds = seconds
         self._due = 0.0
+        self._saved = 0
 
     def _on_training_start(self) -> None:
         self._due = time.monotonic() + self._seconds
+        self._saved = self.num_timesteps
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
-        if time.monotonic() >= self._due:
+        if time.monotonic() >= self._due and self.num_timesteps > self._saved:
             self.save()
 
     def _on_training_end(self) -> None:
@@ -93,6 +95,7 @@ class CheckpointCallback(BaseCallback):
             with replacing(replay_path(self._path)) as beside, beside.open("wb") as file:
                 self.model.save_replay_buffer(file)
         save_model(self.model, self._path)
+        self._saved = self.num_timesteps
         ended = time.monotonic()
         self._due = ended + max(self._seconds, 20.0 * (ended - begun))
 

@@ -18,6 +18,7 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from turtlebot_gym_agents.commands_learning import Export, Train, Tune
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.replay import Columns
 
@@ -174,7 +175,42 @@ class Replay:
                 _save(figure, self.plot.with_stem(f"{self.plot.stem}-{path.stem}") if several else self.plot)
 
 
-COMMANDS: dict[str, type[Command]] = {"evaluate": Evaluate, "replay": Replay}
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Measure the speed of environments, adapter and training, as ratios in one run."""
+
+    num_envs: int = 4096
+    """Size of the vector environments."""
+    rounds: int = 7
+    """How often each contender has its turn."""
+    seconds: float = 0.5
+    """How long a turn takes, s."""
+    training: bool = True
+    """Whether to measure training too; it needs the extra [agents]."""
+    json: File = None
+    """Write the results here."""
+
+    def run(self) -> None:
+        """Measure, print tables, and write what is asked for."""
+        from turtlebot_gym_agents import report, speed
+
+        result = {"machine": speed.machine()}
+        result["environments"] = speed.environments(num_envs=self.num_envs, rounds=self.rounds, seconds=self.seconds)
+        if self.training:
+            result |= {"adapter_ns": speed.adapter(rounds=self.rounds), "training": speed.training()}
+        _print(*report.speed_tables(result))
+        if self.json is not None:
+            write_json(self.json, result, config=asdict(self))
+
+
+COMMANDS: dict[str, type[Command]] = {
+    "evaluate": Evaluate,
+    "replay": Replay,
+    "train": Train,
+    "tune": Tune,
+    "export": Export,
+    "benchmark": Benchmark,
+}
 """Subcommands by name."""
 
 

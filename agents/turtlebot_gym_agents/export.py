@@ -7,6 +7,7 @@ import logging
 import warnings
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import stable_baselines3
@@ -58,7 +59,7 @@ class _Deterministic(torch.nn.Module):
         self.policy = policy
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        policy = self.policy
+        policy: Any = self.policy
         if hasattr(policy, "mlp_extractor"):  # PPO, A2C
             features = policy.extract_features(observation, policy.pi_features_extractor)
             action = policy.action_net(policy.mlp_extractor.forward_actor(features))

@@ -149,9 +149,7 @@ def starting_point(space: Mapping[str, BaseDistribution], base: Mapping[str, Any
     return found
 
 
-def _run(
-    trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]
-) -> tuple[float | None, TrialState]:
+def _run(trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]) -> tuple[float | None, TrialState]:
     """Return a trial's value, and whether it was cut short."""
     total = config.steps or hyper["n_timesteps"]
 

@@ -64,7 +64,7 @@ def test_round_trip(bundle):
 def test_robots_with_infinite_limits_pass_through_json(tmp_path):
     write_bundle(tmp_path / "policy.onnx", linear_model(), replace(CARD, robot=describe_robot("tutorial")))
     BundlePolicy(tmp_path / "policy.onnx", robot="tutorial")
-    with pytest.raises(ValueError, match="max_wheel None there, 0.2097 here"):
+    with pytest.raises(ValueError, match=r"max_wheel None there, 0\.2097 here"):
         BundlePolicy(tmp_path / "policy.onnx", robot="burger")
 
 
@@ -100,14 +100,16 @@ def test_refuses_every_damaged_byte(bundle):
         damaged = bytearray(content)
         damaged[at] ^= 0x10
         bundle.write_bytes(damaged)
-        with pytest.raises(ValueError, match="damaged|not a policy bundle"):
+        with pytest.raises(ValueError, match=r"damaged|not a policy bundle"):
             BundlePolicy(bundle)
 
 
-@pytest.mark.parametrize("change", [lambda b: b[:-1], lambda b: b[: len(b) // 2], lambda b: b + b, lambda b: b + b"\0", lambda b: b""])
+@pytest.mark.parametrize(
+    "change", [lambda b: b[:-1], lambda b: b[: len(b) // 2], lambda b: b + b, lambda b: b + b"\0", lambda b: b""]
+)
 def test_refuses_what_was_cut_or_grew(bundle, change):
     bundle.write_bytes(change(bundle.read_bytes()))
-    with pytest.raises(ValueError, match="damaged|not a policy bundle"):
+    with pytest.raises(ValueError, match=r"damaged|not a policy bundle"):
         BundlePolicy(bundle)
 
 

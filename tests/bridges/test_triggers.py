@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym_ros.block import Every, On
-from turtlebot_gym_ros.triggers import SECOND, SLOW_AFTER, Grid, Messages
+from turtlebot_gym_ros.triggers import SECOND, SLOW_AFTER, Grid, Messages, SimulatedGrid
 
 MS = SECOND // 1000
 
@@ -38,8 +38,17 @@ def test_a_clock_that_leaps_makes_one_step(leap):
 
 
 def test_simulated_time_runs_faster():
-    grid = Grid(Every(0.1, speed=10.0))
-    assert [grid.simulated(3 * SECOND + k * 10 * MS) for k in range(3)] == [SECOND, SECOND + 100 * MS, SECOND + 200 * MS]
+    grid = SimulatedGrid(Every(0.1, speed=10.0))
+    stamps = [stamp for k in range(3) for stamp in grid.due_until(3 * SECOND + k * 10 * MS)]
+    assert stamps == [SECOND, SECOND + 100 * MS, SECOND + 200 * MS]
+    assert grid.present == stamps[-1]
+
+
+def test_simulated_time_slows_down_where_the_machine_cannot_keep_up():
+    grid = SimulatedGrid(Every(0.1, speed=10.0))
+    taken = [now for now in (0, 35, 36, 40, 45, 50, 55) if list(grid.due_until(now * MS))]
+    assert taken == [0, 35, 45, 55]
+    assert grid.present == SECOND + 300 * MS
 
 
 def test_every_message_makes_a_step_and_its_interval_is_exact():

@@ -19,7 +19,7 @@ from turtlebot_gym_ros.graph import MODES, Graph
 from turtlebot_gym_ros.runner import refuse
 
 REACHED = 0.3
-"""A waypoint counts as reached where the true position came this close, m."""
+"""A waypoint counts as reached where the true position came this close, m; a node goes by the believed one."""
 
 
 def metrics(trajectory: Trajectory) -> dict[str, float]:
@@ -43,6 +43,7 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
         "path length": float(np.hypot(*np.diff(truth[np.isfinite(truth).all(1), :2], axis=0).T).sum()),
         "waypoints reached": float(sum(distance <= REACHED for distance in closest)),
         "mean closest distance": float(np.mean(closest)) if closest else float("nan"),
+        "worst closest distance": float(np.max(closest)) if closest else float("nan"),
     }
 
 

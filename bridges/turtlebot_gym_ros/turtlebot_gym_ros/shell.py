@@ -33,7 +33,7 @@ from turtlebot_gym_ros.parameters import Common, declare
 from turtlebot_gym_ros.qos import STREAM
 from turtlebot_gym_ros.rosclock import RosClock
 from turtlebot_gym_ros.switch import Switch
-from turtlebot_gym_ros.triggers import Grid, Messages
+from turtlebot_gym_ros.triggers import Grid, Messages, SimulatedGrid
 
 P = TypeVar("P")
 
@@ -97,11 +97,12 @@ class Shell:
         self._trouble: str | None = None
         self._steps = self._overruns = self._dropped = 0
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._grid = Grid(trigger) if isinstance(trigger, Every) else None
-        self._messages = None if isinstance(trigger, Every) else Messages(trigger)
         speed = trigger.speed if isinstance(trigger, Every) else None
         self._sets_clock = speed not in (None, 1.0)
         self._is_plant = speed is not None
+        kind = SimulatedGrid if self._sets_clock else Grid
+        self._grid = kind(trigger) if isinstance(trigger, Every) else None
+        self._messages = None if isinstance(trigger, Every) else Messages(trigger)
 
         self.outputs = Outputs(node, block.outputs, self.common, self._time)
         stamped = self.common.enable_stamped_cmd_vel
@@ -129,8 +130,8 @@ class Shell:
 
     def _time(self) -> int:
         """Return the present of the clock that the block runs by, ns."""
-        if self._grid and self._sets_clock:
-            return self._grid.simulated(self._steady.now().nanoseconds)
+        if isinstance(self._grid, SimulatedGrid):
+            return self._grid.present
         return self.node.get_clock().now().nanoseconds
 
     def _receive(self, key: str, message: Any) -> None:
@@ -157,7 +158,8 @@ class Shell:
 
     def _timer(self) -> None:
         assert self._grid
-        for stamp in self._grid.due_until(self._time()):
+        clock = self._steady if self._sets_clock else self.node.get_clock()
+        for stamp in self._grid.due_until(clock.now().nanoseconds):
             if self._sets_clock:
                 self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
             self._step(self._grid, stamp)

@@ -18,23 +18,14 @@ class Grid:
         trigger: The declaration.
     """
 
-    slow: str | None = None
-
     def __init__(self, trigger: Every) -> None:
         self.period = trigger.period
-        self._speed = trigger.speed or 1.0
         self._period_ns = round(trigger.period * SECOND)
         self._next: int | None = None
-        self._began: int | None = None
-
-    def simulated(self, steady: int) -> int:
-        """Return the time of a simulation that begins at one second, for a steady clock; ns."""
-        self._began = steady if self._began is None else self._began
-        return SECOND + round((steady - self._began) * self._speed)
 
     def due_until(self, now: int) -> Iterator[int]:
         """Yield the stamps up to now, ns; one only where the clock has leaped or stood still."""
-        if self._next is None or not -SECOND < now - self._next < SECOND * max(self._speed, 1.0):
+        if self._next is None or not -SECOND < now - self._next < SECOND:
             self._next = now
         while self._next <= now:
             stamp = self._next
@@ -50,6 +41,31 @@ class Grid:
 
     def reset(self) -> None:
         """Start again: the grid stays."""
+
+
+class SimulatedGrid(Grid):
+    """A grid of simulated time, which begins at one second and goes faster or slower than the steady clock.
+
+    Where the machine cannot keep up, the simulated time slows down: two steps are never closer than the speed asks for, so that
+    the others have their time to answer in between.
+
+    Args:
+        trigger: The declaration.
+    """
+
+    def __init__(self, trigger: Every) -> None:
+        super().__init__(trigger)
+        self.present = SECOND - self._period_ns
+        """The stamp of the last step, ns."""
+        self._least_ns = round(0.9 * self._period_ns / (trigger.speed or 1.0))
+        self._last: int | None = None
+
+    def due_until(self, now: int) -> Iterator[int]:
+        """Yield the next stamp, if a step is due by the steady clock, ns."""
+        if self._last is None or now - self._last >= self._least_ns:
+            self._last = now
+            self.present += self._period_ns
+            yield self.present
 
 
 class Messages:
