@@ -17,16 +17,18 @@ $(READY): pyproject.toml constraints.txt
 	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[all]'
 	@touch $@
 
-demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, in numbers and in a picture
+SQUARE := turtlebot_gym/TurtleBotSquare-v0
+
+demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy, and put it into a live ROS graph
 	@mkdir -p $(OUT)
-	$(RUN)turtlebot-gym evaluate --env turtlebot_gym/TurtleBotSquare-v0 --robot tutorial --switch time \
-		--policy proportional bearing --episodes 40 --json $(OUT)/square_by_time.json --plot $(OUT)/square_by_time.png
-	$(RUN)turtlebot-gym evaluate --env turtlebot_gym/TurtleBotSquare-v0 --policy bearing --episodes 1 --seed 3 \
-		--plot $(OUT)/square.png
-	$(RUN)turtlebot-gym evaluate --noise tutorial documented rough --episodes 1000 --json $(OUT)/nav.json --plot $(OUT)/nav.png
+	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 --plot $(OUT)/square_by_time.png
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
-		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --noise documented --plot $(OUT)/replay.png; \
-	else echo "No recorded drives in $(DATA): the replay is left out."; fi
+		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png; \
+	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
+	$(RUN)turtlebot-gym train --out $(OUT)/nav --resume
+	$(RUN)turtlebot-gym evaluate --policy proportional bearing $(OUT)/nav/policy.onnx --noise tutorial documented \
+		--json $(OUT)/nav.json --plot $(OUT)/nav.png
+	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/nav/policy.onnx --speed 5 --duration 40 --figure $(OUT)/graph.png
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones

@@ -135,4 +135,5 @@ class _Linear:
         self.start = start
 
     def __call__(self, progress_remaining: float) -> float:
-        return self.start * progress_remaining
+        # The last rollout goes beyond the total, and a negative rate would unlearn.
+        return self.start * max(progress_remaining, 0.0)

@@ -60,6 +60,11 @@ def test_names_become_objects():
     assert np.std([noise() for _ in range(2000)]) == pytest.approx(0.3, rel=0.1)
 
 
+def test_a_linear_rate_is_never_negative():
+    rate = hyperparameters.arguments({"learning_rate": "lin_0.002"}, PPO)["learning_rate"]
+    assert [rate(remaining) for remaining in (1.0, 0.25, 0.0, -0.1)] == [0.002, 0.0005, 0.0, 0.0]
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

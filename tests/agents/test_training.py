@@ -32,6 +32,18 @@ from turtlebot_gym_agents.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training import TrainingConfig, load_checkpoint, make_model, train
 
 torch.set_num_threads(1)
+SHORT = {
+    "n_envs": 128,
+    "n_timesteps": 50_000,
+    "policy": "MlpPolicy",
+    "n_steps": 32,
+    "batch_size": 1024,
+    "n_epochs": 8,
+    "learning_rate": 0.002,
+    "gamma": 0.98,
+    "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "ReLU", "log_std_init": -0.5},
+}
+"""Learns in a few seconds: 100 % with the two seeds that were tried."""
 SMALL = {
     "n_envs": 64,
     "n_timesteps": 2048,
@@ -46,9 +58,10 @@ SMALL = {
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """Return a short training's configuration, result and folder."""
-    folder = tmp_path_factory.mktemp("runs") / "nav"
-    config = TrainingConfig(steps=100_000, evaluations=3, episodes=400, seed=1)
-    return config, train(config, folder, progress=False), folder
+    place = tmp_path_factory.mktemp("runs")
+    hyperparameters.save(place / "short.yaml", "default", SHORT)
+    config = TrainingConfig(config=place / "short.yaml", evaluations=3, episodes=400, seed=1)
+    return config, train(config, place / "nav", progress=False), place / "nav"
 
 
 @pytest.fixture
@@ -61,12 +74,12 @@ def test_learns(short):
     config, result, folder = short
     # 400 episodes each. If both succeeded equally often, 0.2 apart would be over 5 standard deviations: 1 in 10^6.
     judges = config.make(400)
-    untrained = make_model(config, hyperparameters.load("ppo", config.env), config.make(512), tensorboard=None)
+    untrained = make_model(config, SHORT, config.make(SHORT["n_envs"]), tensorboard=None)
     before = figures(judges, policy_of(untrained), seed=EVALUATION_SEED + 400)
     after = figures(judges, BundlePolicy(folder / "policy.onnx"), seed=EVALUATION_SEED + 400)
     assert after["success"] > before["success"] + 0.2
     assert after["return"] > before["return"]
-    assert result.steps >= 100_000
+    assert result.steps >= 50_000
 
 
 def test_leaves_its_files(short):
@@ -75,7 +88,7 @@ def test_leaves_its_files(short):
     assert {path.name for path in folder.iterdir()} == names
     record = json.loads((folder / "config.json").read_text())
     assert record["config"] == plain(asdict(config))
-    assert record["hyperparameters"] == hyperparameters.load("ppo", config.env)
+    assert record["hyperparameters"] == SHORT
     assert {"version", "commit", "libraries"} <= set(record)
     assert {"python", "numpy", "torch", "stable-baselines3"} <= set(record["libraries"])
     told = json.loads((folder / "result.json").read_text())

@@ -67,13 +67,15 @@ def runner():
 
 
 class Peer:
-    """An independent node, which shares nothing with the shell: it hears topics, sends messages and calls services."""
+    """An independent node, in a context and a thread of its own: it hears topics, sends messages and calls services."""
 
-    def __init__(self, runner, name="peer"):
-        self.node = rclpy.node.Node(name, context=runner.context)
+    def __init__(self):
+        self.runner = Runner()
+        self.node = rclpy.node.Node("peer", context=self.runner.context)
         self.subscriptions = {}
         self._clients = {}
-        runner.add(self)
+        self.runner.add(self)
+        self.runner.start()
 
     def hear(self, topic, message_type, qos=100):
         """Collect the messages of a topic; returns the list that grows."""
@@ -102,29 +104,23 @@ class Peer:
     def close(self):
         self.node.destroy_node()
 
+    def end(self):
+        self.runner.close()
 
-@pytest.fixture(scope="session")
-def make_peer():
-    """Make nodes in a context and a thread of their own, as in another process."""
-    runners = []
 
-    def make():
-        runner = Runner()
-        runner.start()
-        runners.append(runner)
-        return Peer(runner)
-
-    make.runners = runners
-    yield make
-    for runner in runners:
-        runner.close()
+@pytest.fixture(scope="module")
+def module_peer():
+    """A peer for all tests of a module."""
+    peer = Peer()
+    yield peer
+    peer.end()
 
 
 @pytest.fixture
-def peer(make_peer):
-    peer = make_peer()
+def peer():
+    peer = Peer()
     yield peer
-    make_peer.runners.pop().close()
+    peer.end()
 
 
 @pytest.fixture

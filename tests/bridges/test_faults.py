@@ -118,8 +118,8 @@ class Robot:
 
 
 @pytest.fixture(scope="module")
-def robot(make_peer, wait_for, tmp_path_factory):
-    robot = Robot(make_peer(), wait_for, tmp_path_factory.mktemp("robot"))
+def robot(module_peer, wait_for, tmp_path_factory):
+    robot = Robot(module_peer, wait_for, tmp_path_factory.mktemp("robot"))
     yield robot
     robot.close()
 

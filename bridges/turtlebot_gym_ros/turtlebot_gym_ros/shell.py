@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from threading import Event, Thread
 from typing import Any, TypeVar
@@ -55,6 +55,7 @@ class Shell:
         name: The node's name; None for that of ``make``, in snake case.
         context: The rclpy context; None for the default one.
         overrides: Values of parameters.
+        arguments: ROS arguments of this node alone: parameters, remappings.
         now: The steady clock, s.
 
     Raises:
@@ -69,11 +70,13 @@ class Shell:
         name: str | None = None,
         context: Context | None = None,
         overrides: Mapping[str, Any] | None = None,
+        arguments: Sequence[str] = (),
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.node = Node(
             name or re.sub(r"(?<!^)(?=[A-Z])", "_", make.__name__).lower(),
             context=context,
+            cli_args=list(arguments),
             parameter_overrides=[Parameter(key, value=value) for key, value in (overrides or {}).items()],
             automatically_declare_parameters_from_overrides=True,
         )
