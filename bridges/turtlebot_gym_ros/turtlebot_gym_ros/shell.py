@@ -76,7 +76,7 @@ class Shell:
         self.node = Node(
             name or re.sub(r"(?<!^)(?=[A-Z])", "_", make.__name__).lower(),
             context=context,
-            cli_args=list(arguments),
+            cli_args=["--ros-args", *arguments] if arguments else None,
             parameter_overrides=[Parameter(key, value=value) for key, value in (overrides or {}).items()],
             automatically_declare_parameters_from_overrides=True,
         )
