@@ -1,4 +1,4 @@
-"""The live ROS 2 graph in figures: how fast it answers, how evenly it ticks, what it costs, and how soon a fault stops the robot.
+"""The live ROS 2 graph in figures: how fast it answers, how evenly it ticks, what it costs, how soon a fault stops the robot.
 
 Each node is a process of its own, on real DDS in a ROS domain of its own, on this machine only. This program is the independent
 probe: it speaks and listens on rclpy alone, and its own delays count as the graph's. Run ``make bench-ros`` on an idle machine;
@@ -36,7 +36,7 @@ from rich.table import Table
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.parameters import Command, Pose, State
+from turtlebot_gym.parameters import Pose, State
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.discovery import prepare
@@ -142,7 +142,7 @@ class Nodes:
 
 
 class Probe:
-    """The robot, as far as the graph can tell: odometry and an emergency stop go out, and commands come in. One thread does all.
+    """The robot, as far as the graph can tell: odometry and an emergency stop go out, commands come in. One thread does it all.
 
     Args:
         speaks: Whether it publishes odometry; if not, a plant does.

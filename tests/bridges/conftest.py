@@ -67,15 +67,13 @@ def runner():
 
 
 class Peer:
-    """An independent node, in a context and a thread of its own: it hears topics, sends messages and calls services."""
+    """An independent node, which shares nothing with the shell: it hears topics, sends messages and calls services."""
 
-    def __init__(self):
-        self.runner = Runner()
-        self.node = rclpy.node.Node("peer", context=self.runner.context)
+    def __init__(self, runner, name="peer"):
+        self.node = rclpy.node.Node(name, context=runner.context)
         self.subscriptions = {}
         self._clients = {}
-        self.runner.add(self)
-        self.runner.start()
+        runner.add(self)
 
     def hear(self, topic, message_type, qos=100):
         """Collect the messages of a topic; returns the list that grows."""
@@ -104,23 +102,28 @@ class Peer:
     def close(self):
         self.node.destroy_node()
 
-    def end(self):
-        self.runner.close()
+
+@pytest.fixture
+def another_runner():
+    """A second context with its thread: what runs there is as far away as in another process."""
+    runner = Runner()
+    runner.start()
+    yield runner
+    runner.close()
+
+
+@pytest.fixture
+def peer(another_runner):
+    return Peer(another_runner)
 
 
 @pytest.fixture(scope="module")
 def module_peer():
     """A peer for all tests of a module."""
-    peer = Peer()
-    yield peer
-    peer.end()
-
-
-@pytest.fixture
-def peer():
-    peer = Peer()
-    yield peer
-    peer.end()
+    runner = Runner()
+    runner.start()
+    yield Peer(runner)
+    runner.close()
 
 
 @pytest.fixture

@@ -114,15 +114,17 @@ class Loop:
             self.odometry.publish(conversion(State).write(odometry, header))
 
     def match(self):
-        """Wait until messages go all the way round, then forget them."""
+        """Wait until messages go all the way round and the last one has arrived everywhere, then begin anew."""
 
-        def goes_round():
-            self.tick(State(0.0, 0.0, 0.0, 0.0, 0.0))
-            time.sleep(0.01)
-            return self.estimates and self.commands and self.commands_heard
+        def has_arrived():
+            self.tick(State(0.001 * self.stamp * 1e-8, 0.0, 0.0, 0.0, 0.0))
+            time.sleep(0.1)
+            filter, controller = self.filter, self.controller._feeds["estimate"]._latest
+            sent, estimate = 0.001 * self.stamp * 1e-8, filter.block._estimate
+            all_matched = self.estimates and self.commands and self.commands_heard and controller
+            return all_matched and filter.block._odometry.x == sent and controller[0].belief.mean.x == estimate.belief.mean.x
 
-        self.wait_for(goes_round)
-        time.sleep(0.05)
+        self.wait_for(has_arrived)
         for shell in (self.filter, self.controller):
             shell.reset("start of the test")
         self.tick(None, periods=100)
@@ -139,7 +141,7 @@ class Loop:
 def test_the_live_nodes_are_the_blocks_to_the_bit(runner, peer, wait_for, environment):
     loop = Loop(runner, peer, wait_for, environment)
     loop.match()
-    silent = 0
+    silent = steps = 0
     for odometry, command, estimate, observation, action in drive(*environment, carry=travel):
         silent += 1
         if odometry is None:
@@ -147,7 +149,9 @@ def test_the_live_nodes_are_the_blocks_to_the_bit(runner, peer, wait_for, enviro
         heard = loop.commands_heard
         loop.tick(odometry, silent)
         silent = 0
-        wait_for(lambda heard=heard: loop.commands and loop.commands_heard > heard)
+        steps += 1
+        wait_for(lambda n=steps: len(loop.estimates) == len(loop.commands) == n)
+        wait_for(lambda heard=heard: loop.commands_heard > heard)
         assert conversion(KalmanFilter.outputs["estimate"].type).read(loop.estimates[-1]) == travel(estimate)
         np.testing.assert_array_equal(loop.controller.block.observation, observation)
         np.testing.assert_array_equal(loop.controller.block.action, action)

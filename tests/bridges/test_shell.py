@@ -32,7 +32,7 @@ class NoParameters:
 
 
 @pytest.fixture
-def another_runner():
+def third_runner():
     runner = Runner()
     runner.start()
     yield runner
@@ -202,8 +202,8 @@ def test_a_value_that_no_message_is_known_for_is_refused(runner):
 # The graph around it.
 
 
-def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, another_runner):
-    stranger = Node("stranger", context=another_runner.context)  # a participant holds one type per topic
+def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, third_runner):
+    stranger = Node("stranger", context=third_runner.context)  # a participant holds one type per topic
     stranger.create_subscription(Twist, "cmd_vel", lambda message: None, 10)
     status = bench.report("/stranger subscribes to geometry_msgs/msg/Twist,")
     stranger.destroy_node()

@@ -72,9 +72,20 @@ class On:
 class Block(Protocol):
     """What the shell turns into a node."""
 
-    inputs: Mapping[str, Input]
-    outputs: Mapping[str, Output]
-    trigger: Every | On
+    @property
+    def inputs(self) -> Mapping[str, Input]:
+        """What goes in, by the names that ``step`` knows; an attribute of the class will do, as for the next two."""
+        ...
+
+    @property
+    def outputs(self) -> Mapping[str, Output]:
+        """What comes out, by the names that ``step`` returns."""
+        ...
+
+    @property
+    def trigger(self) -> Every | On:
+        """When it runs."""
+        ...
 
     def reset(self) -> None:
         """Forget everything; the next step is the first."""

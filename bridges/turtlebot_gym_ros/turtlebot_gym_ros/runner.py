@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from threading import Event, Thread
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from threading import Thread
 from typing import Protocol, TypeVar
 
 import rclpy
@@ -92,12 +93,21 @@ def refuse(error: BaseException) -> int:
     return 2
 
 
-def until_signal() -> None:
-    """Wait until the process is asked to end, by SIGINT or SIGTERM. To be called in the main thread."""
-    ending = Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.set())
-    ending.wait()
+ENDINGS = (signal.SIGINT, signal.SIGTERM)
+"""Signals by which a process is asked to end."""
+
+
+@contextmanager
+def endings_wait() -> Iterator[None]:
+    """Hold the signals of `ENDINGS` back, in this thread and in those that it starts, for `signal.sigwait` to take.
+
+    So none is lost while a node comes up, and no handler runs at a moment that nobody thought of.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDINGS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
@@ -113,21 +123,22 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
         The exit code: 0, or 2 where the parameters were refused, with one line on stderr.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    try:
-        runner = Runner(arguments)
-    except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
-        return refuse(error)
-    try:
-        # What stands before --ros-args would be taken as a remapping, in an old syntax, or ignored.
-        for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
-            raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
-        runner.add(Shell(make, params, name=name, context=runner.context))
-    except (ValueError, TypeError, OSError, ImportError) as error:
-        runner.close()
-        return refuse(error)
-    runner.start()
-    until_signal()
-    if not runner.close():
-        sys.stdout.flush()
-        os._exit(0)  # a step is stuck in its thread, which the interpreter's own end would wait for
+    with endings_wait():
+        try:
+            runner = Runner(arguments)
+        except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
+            return refuse(error)
+        try:
+            # What stands before --ros-args would be taken as a remapping, in an old syntax, or ignored.
+            for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
+                raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
+            runner.add(Shell(make, params, name=name, context=runner.context))
+        except (ValueError, TypeError, OSError, ImportError) as error:
+            runner.close()
+            return refuse(error)
+        runner.start()
+        signal.sigwait(ENDINGS)
+        if not runner.close():
+            sys.stdout.flush()
+            os._exit(0)  # a step is stuck in its thread, which the interpreter's own end would wait for
     return 0
