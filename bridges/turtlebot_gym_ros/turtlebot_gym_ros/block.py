@@ -5,7 +5,7 @@ There is no ROS in here: a ``for`` loop drives a block as well as the shell does
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -91,11 +91,11 @@ class Block(Protocol):
         """Forget everything; the next step is the first."""
         ...
 
-    def step(self, dt: float, **inputs: Any) -> Mapping[str, Any]:
-        """Return the outputs.
+    @property
+    def step(self) -> Callable[..., Mapping[str, Any]]:
+        """A method ``step(dt, **inputs)`` that returns the outputs by name.
 
-        Args:
-            dt: Time since the last step, s; 0 on the first step of a block that runs on messages.
-            **inputs: The values of the declared inputs, by name.
+        ``dt`` is the time since the last step, s; 0 on the first step of a block that runs on messages. The inputs are the
+        values of those declared, by name.
         """
         ...
