@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -178,12 +179,19 @@ POLICIES: dict[str, Callable[[Robot, float], Policy]] = {
 """Makers of the built-in policies by name."""
 
 
+def pretrained_folder() -> Path:
+    """Return the folder with the bundles that come with the package."""
+    installed = Path(__file__).parent / "pretrained"
+    return installed if installed.is_dir() else installed.parent.parent / "pretrained"
+
+
 def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD) -> Policy:
     """Return a policy by its name.
 
     Args:
-        name: "proportional", "bearing", "polar" or "rotate-drive-rotate"; a bundle's file, ``*.onnx``; or "module:callable" for
-            one of your own: a function is the policy itself, a class is made with ``robot`` and ``dt`` as keywords.
+        name: "proportional", "bearing", "polar" or "rotate-drive-rotate"; "ppo-nav", "ppo-pose" or "ppo-square", which come with
+            the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy
+            itself, a class is made with ``robot`` and ``dt`` as keywords.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
 
@@ -193,10 +201,11 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     """
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
-    if name.endswith(".onnx"):
+    shipped = pretrained_folder() / f"{name}.onnx"
+    if name.endswith(".onnx") or (name.isprintable() and "/" not in name and shipped.is_file()):
         from turtlebot_gym_agents.bundle import BundlePolicy
 
-        return BundlePolicy(name, robot=robot, dt=dt)
+        return BundlePolicy(name if name.endswith(".onnx") else shipped, robot=robot, dt=dt)
     if name.endswith((".zip", ".pkl", ".pt", ".pth")):
         raise ValueError(
             f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
