@@ -1,7 +1,7 @@
 """Train the policies that come with the package, compare them with the baselines, and write their cards.
 
-Run `python benchmarks/pretrained.py`; about four minutes on two cores. Training is randomized: noise, speed scale and delay differ
-from environment to environment. Evaluation is on fixed noise, on seeds that no training has seen.
+Run `python benchmarks/pretrained.py`; about four minutes on two cores. Training is randomized: noise, speed scale and delay
+differ from environment to environment. Evaluation is on fixed noise, on seeds that no training has seen.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def card(name: str, config: Config, seconds: float, steps: int) -> str:
         "",
         f"Train it again: `turtlebot-gym train --env {env} --randomize --seed {config.seed}`. Use it: `--policy ppo-{name}`.",
         "",
-        f"{config.episodes} episodes on seeds from {config.first_seed:,}; a failure counts as the time limit; 95 % intervals. The",
-        "difference is that of paired episodes: below zero the policy is faster.",
+        f"{config.episodes} episodes on seeds from {config.first_seed:,}, 95 % intervals; a failure counts as the time limit.",
+        "The difference is that of paired episodes: below zero the policy is faster.",
         "",
         "| noise | policy | success, % | time, s | ppo minus it, s |",
         "|---|---|---|---|---|",

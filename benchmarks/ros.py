@@ -220,7 +220,8 @@ class Probe:
         def agrees() -> bool:
             future = client.call_async(SetBool.Request(data=True))
             self._executor.spin_until_future_complete(future, timeout_sec=1.0)
-            return future.done() and future.result().success
+            answer = future.result() if future.done() else None
+            return answer is not None and answer.success
 
         self.until(client.service_is_ready)
         self.until(agrees)  # a request to a server that was killed, and is not missed yet, gets no answer: ask again
@@ -278,7 +279,7 @@ def latency(config: Config) -> tuple[list[Figure], dict[str, Any]]:
     with graph(speaks=True, remappings={}) as (probe, nodes):
         nodes.start("kalman_filter")
         nodes.start("waypoint_generator", waypoints="far.csv")
-        nodes.start("velocity_controller", period=PERIOD)
+        nodes.start("velocity_controller", policy="proportional", period=PERIOD)
         probe.drive()
         before = len(probe.heard)
         probe.until(lambda: len(probe.heard) > before)  # the next odometry is most of a period away

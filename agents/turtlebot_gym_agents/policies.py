@@ -189,8 +189,8 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     """Return a policy by its name.
 
     Args:
-        name: "proportional", "bearing", "polar" or "rotate-drive-rotate"; "ppo-nav", "ppo-pose" or "ppo-square", which come with
-            the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy
+        name: "proportional", "bearing", "polar" or "rotate-drive-rotate"; "ppo-nav", "ppo-pose" or "ppo-square", which come
+            with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy
             itself, a class is made with ``robot`` and ``dt`` as keywords.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
