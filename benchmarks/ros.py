@@ -255,10 +255,8 @@ def graph(*, speaks: bool, remappings: dict[str, list[str]]) -> Iterator[tuple[P
 
 def expected(headings: list[float]) -> NDArray[np.float64]:
     """Return the commands (n, 2) that filter and controller answer odometry with, as plain objects in a loop."""
-    kalman_filter, controller = (
-        KalmanFilter(KalmanFilter.Params()),
-        VelocityController(VelocityController.Params(period=PERIOD)),
-    )
+    kalman_filter = KalmanFilter(KalmanFilter.Params())
+    controller = VelocityController(VelocityController.Params(policy="proportional", period=PERIOD))
     command, commands = None, []
     for k, heading in enumerate(headings):
         odometry = State(0.0, 0.0, heading, 0.0, 0.0)
