@@ -69,7 +69,9 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
         model: From observations (n, 13) to actions (n, 2); its metadata are replaced.
         card: What it is for.
     """
-    del model.metadata_props[:]
+    for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
+        del part.metadata_props[:]  # torch's exporter leaves the paths of the machine that it ran on
+        part.doc_string = ""
     content = {"sha256": _NO_HASH, "card": plain(asdict(card))}
     model.metadata_props.add(key=_KEY, value=json.dumps(content, allow_nan=False))
     blank = model.SerializeToString()
