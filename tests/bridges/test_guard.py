@@ -177,6 +177,26 @@ def test_a_second_publisher_is_an_error(start, probe):
     assert "/peer" in status.message
 
 
+def test_it_lives_through_every_change_of_what_it_reports(start, peer, wait_for):
+    start()
+    reports = []
+    peer.node.create_subscription(DiagnosticArray, "diagnostics", lambda m: reports.extend(m.status), 10)
+
+    def until_reported(text):
+        reports.clear()
+        return wait_for(lambda: next((status for status in list(reports) if text in status.message), None))
+
+    assert until_reported("nobody listens").level == DiagnosticStatus.WARN
+    listener = peer.node.create_subscription(TwistStamped, "cmd_vel", lambda message: None, 1)
+    assert until_reported("silent").level == DiagnosticStatus.OK
+    other = peer.node.create_publisher(TwistStamped, "cmd_vel", 1)
+    assert until_reported("one publisher").level == DiagnosticStatus.ERROR
+    peer.node.destroy_publisher(other)
+    assert until_reported("silent").level == DiagnosticStatus.OK
+    peer.node.destroy_subscription(listener)
+    assert until_reported("nobody listens").level == DiagnosticStatus.WARN
+
+
 def test_the_wrong_type_is_reported_with_what_to_type(start, peer, wait_for):
     start()
     status = Probe(peer, wait_for, stamped=False).until_reported("-p enable_stamped_cmd_vel:=false")

@@ -113,8 +113,13 @@ class CmdVelGuard(Node):
     def _diagnose(self) -> None:
         level, report = self._problem()
         if report != self._report:
-            log = self.get_logger()
-            {DiagnosticStatus.OK: log.info, DiagnosticStatus.WARN: log.warning}.get(level, log.error)(report)
+            # one line for each severity: rclpy raises where a line changes its own
+            if level == DiagnosticStatus.OK:
+                self.get_logger().info(report)
+            elif level == DiagnosticStatus.WARN:
+                self.get_logger().warning(report)
+            else:
+                self.get_logger().error(report)
         self._report = report
         values = [KeyValue(key="refused", value=str(self._arbiter.refused))]
         status = DiagnosticStatus(name=self.get_name(), hardware_id=self._p.robot, level=level, message=report, values=values)
