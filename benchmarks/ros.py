@@ -88,6 +88,7 @@ class Heard(NamedTuple):
     time: float  # s, steady clock
     v: float  # m/s
     omega: float  # rad/s
+    stamp: float  # s, by who sent it
 
     @property
     def is_zero(self) -> bool:
@@ -104,7 +105,9 @@ class Nodes:
         self._parameters: dict[str, dict[str, Any]] = {}
 
     def start(self, name: str, **parameters: Any) -> None:
-        """Start a node; one that is started again has the parameters it had."""
+        """Start a node; one that was killed is started again with the parameters it had."""
+        if name in self._processes:
+            self._processes[name].wait()
         given = self._parameters.setdefault(name, parameters)
         words = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
         command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words, *self._remappings.get(name, [])]
@@ -115,10 +118,8 @@ class Nodes:
         return iter(self._processes)
 
     def signal(self, name: str, number: int) -> None:
-        """Send a signal, and wait for the end of a process that it kills."""
+        """Send a signal to a node."""
         self._processes[name].send_signal(number)
-        if number == signal.SIGKILL:
-            self._processes[name].wait()
 
     def cpu(self, name: str) -> float:
         """Return the processor time that a node has used, s."""
@@ -178,7 +179,8 @@ class Probe:
             self.node.create_timer(0.1, self.tell_emergency, clock=steady)
 
     def _hear(self, message: TwistStamped) -> None:
-        self.heard.append(Heard(time.monotonic(), message.twist.linear.x, message.twist.angular.z))
+        twist, stamp = message.twist, 1e-9 * Time.from_msg(message.header.stamp).nanoseconds
+        self.heard.append(Heard(time.monotonic(), twist.linear.x, twist.angular.z, stamp))
 
     def _send(self) -> None:
         """Publish odometry of a robot that stands still and looks about, so that each message leads to a command of its own."""
@@ -291,7 +293,7 @@ def latency(config: Config) -> tuple[list[Figure], dict[str, Any]]:
         probe.silent = True
         probe.spin(0.2)
     heard, sent = probe.heard[first:], np.array(probe.sent[begin:])
-    commands = np.array([command[1:] for command in heard])
+    commands = np.array([(command.v, command.omega) for command in heard])
     m = min(len(sent), len(heard))
     delays = 1e3 * (np.array([command.time for command in heard[:m]]) - sent[:m])
     should = expected(probe.headings[begin:])
@@ -401,6 +403,7 @@ FAULTS = {
 def faults(config: Config) -> tuple[list[Figure], dict[str, Any]]:
     """Measure the time from each fault to the first zero that the robot hears, and what it hears from then on."""
     delays: dict[str, list[float]] = {name: [] for name in FAULTS}
+    sent_after: dict[str, list[float]] = {name: [] for name in FAULTS}
     motions = zeros = 0
     with graph(speaks=True, remappings=GUARDED) as (probe, nodes):
         nodes.start("kalman_filter")
@@ -412,19 +415,20 @@ def faults(config: Config) -> tuple[list[Figure], dict[str, Any]]:
                 probe.drive(*MOVERS)
                 sent = len(probe.sent)
                 probe.until(lambda sent=sent: len(probe.sent) > sent)
-                begin, start = len(probe.heard), time.monotonic()  # just after an odometry
+                begin, start, clock = len(probe.heard), time.monotonic(), time.time()  # just after an odometry
                 break_it(probe, nodes)
                 probe.until(lambda begin=begin: any(command.is_zero for command in probe.heard[begin:]))
                 probe.spin(AFTERWARDS)
                 heard = probe.heard[begin:]
                 first = next(k for k, command in enumerate(heard) if command.is_zero)
                 delays[name].append(heard[first].time - start)
+                sent_after[name].append(heard[first].stamp - clock)
                 zeros += len(heard) - first
                 motions += sum(not command.is_zero for command in heard[first:])
                 mend_it(probe, nodes)
     figures = [Figure(f"{name}: first zero, largest of {len(each)}", max(each), "s", 0.6) for name, each in delays.items()]
     figures.append(Figure(f"commands but zeros among the {zeros} that followed", motions, "", 1.0))
-    return figures, {"delays_s": delays, "zeros": zeros}
+    return figures, {"heard_after_s": delays, "sent_after_s": sent_after, "zeros": zeros}
 
 
 def measure(config: Config) -> dict[str, Any]:
