@@ -25,10 +25,11 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
 		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png; \
 	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
-	$(RUN)turtlebot-gym train --out $(OUT)/nav --resume
-	$(RUN)turtlebot-gym evaluate --policy proportional bearing $(OUT)/nav/policy.onnx --noise tutorial documented \
+	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png
-	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/nav/policy.onnx --speed 5 --duration 40 --figure $(OUT)/graph.png
+	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume
+	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
+	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --speed 5 --duration 40 --figure $(OUT)/graph.png
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
