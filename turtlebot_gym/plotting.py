@@ -47,7 +47,9 @@ _WAYPOINT: _Style = {
 }  # fmt: skip
 _START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
 _COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
-_PATHS = ((BLUE, "-"), (VERMILLION, "--"), (PURPLE, "-."), (ORANGE, (0, (6, 1, 1, 1, 1, 1))), (SKY_BLUE, ":"))
+_COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE)
+_STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
+_PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
 """Colour and line style of each path in turn."""
 _COMPONENTS = {"x": "x (m)", "y": "y (m)", "theta": "heading (rad)"}
 _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
