@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -57,4 +58,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    code = main()
+    faulthandler.dump_traceback_later(4.0, exit=True)  # the interpreter's own end can hang in DDS too
+    raise SystemExit(code)
