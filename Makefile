@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check bench build clean
+.PHONY: help demo test test-slow check bench docs build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -47,6 +47,13 @@ check: $(READY)  ## style, types and the direction of imports
 bench: $(READY)  ## speed, as ratios in one run
 	@mkdir -p $(OUT)
 	$(RUN)turtlebot-gym benchmark --json $(OUT)/speed.json
+
+docs: $(READY)  ## build the documentation into out/docs
+	DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=true $(RUN)python -m mkdocs build --strict --site-dir $(abspath $(OUT))/docs
+
+bench-ros: $(READY)  ## the live graph: latency, jitter, CPU, memory, time to a stop (15 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/ros.py --json $(OUT)/ros.json
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet

@@ -24,6 +24,12 @@ def test_a_grid_is_exact_whatever_the_timer_does():
     assert {grid.interval(stamp) for stamp in stamps} == {0.1}
 
 
+def test_no_step_waits_for_the_next_call_where_the_first_call_was_the_latest():
+    grid = Grid(Every(0.1))
+    late = [40 * MS, *np.random.default_rng(0).integers(0, 40 * MS, 100)]
+    assert [len(list(grid.due_until(k * 100 * MS + int(late[k])))) for k in range(100)] == [1] * 100
+
+
 def test_steps_that_are_late_are_made_up_for():
     grid = Grid(Every(0.1))
     assert list(grid.due_until(0)) == [0]

@@ -14,6 +14,9 @@ SLOW_AFTER = 5
 class Grid:
     """Steps at exact multiples of a period after the first one; steps that are late are made up for.
 
+    A step counts as due from half a period before its stamp on. Were it refused because the first call was later in its period
+    than this one, it would come a whole period late, and the next one with it.
+
     Args:
         trigger: The declaration.
     """
@@ -27,7 +30,7 @@ class Grid:
         """Yield the stamps up to now, ns; one only where the clock has leaped or stood still."""
         if self._next is None or not -SECOND < now - self._next < SECOND:
             self._next = now
-        while self._next <= now:
+        while self._next - now < self._period_ns // 2:
             stamp = self._next
             self._next += self._period_ns
             yield stamp

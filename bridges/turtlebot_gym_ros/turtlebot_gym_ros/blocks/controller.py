@@ -95,7 +95,7 @@ class VelocityController:
         seen = observe(mean, stated_deviations(P), estimate.nis, reference, following or reference, self._robot)
         self.observation = np.array(seen, np.float32)
         self.action = np.asarray(self._policy(self.observation), np.float32)
-        if self.action.shape != (2,) or not np.isfinite(self.action).all():
+        if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must answer with two finite numbers, got {self.action!r}")
-        forward, turn = np.clip(self.action, -1.0, 1.0).tolist()
+        forward, turn = (min(max(part, -1.0), 1.0) for part in self.action.tolist())
         return {"command": limit(Command(forward * self._robot.max_linear, turn * self._robot.max_angular), self._robot)}
