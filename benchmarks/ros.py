@@ -1,8 +1,8 @@
 """The live ROS 2 graph in figures: how fast it answers, how evenly it ticks, what it costs, how soon a fault stops the robot.
 
 Each node is a process of its own, on real DDS in a ROS domain of its own, on this machine only. This program is the independent
-probe: it speaks and listens on rclpy alone. A command counts as arrived when DDS has it (``received_timestamp``); how much later
-a Python callback sees it stands beside it, and everything but the latency is taken from there. Run ``make bench-ros`` on an idle
+probe: it speaks and listens on rclpy alone. A command has arrived when DDS has it (``received_timestamp``); how much later a
+Python callback sees it stands beside it, and all but the latency is taken from there. Run ``make bench-ros`` on an idle
 machine; the load during each part stands beside its figures.
 """
 

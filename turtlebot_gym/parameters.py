@@ -263,7 +263,7 @@ class Reward:
     """Weights of the reward. Distances in it are true ones, whatever the policy observes."""
 
     progress: float = 1.0
-    """For a step towards the goal, as a share of what full speed allows."""
+    """For a step on the way to the goal, as a share of what full speed allows."""
     time: float = 0.1
     """Subtracted at every step."""
     effort: float = 0.01

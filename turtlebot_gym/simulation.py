@@ -10,7 +10,17 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.odometry import measure
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, limit, slips
-from turtlebot_gym.parameters import REFERENCE_PERIOD, Command, FilterTuning, Noise, Pose, Reward, State, choose
+from turtlebot_gym.parameters import (
+    REFERENCE_PERIOD,
+    Command,
+    FilterTuning,
+    Noise,
+    OdometryNoise,
+    Pose,
+    Reward,
+    State,
+    choose,
+)
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import (
@@ -162,12 +172,20 @@ def look(world: World, p: Parameters) -> Observation:
 
 
 @kernel
-def _measure(key: int, at: int, pose: Pose, wheels: Pose, p: Parameters) -> tuple[Pose, bool]:
-    """Return the odometry of a step, and whether it arrives."""
+def measurement(key: int, at: int, pose: Pose, wheels: Pose, noise: OdometryNoise) -> tuple[Pose, bool]:
+    """Return the odometry of a step, and whether it arrives.
+
+    Args:
+        key: The episode's key.
+        at: The step's number.
+        pose: The true pose.
+        wheels: The pose that the wheels have integrated.
+        noise: What is measured, and how well.
+    """
     heading, _ = normals(key, at, HEADING)
     event, dropout = uniforms(key, at, EVENTS)
-    z = measure(pose, wheels, p.noise.odometry, normals(key, at, POSITION), heading, event)
-    return z, dropout >= p.noise.odometry.dropout_probability
+    z = measure(pose, wheels, noise, normals(key, at, POSITION), heading, event)
+    return z, dropout >= noise.dropout_probability
 
 
 @kernel
@@ -187,10 +205,22 @@ def begin(key: int, p: Parameters) -> World:
         p: Parameters.
     """
     pose = start_pose(key, p)
-    z, _ = _measure(key, 0, pose, pose, p)
+    z, _ = measurement(key, 0, pose, pose, p.noise.odometry)
     truth = State(pose.x, pose.y, pose.theta, 0.0, 0.0)
     rest = Command(0.0, 0.0)
     return World(truth, z, initialize(z, p.tuning), rest, (rest, rest, rest), pose, pose, pose, False, 0.0, 0.0)
+
+
+@kernel
+def _remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -> float:
+    """Return the way that is left, counted as far as the reference, m; below zero beyond it.
+
+    Where the reference is done with, the robot is on its way to the one that follows. So what a corner's cut saves counts as
+    progress, and the progress of a whole course is its length whichever way it was driven: only time and effort differ.
+    """
+    dx, dy = following.x - reference.x, following.y - reference.y
+    leg = sqrt(dx * dx + dy * dy)
+    return distance_to(truth, following) - leg if done_with else distance_to(truth, reference)
 
 
 @kernel
@@ -226,7 +256,7 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
     truth = State(pose.x, pose.y, pose.theta, twist.v, twist.omega)
 
     # The odometry and the filter.
-    z, measured = _measure(key, at, pose, wheels, p)
+    z, measured = measurement(key, at, pose, wheels, noise.odometry)
     last = world.odometry
     z = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
     estimate = step(world.estimate, command, last, z, measured, p.tuning, dt, p.middle)
@@ -243,7 +273,8 @@ def transition(world: World, command: Command, key: int, waypoints: int, p: Para
     terminated = visited >= waypoints * task.laps and not by_time
     success = terminated and there
     distance = distance_to(truth, reference)
-    reward = reward_of(distance_to(before, reference), distance, command, success, p.reward, p.robot, dt)
+    ahead = _remaining(truth, reference, world.following, done_with and not by_time)
+    reward = reward_of(distance_to(before, reference), ahead, command, success, p.reward, p.robot, dt)
     truncated = steps >= task.max_steps and not terminated
     outcome = Outcome(reward, distance, success, terminated, truncated, done_with)
     return World(truth, z, estimate, command, asked, reference, world.following, wheels, slipping, visited, steps), outcome

@@ -228,7 +228,7 @@ def reward_of(before: float, after: float, command: Command, success: bool, weig
     """Return the reward of a step.
 
     Args:
-        before: True distance to the goal before the step, m.
+        before: True way left before the step, m.
         after: And after it, m.
         command: The limited command of the step.
         success: Whether the episode ends in success.

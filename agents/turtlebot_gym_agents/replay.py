@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, episode_key, normals, uniforms
-from turtlebot_gym.models.odometry import measure
+from turtlebot_gym.models.noise import episode_key
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
-from turtlebot_gym.parameters import Command, FilterTuning, Noise, OdometryNoise, Pose, ProcessNoise, choose
+from turtlebot_gym.parameters import Command, FilterTuning, Noise, Pose, ProcessNoise, choose
 from turtlebot_gym.plotting import PURPLE, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
+from turtlebot_gym.simulation import measurement
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym_agents.metrics import Errors, errors
 
@@ -183,7 +183,7 @@ def replay(
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
     due = np.diff(ticks, prepend=-1.0) > 0.0
 
-    z, _ = _measured(key, 0, true[0], wheels[0], in_force.odometry)
+    z, _ = measurement(key, 0, true[0], wheels[0], in_force.odometry)
     estimate = ekf.initialize(z, tuning)
     mean = estimate.belief.mean._replace(v=commands[0].v, omega=commands[0].omega)
     estimate = estimate._replace(belief=estimate.belief._replace(mean=mean))
@@ -191,7 +191,7 @@ def replay(
     for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
         last = z
         if due[row]:
-            measured, due[row] = _measured(key, row, true[row], wheels[row], in_force.odometry)
+            measured, due[row] = measurement(key, row, true[row], wheels[row], in_force.odometry)
             z = measured if due[row] else last
         estimate = ekf.step(estimate, commands[row], last, z, bool(due[row]), tuning, dt, middle)
         odometry.append(z)
@@ -207,14 +207,6 @@ def replay(
         reference=unknown,
         command=np.array(commands),
     )
-
-
-def _measured(key: int, row: int, pose: Pose, wheels: Pose, noise: OdometryNoise) -> tuple[Pose, bool]:
-    """Return the pose that is measured at a row, and whether the measurement arrives."""
-    heading, _ = normals(key, row, HEADING)
-    event, dropout = uniforms(key, row, EVENTS)
-    z = measure(pose, wheels, noise, normals(key, row, POSITION), heading, event)
-    return z, dropout >= noise.dropout_probability
 
 
 class Replayed(NamedTuple):

@@ -13,6 +13,8 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.parameters import Reward
+from turtlebot_gym.presets import make_robot
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -221,6 +223,21 @@ def test_a_robot_with_a_perfect_view_reaches_its_goal(maker):
     np.testing.assert_array_equal(info["is_success"], terminated)
     assert best > 9.0
     assert scalar == isinstance(reward, float)
+
+
+@pytest.mark.parametrize("gain", [0.3, 1.0])
+def test_the_progress_of_a_course_is_its_length_whichever_way_it_was_driven(gain):
+    only = Reward(progress=1.0, time=0.0, effort=0.0, success=0.0)
+    env = gym.make("turtlebot_gym/TurtleBotSquare-v0", reward=only)
+    observation, info = env.reset(seed=0)
+    length = info["distance"] + 3 * 2.0
+    progress, terminated = 0.0, False
+    while not terminated:
+        action = np.array([max(observation[1], 0.0), gain * np.arctan2(observation[2], observation[1])], np.float32)
+        observation, reward, terminated, truncated, info = env.step(np.clip(action, -1.0, 1.0))
+        assert not truncated
+        progress += reward * make_robot("burger").max_linear * 0.1
+    assert progress == pytest.approx(length - info["distance"], abs=1e-9)
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)

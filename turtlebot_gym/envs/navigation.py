@@ -56,9 +56,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
 
-    Progress towards the waypoint, as a share of what full speed allows in a step; minus 0.1 a step; minus 0.01 times the
-    squared speed and turning rate as shares of their limits; plus 10 at success. Distances are true ones. The weights are
-    `turtlebot_gym.Reward`.
+    Progress on the way to the waypoint and on to the ones after it, as a share of what full speed allows in a step; minus 0.1
+    a step; minus 0.01 times the squared speed and turning rate as shares of their limits; plus 10 at success. The progress of a
+    whole course is its length, whichever way it was driven. Distances are true ones. The weights are `turtlebot_gym.Reward`.
 
     ## Starting State
 

@@ -185,8 +185,8 @@ class Topic(NamedTuple):
 class Collected(CallbackGroup):
     """Subscriptions that no executor waits for: they are emptied by the clock.
 
-    rclpy looks at every entity of a node each time that it wakes; woken by each message, a recorder of 20 topics took a tenth of
-    a core for it. DDS keeps the messages meanwhile, each with the time at which it came.
+    rclpy looks at every entity of a node each time that it wakes; woken by each message, a recorder of 20 topics takes a tenth
+    of a core for it. DDS keeps the messages meanwhile, each with the time at which it came.
     """
 
     def can_execute(self, entity: Any) -> bool:

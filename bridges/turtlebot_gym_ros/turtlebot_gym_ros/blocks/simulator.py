@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from turtlebot_gym.models.noise import EVENTS, MAX_SEED, episode_key, uniforms
-from turtlebot_gym.parameters import STOP, Command, State
-from turtlebot_gym.simulation import begin, make_parameters, transition
+from turtlebot_gym.models.noise import MAX_SEED, episode_key
+from turtlebot_gym.parameters import STOP, Command, Pose, State
+from turtlebot_gym.simulation import begin, make_parameters, measurement, transition
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym_ros.block import Every, Input, Output
 
@@ -72,8 +72,8 @@ class TurtlebotSimulator:
             world, measured = begin(self._key, self._p), True  # the first measurement always arrives
         else:
             world, _ = transition(before, command or STOP, self._key, 1, self._p)
-            _, dropout = uniforms(self._key, int(world.steps), EVENTS)
-            measured = dropout >= self._p.noise.odometry.dropout_probability
+            pose = Pose(*world.true_state[:3])
+            _, measured = measurement(self._key, int(world.steps), pose, world.wheels, self._p.noise.odometry)
         self._world = world
         truth = {"truth": world.true_state}
         return {**truth, "odometry": State(*world.odometry, *world.command)} if measured else truth
