@@ -13,6 +13,7 @@ NODES = [
     "simulated_teleop",
     "cmd_vel_guard",
     "data_logger",
+    "visualization",
     "bringup",
     "status",
 ]
@@ -29,6 +30,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.xml"))),
         (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/rviz", sorted(glob("rviz/*.rviz"))),
     ],
     install_requires=["setuptools"],
     zip_safe=False,

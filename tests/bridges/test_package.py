@@ -16,6 +16,7 @@ from rclpy.node import Node
 from turtlebot_gym_ros import arbiter, logger, standalone
 from turtlebot_gym_ros.__main__ import NODES
 from turtlebot_gym_ros.graph import BLOCKS
+from turtlebot_gym_ros.markers import Visualization
 from turtlebot_gym_ros.shell import Shell
 
 ROOT = Path(__file__).parents[2]
@@ -23,6 +24,8 @@ PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
 SOURCES = PACKAGE / "turtlebot_gym_ros"
 CONFIGS = sorted((PACKAGE / "config").glob("*.yaml"))
 LAUNCHES = sorted((PACKAGE / "launch").glob("*.launch.xml"))
+RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
+SHELLS = {**BLOCKS, "visualization": Visualization}
 ROS_OWN = {"use_sim_time", "start_type_description_service"}
 
 
@@ -33,8 +36,8 @@ def configured(path):
 def declared(name, context, config):
     """Return the parameters that a node declares when it reads a file; it refuses what it does not know."""
     arguments = ["--ros-args", "--params-file", str(config)]
-    if name in BLOCKS:
-        block = BLOCKS[name]
+    if name in SHELLS:
+        block = SHELLS[name]
         shell = Shell(block, block.Params, name=name, context=context, arguments=arguments[1:])
         names = {*shell.node.list_parameters([], 0).names}
         shell.close()
@@ -78,6 +81,8 @@ def config_of(launch_file):
 def test_launch_starts_nodes_that_exist_with_parameters_that_exist(launch_file):
     config = config_of(launch_file)
     for node in launch_file.iter("node"):
+        if node.get("pkg") == "rviz2":
+            continue
         assert node.get("pkg") == "turtlebot_gym_ros"
         assert node.get("exec") == node.get("name")
         assert node.get("exec") in NODES
@@ -98,6 +103,14 @@ def test_launch_arguments_are_used_and_default_to_the_configuration(launch_file)
             name = param.get("name")
             if name in defaults and name != "start_enabled":
                 assert yaml.safe_load(defaults[name]) == config[node.get("name")]["ros__parameters"][name], name
+
+
+def test_launch_starts_rviz_only_if_asked_and_with_its_file(launch_file):
+    (asked,) = (arg for arg in launch_file.iter("arg") if arg.get("name") == "rviz")
+    assert asked.get("default") == "false"
+    viewers = [node for node in launch_file.iter("node") if node.get("name") in ("rviz2", "visualization")]
+    assert [node.get("if") for node in viewers] == ["$(var rviz)"] * 2
+    assert viewers[1].get("args") == f"-d $(find-pkg-share turtlebot_gym_ros)/{RVIZ.relative_to(PACKAGE)}"
 
 
 def test_launch_remaps_topics_that_exist(launch_file):
@@ -165,7 +178,7 @@ def test_colcon_builds_the_package(tmp_path):
     assert files_of(PACKAGE) == before
     prefix = tmp_path / "install" / "turtlebot_gym_ros"
     share = prefix / "share" / "turtlebot_gym_ros"
-    for path in (*CONFIGS, *LAUNCHES, PACKAGE / "package.xml"):
+    for path in (*CONFIGS, *LAUNCHES, RVIZ, PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
     assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {*NODES}
     (library,) = prefix.glob("lib/python*/site-packages")

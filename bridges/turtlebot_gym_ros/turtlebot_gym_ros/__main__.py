@@ -17,6 +17,7 @@ NODES = {
     "simulated_teleop": ("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
     "cmd_vel_guard": ("guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
     "data_logger": ("logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
+    "visualization": ("markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
     "bringup": ("bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": ("status:main", "prints which node waits for what"),
 }
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     module, _, attribute = NODES[name][0].partition(":")
     try:
         entry = getattr(import_module(f"turtlebot_gym_ros.{module}"), attribute)
-        if not module.startswith("blocks."):
+        if not hasattr(entry, "Params"):
             return entry(rest)
         from turtlebot_gym_ros.runner import run
     except ModuleNotFoundError as error:

@@ -1,0 +1,116 @@
+"""The graph as a picture: what is declared is what is connected, and what is drawn can be read."""
+
+import itertools
+
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+
+from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.diagram import PLACES, WORDS, Connection, connected, declared, draw
+from turtlebot_gym_ros.graph import BLOCKS, MODES
+
+LOOP = MODES["autonomous"]
+ODOMETRY = "nav_msgs/msg/Odometry"
+GUARDED = (*LOOP, "simulated_teleop", "cmd_vel_guard", "data_logger", "visualization")
+
+
+def node(name, *arguments):
+    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in arguments for word in each.split())]
+
+
+def test_a_topic_joins_who_says_it_with_all_who_hear_it():
+    loop = declared(LOOP)
+    assert {each.subscriber for each in loop if each.topic == "/cmd_vel"} == {"turtlebot_simulator", "kalman_filter"}
+    assert Connection("kalman_filter", "/estimate", ODOMETRY, "velocity_controller") in loop
+    assert not [each for each in loop if each.topic == "/true_state"]  # nobody in the loop knows the truth
+    twist = {each.message for each in declared(LOOP, stamped=False) if each.topic == "/cmd_vel"}
+    assert twist == {"geometry_msgs/msg/Twist"}
+    with pytest.raises(ValueError, match=r"names must be .* got 'pilot'"):
+        declared(["pilot"])
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_what_is_declared_is_what_is_connected(stamped):
+    expected = declared((*LOOP, "bringup"), stamped=stamped)
+    with Graph(speed=10.0, enable_stamped_cmd_vel=stamped):
+        assert connected(expected) == expected
+
+
+def test_a_guard_stands_between_and_recorder_and_display_change_nothing(launch, tmp_path):
+    special = {
+        "velocity_controller": "-r cmd_vel:=cmd_vel_in",
+        "simulated_teleop": "-r cmd_vel:=cmd_vel_teleop",
+        "data_logger": f"-p output:={tmp_path / 'bag'}",
+    }
+    expected = declared(GUARDED)
+    for name in GUARDED:
+        launch(*node(name, special.get(name, "")))
+    assert connected(expected, timeout=30.0) == expected
+    unwatched = {each for each in expected if each.subscriber not in ("data_logger", "visualization")}
+    assert unwatched == declared((*LOOP, "simulated_teleop", "cmd_vel_guard"))
+
+
+def test_connections_are_of_those_who_can_understand_each_other(peer):
+    peer.speak("fast", Odometry, qos_profile_sensor_data)
+    peer.hear("fast", Odometry, 10)  # reliable: it will never hear a word
+    peer.speak("slow", Odometry)
+    peer.hear("slow", Odometry, qos_profile_sensor_data)
+    assert connected(frozenset([Connection("peer", "/slow", ODOMETRY, "peer")])) == {
+        Connection("peer", "/slow", ODOMETRY, "peer")
+    }
+
+
+def test_everything_has_a_place_and_a_word():
+    assert {*BLOCKS, "cmd_vel_guard"} == PLACES.keys()
+    names = (*PLACES, "data_logger", "bringup", "visualization")
+    assert {*names, *(each.topic for each in declared(names))} == WORDS.keys()
+
+
+def drawn(connections, **options):
+    figure = Figure(figsize=(7.5, 5.3), layout="constrained")
+    axes = draw(figure.subplots(), connections, **options)
+    FigureCanvasAgg(figure).draw()
+    return axes, [text for text in axes.findobj(Text) if text.get_text()]
+
+
+@pytest.mark.parametrize("plain", [True, False])
+@pytest.mark.parametrize(
+    "names",
+    [
+        (*LOOP, "bringup"),
+        (*LOOP, "cmd_vel_guard", "data_logger"),
+        GUARDED,
+        (*MODES["teleoperation"], "simulated_teleop", "bringup"),
+    ],
+    ids=["loop", "guarded", "all", "teleoperation"],
+)
+def test_no_text_hides_another_or_leaves_its_box(names, plain):
+    axes, texts = drawn(declared(names), plain=plain)
+    extents = [text.get_window_extent() for text in texts]
+    for (one, here), (other, there) in itertools.combinations(zip(texts, extents, strict=True), 2):
+        assert not here.overlaps(there), (one.get_text(), other.get_text())
+    inside = axes.figure.bbox
+    boxes = [patch.get_window_extent() for patch in axes.patches if hasattr(patch, "get_boxstyle")]
+    for text, extent in zip(texts, extents, strict=True):
+        for frame in [inside, *(box for box in boxes if box.overlaps(extent))]:
+            assert frame.x0 <= extent.x0 < extent.x1 <= frame.x1, text.get_text()
+    assert len(boxes) == len(names)
+
+
+def test_a_label_names_topics_and_their_type_or_plain_words():
+    _, texts = drawn(declared(LOOP))
+    assert "/reference\n/next_reference\nPoseStamped" in [text.get_text() for text in texts]
+    _, texts = drawn(declared(LOOP), plain=True)
+    assert "waypoint\nnext waypoint" in [text.get_text() for text in texts]
+
+
+def test_nodes_that_nobody_knows_are_drawn_too():
+    own = Connection("my_planner", "/reference", "geometry_msgs/msg/PoseStamped", "velocity_controller")
+    far = Connection("talker", "/chatter", "std_msgs/msg/String", "listener")
+    for connections, names in (({own}, {"my_planner", "velocity_controller"}), ({far}, {"talker", "listener"})):
+        _, texts = drawn(frozenset(connections))
+        assert names <= {text.get_text() for text in texts}

@@ -1,0 +1,81 @@
+"""The notebooks: they run from top to bottom in a clean kernel, and what is stored is the output of such a run."""
+
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nbclient", reason="needs the extra [dev]")
+
+import nbformat
+from jupyter_client import AsyncKernelManager
+from jupyter_client.kernelspec import KernelSpecManager
+from nbclient import NotebookClient
+
+FOLDER = Path(__file__).parents[2] / "notebooks"
+NAMES = sorted(path.name for path in FOLDER.glob("*.ipynb"))
+PATIENCE = 300
+"""Longest wait for a cell, s: far above what it takes."""
+MAX_BYTES = 600_000
+ABSOLUTE_PATH = re.compile(rf"(?<![\w.])/(?:home|mnt|opt|root|tmp|Users|usr|var)/|{re.escape(str(FOLDER.parent))}")
+LINK = re.compile(r"\]\(([^):#]+)\)")
+
+
+needs_extras = pytest.mark.skipif(
+    not all(map(find_spec, ("stable_baselines3", "rosidl_generator_py"))), reason="needs the extras [agents] and [ros]"
+)
+
+
+def read(name):
+    return nbformat.read(FOLDER / name, as_version=4)
+
+
+def code_cells(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def texts(output):
+    """Return what of an output is text."""
+    shown = output.get("data", {})
+    return [output.get("text", ""), *(text for kind, text in shown.items() if not kind.startswith("image/"))]
+
+
+def test_there_are_notebooks():
+    assert len(NAMES) >= 3
+
+
+@needs_extras
+@pytest.mark.parametrize("name", NAMES)
+def test_it_runs_from_top_to_bottom_in_a_clean_kernel(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("TURTLEBOT_GYM_QUICK", "1")
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path))  # nobody's start-up files
+    monkeypatch.setenv("TMPDIR", str(tmp_path))  # where a notebook leaves what it trains
+    # Without folders of kernels there is only the interpreter that runs the tests.
+    kernel = AsyncKernelManager(kernel_spec_manager=KernelSpecManager(kernel_dirs=[]))
+    client = NotebookClient(read(name), km=kernel, timeout=PATIENCE, resources={"metadata": {"path": str(FOLDER)}})
+    client.execute(cleanup_kc=True)  # raises CellExecutionError where a cell fails
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_stored_as_it_ran(name):
+    notebook = read(name)
+    nbformat.validate(notebook)
+    cells = code_cells(notebook)
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+    assert not [output for output in outputs if output.output_type == "error" or output.get("name") == "stderr"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_suits_any_machine_and_a_code_host(name):
+    notebook = read(name)
+    said = [text for cell in code_cells(notebook) for output in cell.outputs for text in texts(output)]
+    said += [cell.source for cell in notebook.cells]
+    assert not [text for text in said if ABSOLUTE_PATH.search(text)]
+    assert notebook.metadata.kernelspec.name == "python3"
+    assert "widgets" not in notebook.metadata
+    sources = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    assert not [link for source in sources for link in LINK.findall(source) if not (FOLDER / link).exists()]
+    assert (FOLDER / name).stat().st_size < MAX_BYTES
