@@ -1,0 +1,30 @@
+"""The command line's reference: what each command says of itself."""
+
+import os
+from contextlib import redirect_stdout, suppress
+from io import StringIO
+
+import mkdocs_gen_files
+
+from turtlebot_gym_agents.cli import COMMANDS
+from turtlebot_gym_agents.cli import main as turtlebot_gym
+from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
+
+os.environ["COLUMNS"] = "100"
+
+
+def help_of(main, *words):
+    """Return what a command prints when it is asked for help."""
+    with redirect_stdout(StringIO()) as told, suppress(SystemExit):
+        main([*words, "--help"])
+    return told.getvalue().strip()
+
+
+with mkdocs_gen_files.open("reference/commands.md", "w") as page:
+    print("# Command line\n\nWhat the commands print with `--help`.\n", file=page)
+    for name in COMMANDS:
+        print(f"## turtlebot-gym {name}\n\n```text\n{help_of(turtlebot_gym, name)}\n```\n", file=page)
+    print(f"## python -m turtlebot_gym_ros\n\n```text\n{help_of(turtlebot_gym_ros)}\n```\n", file=page)
+    for name in ("bringup", "status"):
+        text = help_of(turtlebot_gym_ros, name)
+        print(f"## python -m turtlebot_gym_ros {name}\n\n```text\n{text}\n```\n", file=page)

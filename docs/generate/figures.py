@@ -1,0 +1,35 @@
+"""The block diagrams, drawn from what the blocks declare; and what the pages show of benchmarks and notebooks."""
+
+import io
+from pathlib import Path
+
+import mkdocs_gen_files
+from matplotlib.figure import Figure
+
+from turtlebot_gym_ros.diagram import declared, draw
+from turtlebot_gym_ros.graph import MODES
+
+LOOP = MODES["autonomous"]
+GUARDED = (*LOOP, "cmd_vel_guard", "simulated_teleop")
+"""On a robot: the guard and a person come in; the simulator stands for the robot."""
+
+
+def save(path, names, *, size, plain):
+    """Draw nodes and what they tell each other into the site."""
+    figure = Figure(figsize=size, layout="constrained")
+    draw(figure.subplots(), declared(names), plain=plain)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="svg", bbox_inches="tight", facecolor="white", metadata={"Date": None})
+    with mkdocs_gen_files.open(path, "wb") as file:
+        file.write(drawn.getvalue())
+
+
+save("concepts/loop.svg", LOOP, size=(8.0, 4.0), plain=True)
+save("concepts/graph.svg", LOOP, size=(8.0, 4.0), plain=False)
+save("concepts/guarded.svg", GUARDED, size=(9.0, 5.2), plain=False)
+for path in Path("benchmarks").glob("robustness.*"):
+    with mkdocs_gen_files.open(str(path), "wb") as file:
+        file.write(path.read_bytes())
+for path in Path("notebooks").glob("*.ipynb"):
+    with mkdocs_gen_files.open(str(path), "w") as file:
+        file.write(path.read_text(encoding="utf-8").replace(".ipynb)", ".html)"))  # they are pages here

@@ -1,0 +1,56 @@
+"""The presets' page: every robot, noise and filter that has a name, with its numbers and with what its source says of it."""
+
+from dataclasses import fields, is_dataclass
+
+import griffe
+import mkdocs_gen_files
+
+from turtlebot_gym import presets
+from turtlebot_gym.robots import ROBOTS, Robot
+
+code = griffe.load("turtlebot_gym")
+
+
+def said(path):
+    """Return a docstring of the package, on one line."""
+    return " ".join(code[path].docstring.value.split())
+
+
+def number(value):
+    """Return a value as a reader wants it."""
+    if isinstance(value, tuple):
+        return "(" + ", ".join(map(number, value)) + ")"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def differences(value, path=""):
+    """Yield the fields of a parameter class that are not at their defaults, as ``name = value``."""
+    for field in fields(value):
+        each = getattr(value, field.name)
+        if is_dataclass(each):
+            yield from differences(each, f"{path}{field.name}.")
+        elif each != field.default:
+            yield f"`{path}{field.name} = {number(each)}`"
+
+
+with mkdocs_gen_files.open("reference/presets.md", "w") as page:
+
+    def table(*columns):
+        """Begin a table."""
+        print(f"\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", file=page)
+
+    print("# Presets\n\nWhere a name is taken, so are [parameters of your own](../howto/preset.md).\n\n## Robots", file=page)
+    table("", *ROBOTS)
+    for field in fields(Robot):
+        row = " | ".join(number(getattr(robot, field.name)) for robot in ROBOTS.values())
+        print(f"| `{field.name}`: {said(f'robots.Robot.{field.name}')} | {row} |", file=page)
+    print("\n## Noise\n\nFields that are not given are at their defaults: no noise.", file=page)
+    table("name", "what it is", "parameters")
+    for name, noise in presets.NOISES.items():
+        print(f"| `{name}` | {said(f'presets.{name.upper()}')} | {', '.join(differences(noise))} |", file=page)
+    print(f"\n## Filters\n\n`matched` follows from the noise in force: {said('presets.matched').partition('. ')[2]}", file=page)
+    print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}", file=page)
+    table("filter", "noise", "parameters")
+    for name, noise in presets.NOISES.items():
+        print(f"| `matched` | `{name}` | {', '.join(differences(presets.matched(noise)))} |", file=page)
+    print(f"| `tutorial` | any | {', '.join(differences(presets.TUTORIAL_FILTER))} |", file=page)

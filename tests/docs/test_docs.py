@@ -1,0 +1,257 @@
+"""The documentation: each code block in it and in the README is run or checked, it builds without a warning, links hold."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import NamedTuple
+from unittest.mock import patch
+from urllib.parse import unquote, urlsplit
+from xml.etree import ElementTree
+
+import gymnasium as gym
+import pytest
+import yaml
+from markdown_it import MarkdownIt
+
+import turtlebot_gym
+
+pytest.importorskip("rclpy", reason="needs the extra [ros]")
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.cli import COMMANDS
+from turtlebot_gym_ros.__main__ import NODES
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
+KINDS = ("python", "bash", "yaml", "console", "text")
+"""Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
+QUICK = {
+    "evaluate": {"episodes": "20"},
+    "replay": {"seeds": "2"},
+    "train": {"steps": "2048", "evaluations": "1"},
+    "tune": {"steps": "2048", "trials": "1"},
+    "bringup": {"duration": "3"},
+}
+"""Options that make the commands of the pages short; all others are left as they stand."""
+
+
+class Block(NamedTuple):
+    kind: str
+    title: str
+    text: str
+    line: int
+
+
+def parsed(path):
+    return MarkdownIt("commonmark").enable("table").parse(path.read_text(encoding="utf-8"))
+
+
+def blocks_of(path):
+    """Return the code blocks of a page; a title is the name of the file that a block is."""
+    found = []
+    for token in parsed(path):
+        if token.type == "fence":
+            kind, _, rest = token.info.partition(" ")
+            title = rest.removeprefix('title="').removesuffix('"')
+            assert rest in ("", f'title="{title}"'), f"{path}: {token.info}"
+            assert token.map is not None
+            found.append(Block(kind, title, token.content, token.map[0] + 1))
+    return found
+
+
+def shortened(line):
+    """Return a command with the options of `QUICK`."""
+    command = re.match(r"(?:turtlebot-gym|python -m turtlebot_gym_ros) (\w+)", line)
+    options = QUICK.get(command[1], {}) if command else {}
+    code = line.partition("  #")[0]
+    for name, value in options.items():
+        code = re.sub(rf" --{name} \S+", "", code) + f" --{name} {value}"
+    return code
+
+
+def environment():
+    search = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    return {**os.environ, "PATH": search, "DISABLE_MKDOCS_2_WARNING": "true", "NO_MKDOCS_2_WARNING": "true"}
+
+
+def run(text):
+    """Run a bash block, shortened."""
+    script = "\n".join(map(shortened, text.splitlines()))
+    done = subprocess.run(["bash", "-euo", "pipefail", "-c", script], env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+
+
+def write_drive(path):
+    """Write a recorded drive, as `replay` reads them: 10 s straight ahead."""
+    rows = [f"{0.1 * k:.1f},0.2,0.0,{0.02 * k:.2f},0.0,0.0" for k in range(101)]
+    path.write_text("\n".join(["t,vx,gyro,px,py,theta", *rows]))
+
+
+@pytest.fixture(params=PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def page(request):
+    return request.param
+
+
+def test_code_blocks_work(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_drive(tmp_path / "drive.csv")
+    names = {"__name__": "page"}
+    with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
+        for block in blocks_of(page):
+            if block.title:
+                Path(block.title).write_text(block.text)
+            if block.kind == "python":
+                exec(compile("\n" * block.line + block.text, page, "exec"), names)
+            elif block.kind == "bash":
+                run(block.text)
+            elif block.kind == "yaml":
+                yaml.safe_load(block.text)
+
+
+def test_no_code_block_is_left_out(page):
+    assert {block.kind for block in blocks_of(page)} <= {*KINDS}
+    assert not [token for token in parsed(page) if token.type == "code_block"]  # indented ones have no language
+    shown = [line for block in blocks_of(page) if block.kind == "text" for line in block.text.splitlines()]
+    assert not [line for line in shown if re.match(r"(\$ |turtlebot-gym |python |pip |ros2 |make )", line)]
+
+
+def test_the_commands_of_the_pages_are_made_short():
+    assert (
+        shortened("turtlebot-gym evaluate --episodes 1000 --seed 3  # long") == "turtlebot-gym evaluate --seed 3 --episodes 20"
+    )
+    assert shortened("python -m turtlebot_gym_ros bringup") == "python -m turtlebot_gym_ros bringup --duration 3"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built documentation."""
+    pytest.importorskip("mkdocs", reason="needs the extra [docs]")
+    folder = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(build, cwd=ROOT, env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout + done.stderr == ""
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ros(site):
+    return (site / "reference" / "ros.html").read_text(encoding="utf-8")
+
+
+def check(line, ros):
+    """Check the names in a command that cannot be run here, against the code and the reference that is made from it."""
+
+    def known(*names):
+        for name in names:
+            assert f"<code>{name}</code>" in ros, f"{name} is not in the ROS reference"
+
+    match shlex.split(line, comments=True):
+        case []:
+            pass
+        case ["ros2", "launch", "turtlebot_gym_ros", file, *given]:
+            arguments = {each.get("name") for each in ElementTree.parse(LAUNCHES / file).iter("arg")}
+            assert {each.partition(":=")[0] for each in given} <= arguments
+        case ["ros2", "service", "call", service, kind, _]:
+            known(service, kind)
+        case ["ros2", "topic", "pub", "--rate", _, topic, kind, _]:
+            known(topic, kind)
+        case ["ros2", "run", "teleop_twist_keyboard", "teleop_twist_keyboard", "--ros-args", "-r", remapping, *_]:
+            known("/" + remapping.partition(":=")[2])
+        case ["python", "-m", "turtlebot_gym_ros", node]:
+            assert node in NODES
+        case ["make", target]:
+            assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        case ["pip", "install", where]:
+            assert re.fullmatch(r"\.\[\w+\]", where)
+            assert re.search(rf"^{where[2:-1]} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+        case ["colcon", "build", "--base-paths", path]:
+            assert (ROOT / path / "package.xml").is_file()
+        case ["source", "install/setup.bash"] | [".", ".venv/bin/activate"]:
+            pass
+        case _:
+            pytest.fail(f"this command is neither run nor checked: {line}")
+
+
+def test_commands_that_cannot_be_run_name_what_there_is(page, ros):
+    for block in blocks_of(page):
+        if block.kind == "console":
+            for line in block.text.splitlines():
+                check(line, ros)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "ros2 launch turtlebot_gym_ros robot.launch.xml polcy:=bearing",
+        "ros2 service call /velocity_controller/enabel std_srvs/srv/SetBool '{data: true}'",
+        "ros2 topic pub --rate 10 /emergency std_msgs/msg/Bool '{data: false}'",
+        "python -m turtlebot_gym_ros kalman",
+        "make everything",
+        "rosrun turtlebot_gym_ros kalman_filter",
+    ],
+)
+def test_wrong_names_are_noticed(line, ros):
+    with pytest.raises((AssertionError, pytest.fail.Exception)):
+        check(line, ros)
+
+
+class Html(HTMLParser):
+    """What a page refers to, and what in it can be referred to."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.links, self.loads, self.ids = [], [], set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
+        if tag == "a" and given.get("href"):
+            self.links.append(given["href"])
+        elif given.get("src") or (tag == "link" and given.get("href")):
+            self.loads.append(given.get("src") or given["href"])
+
+
+def test_links_and_figures_of_the_site_exist(site):
+    pages = {path: Html(path) for path in site.rglob("*.html")}
+    for path, html in pages.items():
+        for target in {*html.links, *html.loads}:
+            parts = urlsplit(target)
+            if parts.scheme or path.name == "404.html":
+                continue
+            there = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            assert there.exists(), f"{path.relative_to(site)}: {target}"
+            assert not parts.fragment or there.suffix != ".html" or parts.fragment in pages[there].ids, f"{path.name}: {target}"
+
+
+def test_the_site_needs_no_network(site):
+    for path in site.rglob("*.html"):
+        if path.parent.name != "notebooks":  # nbconvert has their formulas set by MathJax, from a server
+            assert not [each for each in Html(path).loads if urlsplit(each).scheme not in ("", "data")], path
+
+
+def test_the_reference_is_complete(site, ros):
+    html = {path.stem: Html(path).ids for path in (site / "reference").glob("*.html")}
+    assert {name for name in NODES if name not in ("bringup", "status")} <= html["ros"]
+    assert {f"turtlebot-gym-{name}" for name in COMMANDS} <= html["commands"]
+    presets = (site / "reference" / "presets.html").read_text()
+    assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)
+    environments = (site / "reference" / "environments.html").read_text()
+    assert all(f"<code>turtlebot_gym/TurtleBot{name}-v0</code>" in environments for name in ("Nav", "Pose", "Square"))
+    assert {"turtlebot_gym.estimation.ekf.update", "turtlebot_gym.tasks.Task"} <= html["turtlebot_gym"]
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])
+def test_links_between_files_exist(name):
+    path = ROOT / name
+    inline = [child for token in parsed(path) for child in token.children or ()]
+    targets = [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]
+    for target in targets:
+        if not urlsplit(target).scheme:
+            assert (path.parent / target).exists(), target
