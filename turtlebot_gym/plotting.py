@@ -78,12 +78,15 @@ def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -
         trajectory: The drive.
         ellipses: About how many, evenly spaced in time.
     """
+    from matplotlib.collections import PolyCollection  # heavy, and not needed on a robot
+
     truth, estimate, covariance = trajectory.true_state, trajectory.estimate, trajectory.covariance
     _plot(axes, truth[:, 0], truth[:, 1], _TRUTH)
     _plot(axes, estimate[:, 0], estimate[:, 1], _ESTIMATE)
     known = np.flatnonzero(np.isfinite(covariance[:, :2, :2]).all((1, 2)) & np.isfinite(estimate[:, :2]).all(1))
-    for at in known[:: max(1, len(known) // ellipses)]:
-        axes.fill(*ellipse(estimate[at], covariance[at]).T, **_BAND)
+    outlines = [ellipse(estimate[at], covariance[at]) for at in known[:: max(1, len(known) // ellipses)]]
+    if outlines:
+        axes.add_collection(PolyCollection(outlines, **_BAND))  # one entry in a legend, however many ellipses
     _plot(axes, trajectory.odometry[:, 0], trajectory.odometry[:, 1], _ODOMETRY)
     _draw_places(axes, [trajectory])
     return axes
@@ -187,7 +190,8 @@ def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
         axes.update_datalim(np.stack([x + u, y + v], axis=-1))  # or the axes could end short of the tips
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.margins(0.05)
-    axes.set_aspect("equal", adjustable="datalim")
+    shared = axes in axes.get_shared_x_axes() and axes in axes.get_shared_y_axes()
+    axes.set_aspect("equal", adjustable="box" if shared else "datalim")  # limits that are both shared cannot fill the panel
     axes.grid(alpha=0.3)
 
 

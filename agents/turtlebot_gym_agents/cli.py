@@ -49,7 +49,8 @@ class Evaluate:
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
     policy: tuple[str, ...] = ("proportional", "bearing")
-    """proportional, bearing, or module:callable for one of your own."""
+    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
+    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
     noise: tuple[str, ...] = ("tutorial",)
     """Noise presets: clean, tutorial, documented, wheel, rough."""
     filter: str = "matched"

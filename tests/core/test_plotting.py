@@ -93,6 +93,37 @@ def test_trajectory_shows_truth_estimate_and_every_measurement():
     assert {tuple(point) for point in line(drawn, "waypoint").get_xydata()} == {(1.0, 0.0), (-1.0, 0.0)}
 
 
+def test_a_legend_of_the_axes_names_each_series_once():
+    drawn = draw_trajectory(axes(), drive())
+    names = drawn.get_legend_handles_labels()[1]
+    assert sorted(names) == sorted(["truth", "estimate", ESTIMATE_WITHIN, "odometry", "waypoint", "start"])
+
+
+def test_ellipses_are_those_of_the_estimate_and_lie_in_the_view():
+    flown = drive(samples=24)
+    flown.covariance[:] = np.diag([4.0, 1.0, 0.0, 0.0, 0.0])
+    drawn = draw_trajectory(axes(), flown, ellipses=12)
+    (band,) = drawn.collections[:1]
+    for at, outline in zip(range(0, 24, 2), band.get_paths(), strict=True):
+        np.testing.assert_allclose(outline.vertices[:49], ellipse(flown.estimate[at], flown.covariance[at]))
+    left, right = drawn.get_xlim()
+    assert left < flown.estimate[0, 0] - 4.0 < flown.estimate[0, 0] + 4.0 < right
+
+
+@pytest.mark.parametrize("shared", [{}, {"sharex": True}, {"sharey": True}, {"sharex": True, "sharey": True}])
+def test_maps_may_share_their_axes(shared):
+    figure = Figure()
+    panels = figure.subplots(1, 2, **shared)
+    for panel, turns in zip(panels, (0.2, 1.0), strict=True):
+        draw_trajectory(panel, drive(turns=turns))
+    figure.draw_without_rendering()
+    for panel in panels:
+        (x0, y0), (x1, y1) = panel.transData.transform([(0.0, 0.0), (1.0, 1.0)])
+        assert x1 - x0 == pytest.approx(y1 - y0)  # a metre is as long in either direction
+    if len(shared) == 2:
+        assert panels[0].get_xlim() == panels[1].get_xlim()
+
+
 def test_components_and_commands_are_what_was_recorded():
     flown = drive()
     for at, component in enumerate(("x", "y")):

@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
     parser.add_argument("--speed", type=float, default=1.0, help="how many times faster than real time (default 1)")
-    parser.add_argument("--policy", help='"bearing" (default), "proportional" or module:callable')
+    parser.add_argument("--policy", help="bearing (default) or another baseline, ppo-square, FILE.onnx, or module:callable")
     parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
     parser.add_argument("--filter", help='"matched" (default) or "tutorial"')

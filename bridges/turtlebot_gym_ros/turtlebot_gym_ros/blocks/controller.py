@@ -39,7 +39,7 @@ class VelocityController:
         """Parameters of the controller."""
 
         policy: str = "bearing"
-        """"proportional", "bearing", or "module:callable" for a callable from observations to actions."""
+        """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         period: float = 0.1
