@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from itertools import islice, permutations
 from math import cos, sin
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -24,7 +25,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import rclpy
 import tyro
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
 from rclpy.clock import Clock
@@ -53,6 +54,9 @@ FAR = Pose(1000.0, 0.0, 0.0)
 """A waypoint that is never reached."""
 MOVERS = ("cmd_vel_guard", "velocity_controller")
 """Nodes that have to be enabled. On an overloaded machine both may take the emergency stop for silent at any time."""
+NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
+ORDERS = [NODES, NODES[::-1], *islice(permutations(NODES), 7, 23, 4)]
+"""Each node is first, second, third and last in some of these, and before and after every other."""
 GUARDED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
 """Remappings with which the guard stands between controller and robot."""
 
@@ -280,6 +284,24 @@ def same(commands: ArrayLike, others: ArrayLike) -> int:
     return int((np.abs(np.subtract(commands, others)) < 1e-9).all(1).sum())
 
 
+def starts() -> tuple[list[Figure], dict[str, Any]]:
+    """Measure the time from launching four processes at once, in several orders, until all of them are heard."""
+    seconds = []
+    for order in ORDERS:
+        with graph(speaks=False, remappings={}) as (probe, nodes):
+            topics = {"odom": Odometry, "estimate": Odometry, "reference": PoseStamped, "cmd_vel": TwistStamped}
+            silent = set(topics)
+            for topic, kind in topics.items():
+                probe.node.create_subscription(kind, topic, lambda _, silent=silent, topic=topic: silent.discard(topic), 10)
+            for name in order:
+                nodes.start(name, **({"start_enabled": True} if name == "velocity_controller" else {}))
+            begin = time.monotonic()
+            probe.until(lambda silent=silent: not silent)
+            seconds.append(time.monotonic() - begin)
+    name = f"all of 4 processes are heard, slowest of {len(ORDERS)} orders"
+    return [Figure(name, max(seconds), "s", 5.0)], {"seconds": dict(zip(map(" ".join, ORDERS), seconds, strict=True))}
+
+
 def latency(config: Config) -> tuple[list[Figure], dict[str, Any]]:
     """Measure the time from odometry to the command that it leads to, filter and controller each in a process of its own."""
     n = config.messages
@@ -440,6 +462,7 @@ def faults(config: Config) -> tuple[list[Figure], dict[str, Any]]:
 def measure(config: Config) -> dict[str, Any]:
     """Return the results of all parts, each with the load of the machine before and after it (1 min average)."""
     parts: dict[str, Callable[[], tuple[list[Figure], dict[str, Any]]]] = {
+        "start": starts,
         "latency": lambda: latency(config),
         "graph at 20 Hz": lambda: watch(rate=20.0, seconds=60.0 * config.memory_minutes),
         "graph at 50 Hz": lambda: watch(rate=50.0, seconds=config.jitter_seconds),

@@ -9,9 +9,9 @@ import sys
 import time
 import warnings
 from dataclasses import dataclass
+from importlib import import_module
 
 import pytest
-
 
 try:
     with warnings.catch_warnings():
@@ -24,7 +24,9 @@ except ImportError:
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
 from rclpy.time import Time
+from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -153,6 +155,22 @@ def launch(tmp_path):
             process.kill()
             process.communicate()
             pytest.fail(f"{process.args} did not end at SIGTERM")
+
+
+@pytest.fixture
+def read_bag():
+    def read(folder):
+        """Return what a bag holds: messages by topic, in order."""
+        held = {}
+        with AnyReader([folder]) as reader:
+            for connection, _, data in reader.messages():
+                reader.deserialize(data, connection.msgtype)  # the definition is in the bag, and fits
+                package, _, name = connection.msgtype.split("/")
+                message = deserialize_message(data, getattr(import_module(f"{package}.msg"), name))
+                held.setdefault(connection.topic, []).append(message)
+        return held
+
+    return read
 
 
 class FakeTime:

@@ -45,16 +45,29 @@ def node(name, *parameters):
 
 
 @pytest.mark.parametrize("order", ORDERS, ids=lambda order: "-".join(name.split("_")[-1] for name in order))
-def test_it_starts_from_any_order_of_launching(launch, peer, wait_for, order):
-    heard = {topic: peer.hear(topic, kind) for topic, kind in TOPICS.items()}
-    processes = []
+def test_it_starts_from_any_order_and_the_bag_holds_all_that_was_heard(launch, peer, wait_for, read_bag, tmp_path, order):
+    heard = {topic: peer.hear(topic, kind, 1000) for topic, kind in TOPICS.items()}
+    logger = launch(*node("data_logger", "output:=run"))
+    processes = {}
     for name in order:
         if processes:  # not all at once: the node before is up, and has nobody to talk to
-            wait_for(lambda before=processes[-1][0]: before in peer.node.get_node_names())
-        processes.append((name, launch(*node(name, *FAST[name]))))
+            wait_for(lambda before=list(processes)[-1]: before in peer.node.get_node_names())
+        processes[name] = launch(*node(name, *FAST[name]))
     wait_for(lambda: all(heard.values()))
     wait_for(lambda: any(message.pose.pose.position.x > 0.5 for message in heard["true_state"]))
-    assert all(process.poll() is None for _, process in processes)
+    assert all(process.poll() is None for process in processes.values())
+    for process in [*processes.values(), logger]:  # the logger last, after all that the others say at their end
+        process.terminate()
+        process.wait(timeout=20.0)
+    held = read_bag(tmp_path / "run")
+    for topic, messages in heard.items():
+        recorded = held[f"/{topic}"]
+        if messages[0] in recorded:  # whichever was matched last
+            recorded = recorded[recorded.index(messages[0]) :]
+        else:
+            messages = messages[messages.index(recorded[0]) :]
+        assert messages == recorded, topic
+        assert len(messages) > 10, topic
 
 
 def test_it_drives_the_square_in_processes():

@@ -6,13 +6,12 @@ import shutil
 import signal
 import sys
 import time
-from importlib import import_module
 
 import pytest
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Goals, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from std_msgs.msg import String
@@ -26,18 +25,6 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def read(folder):
-    """Return what a bag holds: messages by topic, in order."""
-    held = {}
-    with AnyReader([folder]) as reader:
-        for connection, _, data in reader.messages():
-            reader.deserialize(data, connection.msgtype)  # the definition is in the bag, and fits
-            package, _, name = connection.msgtype.split("/")
-            message = deserialize_message(data, getattr(import_module(f"{package}.msg"), name))
-            held.setdefault(connection.topic, []).append(message)
-    return held
-
-
 def text(number, size=0):
     return String(data=f"{number}" + "x" * size)
 
@@ -47,7 +34,7 @@ def text(number, size=0):
 
 @pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("size", [0, 100_000])
-def test_an_unfinished_transaction_is_taken_back(tmp_path, storage, size):
+def test_an_unfinished_transaction_is_taken_back(tmp_path, storage, size, read_bag):
     # 100 messages of 100 kB do not fit into sqlite's cache: pages of the unfinished transaction are in the file already.
     bag = Bag(tmp_path / "run")
     connection = bag.add("/text", "std_msgs/msg/String", latched=True)
@@ -59,21 +46,21 @@ def test_an_unfinished_transaction_is_taken_back(tmp_path, storage, size):
         bag.write(connection, NOW + 1000 + k, serialize_message(text(k, size)))
     shutil.copytree(tmp_path / "run", tmp_path / "killed")  # as a kill would leave it
     rebuild(tmp_path / "killed" / "run.db3", tmp_path / "whole", storage)
-    assert read(tmp_path / "whole") == {"/text": committed}
+    assert read_bag(tmp_path / "whole") == {"/text": committed}
     with AnyReader([tmp_path / "whole"]) as reader:
         assert "transient_local" in str(reader.connections[0].ext.offered_qos_profiles).lower()
     bag.close("sqlite3")
-    assert len(read(tmp_path / "run")["/text"]) == 200
+    assert len(read_bag(tmp_path / "run")["/text"]) == 200
 
 
-def test_a_type_that_rosbags_does_not_know_is_learned(tmp_path, monkeypatch):
+def test_a_type_that_rosbags_does_not_know_is_learned(tmp_path, monkeypatch, read_bag):
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     bag = Bag(tmp_path / "run")
     goals = Goals(goals=[PoseStamped()])
     bag.write(bag.add("/goals", "nav_msgs/msg/Goals", latched=False), NOW, serialize_message(goals))
     bag.close("mcap")
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.mcap"]
-    assert read(tmp_path / "run") == {"/goals": [goals]}
+    assert read_bag(tmp_path / "run") == {"/goals": [goals]}
 
 
 # The node: a process of its own, with talkers and an independent listener in this one, on real DDS.
@@ -117,7 +104,7 @@ def end(process):
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_holds_every_message_that_another_subscriber_saw(start, peer, listener, matched, wait_for, tmp_path, storage):
+def test_holds_every_message_that_another_subscriber_saw(start, peer, listener, matched, wait_for, tmp_path, storage, read_bag):
     process = start(f"storage:={storage}")
     odom, goals = peer.speak("odom", Odometry), peer.speak("goals", Goals)
     note = peer.speak("note", String, LATCHED)
@@ -136,7 +123,7 @@ def test_holds_every_message_that_another_subscriber_saw(start, peer, listener, 
         wait_for(lambda k=k: len(heard["/odom"]) > k)
     wait_for(lambda: heard["/goals"] and heard["/note"])
     end(process)
-    held = read(tmp_path / "run")
+    held = read_bag(tmp_path / "run")
     assert len(heard["/odom"]) == 300
     for topic, messages in heard.items():
         assert held[topic] == messages, topic
@@ -161,10 +148,10 @@ def publish_and_kill(process, peer, matched, wait_for):
     return sent, killed
 
 
-def test_a_kill_loses_at_most_the_last_second(start, peer, matched, wait_for, tmp_path):
+def test_a_kill_loses_at_most_the_last_second(start, peer, matched, wait_for, tmp_path, read_bag):
     sent, killed = publish_and_kill(start(), peer, matched, wait_for)
     rebuild(tmp_path / "run" / "run.db3", tmp_path / "whole")
-    held = read(tmp_path / "whole")["/text"]
+    held = read_bag(tmp_path / "whole")["/text"]
     assert held == [message for _, message in sent[: len(held)]]
     # The commit comes each second, 0.5 s late on a very busy machine.
     assert len(held) >= sum(moment < killed - 1.5 for moment, _ in sent) > 50
@@ -179,7 +166,7 @@ def test_a_kill_without_commits_is_noticed(start, peer, matched, wait_for, tmp_p
         assert reader.message_count == 0
 
 
-def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener, matched, tmp_path):
+def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener, matched, tmp_path, read_bag):
     process = start()
     first = peer.speak("text", String, DEEP)
     matched(first)
@@ -190,11 +177,11 @@ def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener,
     second.publish(text(1))
     first.publish(text(2))
     end(process)
-    held = read(tmp_path / "run")["/text"]
+    held = read_bag(tmp_path / "run")["/text"]
     assert sorted(message.data for message in held) == ["0", "1", "2"]
 
 
-def test_of_two_types_on_a_topic_the_configured_one_is_kept(start, peer, listener, matched, wait_for, tmp_path):
+def test_of_two_types_on_a_topic_the_configured_one_is_kept(start, peer, listener, matched, wait_for, tmp_path, read_bag):
     process = start()
     wrong = listener.speak("cmd_vel", Twist)
     matched(wrong)  # better than nothing
@@ -205,7 +192,7 @@ def test_of_two_types_on_a_topic_the_configured_one_is_kept(start, peer, listene
     wait_for(lambda: wrong.get_subscription_count() == 0)
     right.publish(TwistStamped())
     assert "/cmd_vel is published as geometry_msgs/msg/Twist and geometry_msgs/msg/TwistStamped: only" in end(process)
-    assert read(tmp_path / "run")["/cmd_vel"] == [Twist(), TwistStamped()]
+    assert read_bag(tmp_path / "run")["/cmd_vel"] == [Twist(), TwistStamped()]
 
 
 def test_snapshots(start, peer, matched, wait_for, tmp_path):

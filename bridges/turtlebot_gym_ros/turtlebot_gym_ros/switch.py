@@ -87,12 +87,10 @@ class Switch:
         self.watch()
 
     def close(self) -> None:
-        """Stop the robot if it moves, and wait until that is heard."""
+        """Stop the robot if it moves."""
         moved = self.safety.phase != "silent"
         self.safety.stop("the node ends", now=self._now(), disable=True)
         for _ in range(3 if moved else 0):
             self._outputs.publish_stops()
             time.sleep(0.03)
         self._tell()
-        if moved:
-            self._outputs.flush()
