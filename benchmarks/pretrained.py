@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copyfile
+from typing import Literal
 
 import tyro
 from rich.console import Console
@@ -29,6 +30,8 @@ NOISES = ("tutorial", "documented", "rough")
 class Config:
     """Train and describe the shipped policies."""
 
+    tasks: tuple[Literal["nav", "pose", "square"], ...] = ("nav", "pose", "square")
+    """Which of them."""
     seed: int = 0
     """Of the trainings."""
     episodes: int = 2000
@@ -78,7 +81,8 @@ def main() -> None:
     """Train, evaluate, and write."""
     config = tyro.cli(Config, description=__doc__)
     config.out.mkdir(parents=True, exist_ok=True)
-    for name, (env, _) in TASKS.items():
+    for name in config.tasks:
+        env, _ = TASKS[name]
         folder = config.runs / name
         result = train(TrainingConfig(env=env, seed=config.seed, randomize=True), folder, resume=True)
         copyfile(folder / "policy.onnx", config.out / f"ppo-{name}.onnx")
