@@ -165,8 +165,16 @@ def speed_is_scaled(arbiter):
 
 def a_suspended_process_does_not_leap(arbiter):
     arbiter.step(0.0)
-    arbiter.hear("program", Command(0.2, 0.0), 10.0)
-    assert arbiter.step(10.0).v <= 2.5 * 0.04 + 1e-12
+    arbiter.hear("program", Command(0.2, 0.0), 0.3)
+    assert arbiter.step(0.3).v <= 2.5 * 0.04 + 1e-12
+
+
+def a_process_that_was_suspended_for_long_sends_zeros(arbiter):
+    assert drive(arbiter, 0.0, 1.0, AHEAD)[-1] == AHEAD  # which the wheels hold from then on
+    arbiter.hear("program", AHEAD, 10.0)  # was waiting for how long?
+    assert arbiter.step(10.0) == STOP
+    assert set(drive(arbiter, 10.02, 0.5)) == {STOP}
+    assert drive(arbiter, 10.52, 1.0, AHEAD)[-1] == AHEAD
 
 
 def a_new_robot_is_told_to_stop(arbiter):
@@ -239,6 +247,7 @@ LAWS = [
     (a_stale_pose_is_outside, {"geofence": 2.0}, parameter("geofence", 0.0)),
     (speed_is_scaled, {"speed_scale": 0.5}, parameter("speed_scale", 1.0)),
     (a_suspended_process_does_not_leap, {}, parameter("rate", 1.0)),
+    (a_process_that_was_suspended_for_long_sends_zeros, {}, parameter("max_age", 1e6)),
     (a_new_robot_is_told_to_stop, {}, sabotage("greet", deaf)),
 ]
 

@@ -220,6 +220,21 @@ def test_a_guard_can_start_again(robot, number):
     robot.drive()
 
 
+def test_a_guard_that_was_suspended_sends_zeros_first(robot):
+    """Meanwhile the wheels held a command, of which nobody knows any more."""
+    robot.drive()
+    guard, controller = robot.processes["cmd_vel_guard"], robot.processes["velocity_controller"]
+    guard.send_signal(signal.SIGSTOP)
+    controller.kill()
+    controller.wait(30)
+    time.sleep(1.5)  # longer than zeros are sent after a last command
+    assert robot.speeds[-1] > 0.0
+    guard.send_signal(signal.SIGCONT)
+    robot.wait_for(lambda: robot.speeds[-1] == 0.0)
+    robot.start("velocity_controller")
+    robot.drive()
+
+
 def test_the_emergency_stop_stops_controller_and_guard(robot):
     robot.drive()
     emergency = robot.peer.speak("emergency_stop", Bool)

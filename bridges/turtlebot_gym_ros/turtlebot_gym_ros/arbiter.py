@@ -108,7 +108,11 @@ class Arbiter:
 
     def step(self, now: float) -> Command | None:
         """Return what to publish now; nothing if nobody commands or nothing has changed."""
-        # A process that was suspended must not make up for it by one large step of the ramp.
+        # A process that was suspended knows neither how old is what it hears now, nor what the wheels have held meanwhile ...
+        if now - self._then > self._p.max_age:
+            self._heard.clear()
+            self._zeros_until = now + ZEROS
+        # ... and must not make up for it by one large step of the ramp.
         dt, self._then = min(now - self._then, 2.0 / self._p.rate), now
         if self._emergency is not None and now - self._emergency[0] > EMERGENCY_SILENCE:
             self.emergency = True

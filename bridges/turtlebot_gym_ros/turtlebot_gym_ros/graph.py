@@ -35,13 +35,13 @@ PATIENCE = 60.0
 
 
 class Graph:
-    """A running graph, which ends with its ``with`` block.
+    """A running graph, which ends with its ``with`` block; in a notebook, `start` and `close` stand in cells of their own.
 
         with Graph(policy="bearing", speed=10.0) as graph:
             graph.wait_until(lambda graph: graph.state == "silent: done")
             trajectory = graph.trajectory()
 
-    When it is entered, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
+    When it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
 
     Args:
         mode: "autonomous" or "teleoperation".
@@ -85,6 +85,13 @@ class Graph:
         return {"use_sim_time": True, **chosen} if speed != 1.0 else chosen
 
     def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11
+        return self.start()
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def start(self) -> Graph:
+        """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
         try:
             self._recorder = Recorder(self._runner.context, stamped=self._stamped)
@@ -97,9 +104,6 @@ class Graph:
             self.close()
             raise
         return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _start(self, name: str) -> None:
         given = self._parameters[name]
