@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check bench bench-ros docs build clean
+.PHONY: help demo test test-slow check bench bench-ros docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -47,6 +47,9 @@ check: $(READY)  ## style, types and the direction of imports
 bench: $(READY)  ## speed, as ratios in one run
 	@mkdir -p $(OUT)
 	$(RUN)turtlebot-gym benchmark --json $(OUT)/speed.json
+
+notebooks: $(READY)  ## execute the notebooks and store their outputs
+	$(RUN)python notebooks/execute.py notebooks/*.ipynb
 
 docs: $(READY)  ## build the documentation into out/docs
 	DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=true $(RUN)python -m mkdocs build --strict --site-dir $(abspath $(OUT))/docs

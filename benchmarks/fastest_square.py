@@ -1,8 +1,9 @@
 """How fast the square could be driven by a robot that knows everything: a bound on what any policy can reach.
 
-The way is a chain of straight lines from the origin through a point of each waypoint's disc; any other way through these points is
-longer, and turns at least as much. A robot at its wheels' limit, where ``|v| + |omega| b / 2`` is bounded, gives up the way
-``b / 2`` for each radian that it turns, wherever it does so. The points are chosen by `scipy.optimize.minimize`, from several starts.
+The way is a chain of straight lines from the origin through a point of each waypoint's disc; any other way through these
+points is longer, and turns at least as much. A robot at its wheels' limit, where ``|v| + |omega| b / 2`` is bounded,
+gives up the way ``b / 2`` for each radian that it turns, wherever it does so. The points are chosen by
+`scipy.optimize.minimize`, from several starts.
 
 Run `python benchmarks/fastest_square.py`.
 """

@@ -8,27 +8,22 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from turtlebot_gym_agents.commands_learning import Export, Train, Tune
+from turtlebot_gym_agents.console import File, print_tables, progress
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.replay import Columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from rich.table import Table
 
     from turtlebot_gym_agents.evaluation import Evaluation
-
-File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 class Command(Protocol):
@@ -40,23 +35,13 @@ class Command(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate:
-    """Drive policies on the same seeds, and tell how well they do.
-
-    Of policies, noises and observations each combination is evaluated.
-    """
+class _Setting:
+    """What is driven, and where."""
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
-    policy: tuple[str, ...] = ("proportional", "bearing")
-    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
-    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
-    noise: tuple[str, ...] = ("tutorial",)
-    """Noise presets: clean, tutorial, documented, wheel, rough."""
     filter: str = "matched"
     """The filter's tuning: matched or tutorial."""
-    observation: tuple[str, ...] = ("ekf",)
-    """What policies are shown as the robot's pose: ekf, odometry, truth."""
     robot: str = "burger"
     """burger, waffle, turtlebot4 or tutorial."""
     switch: str | None = None
@@ -65,10 +50,30 @@ class Evaluate:
     """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
     laps: int | None = None
     """Square only: how often it is driven."""
-    episodes: int = 1000
-    """Episodes of each combination; episode i has the seed SEED + i."""
     seed: int = 0
     """The first seed."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the environment's keyword arguments."""
+        return {name: getattr(self, name) for name in ("filter", "robot", "switch", "arrival", "laps")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(_Setting):
+    """Drive policies on the same seeds, and tell how well they do.
+
+    Of policies, noises and observations each combination is evaluated.
+    """
+
+    policy: tuple[str, ...] = ("proportional", "bearing")
+    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
+    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    noise: tuple[str, ...] = ("tutorial",)
+    """Noise presets: clean, tutorial, documented, wheel, rough."""
+    observation: tuple[str, ...] = ("ekf",)
+    """What policies are shown as the robot's pose: ekf, odometry, truth."""
+    episodes: int = 1000
+    """Episodes of each combination; episode i has the seed SEED + i."""
     json: File = None
     """Write configuration, results and every episode's numbers here."""
     plot: File = None
@@ -83,7 +88,7 @@ class Evaluate:
         if not combinations:
             raise ValueError("policy, noise and observation must name at least one each.")
         evaluations: dict[str, Evaluation] = {}
-        with _progress(self.episodes * len(combinations)) as advance_to:
+        with progress(self.episodes * len(combinations)) as advance_to:
             for at, (policy, noise, observation) in enumerate(combinations):
                 evaluations[self._label(policy, noise, observation)] = evaluate(
                     policy,
@@ -92,14 +97,10 @@ class Evaluate:
                     seed=self.seed,
                     progress=lambda ended, done=at * self.episodes: advance_to(done + ended),
                     noise=noise,
-                    filter=self.filter,
                     observation=observation,
-                    robot=self.robot,
-                    switch=self.switch,
-                    arrival=self.arrival,
-                    laps=self.laps,
+                    **self.options(),
                 )
-        _print(*report.evaluation_tables(evaluations, title=f"{self.env}, {self.episodes} episodes, robot {self.robot}"))
+        print_tables(*report.evaluation_tables(evaluations, title=f"{self.env}, {self.episodes} episodes, robot {self.robot}"))
         if self.json is not None:
             runs = [
                 {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
@@ -114,6 +115,52 @@ class Evaluate:
         choices = (self.policy, self.noise, self.observation)
         told = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
         return ", ".join(told or names[:1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Video(_Setting):
+    """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
+
+    policy: str = "bearing"
+    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
+    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    noise: str = "tutorial"
+    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    observation: str = "ekf"
+    """What the policy is shown as the robot's pose: ekf, odometry, truth."""
+    out: Path = Path("episode.gif")
+    """The file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
+    seed: int = 0
+    """The episode's."""
+    speed: float = 4.0
+    """How much faster than the robot it plays."""
+    fps: int = 20
+    """Frames per second; of a GIF 1, 2, 4, 5, 10, 20, 25 or 50."""
+    width: int = 640
+    """Of the frames, pixels: even, from 160 to 640."""
+
+    def run(self) -> None:
+        """Record, and print what it has become."""
+        from turtlebot_gym_agents.video import record
+
+        with progress(100) as advance_to:
+            video = record(
+                self.policy,
+                self.out,
+                env=self.env,
+                seed=self.seed,
+                speed=self.speed,
+                fps=self.fps,
+                width=self.width,
+                progress=lambda steps, limit: advance_to(100 * steps // limit),
+                noise=self.noise,
+                observation=self.observation,
+                **self.options(),
+            )
+        print(
+            f"{self.out}: {video.duration:.1f} s, {video.size[0]} x {video.size[1]} pixels, {self.out.stat().st_size:,} bytes; "
+            f"the episode took {video.time:.1f} s and ended {'in' if video.success else 'without'} success."
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,13 +204,13 @@ class Replay:
         drives = {path: read_drive(path, columns=self.columns) for path in self.files}
         options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}
         results = {}
-        with _progress(self.seeds * len(drives)) as advance_to:
+        with progress(self.seeds * len(drives)) as advance_to:
             count = itertools.count(1)
             for path, drive in drives.items():
                 seeds = range(self.seed, self.seed + self.seeds)
                 results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
         named = {path.name: result for path, result in results.items()}
-        _print(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
+        print_tables(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
         if self.json is not None:
             runs = [{"file": path, **result.summary()} for path, result in results.items()]
             write_json(self.json, {"runs": runs}, config=asdict(self))
@@ -199,13 +246,14 @@ class Benchmark:
         result["environments"] = speed.environments(num_envs=self.num_envs, rounds=self.rounds, seconds=self.seconds)
         if self.training:
             result |= {"adapter_ns": speed.adapter(rounds=self.rounds), "training": speed.training()}
-        _print(*report.speed_tables(result))
+        print_tables(*report.speed_tables(result))
         if self.json is not None:
             write_json(self.json, result, config=asdict(self))
 
 
 COMMANDS: dict[str, type[Command]] = {
     "evaluate": Evaluate,
+    "video": Video,
     "replay": Replay,
     "train": Train,
     "tune": Tune,
@@ -236,22 +284,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it."""
-    console = Console(stderr=True)
-    columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda completed: bar.update(task, completed=completed)
-
-
-def _print(*tables: Table) -> None:
-    """Print tables to standard output; into a file or a pipe in full width."""
-    console = Console()
-    Console(width=console.width if console.is_terminal else 160).print(*tables)
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -7,18 +7,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 from rich.console import Console
 from rich.table import Table
 
+from turtlebot_gym_agents.console import File, print_tables
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.training import TrainingConfig
-
-File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +99,7 @@ class Train(_Setting):
                 str(folder / "policy.onnx"),
             )
             runs.append({"seed": seed, "folder": folder, **asdict(result)})
-        _print(table)
+        print_tables(table)
         if self.json is not None:
             write_json(self.json, {"runs": runs}, config=asdict(self))
 
@@ -134,7 +133,7 @@ class Tune(_Setting):
         table = Table("trial", "return", "hyper-parameters", title=f"{self.env}, {self.algo}: the best of {len(study.trials)}")
         for trial in complete[:5]:
             table.add_row(str(trial.number), f"{trial.value:.3f}", ", ".join(f"{k} {v}" for k, v in trial.params.items()))
-        _print(table)
+        print_tables(table)
         if self.json is not None:
             trials = [
                 {"number": one.number, "state": one.state.name, "return": one.value, "parameters": one.params}
@@ -209,9 +208,3 @@ def _needs_agents() -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[agents]'.") from error
-
-
-def _print(table: Table) -> None:
-    """Print a table to standard output; into a file or a pipe in full width."""
-    console = Console()
-    Console(width=console.width if console.is_terminal else 160).print(table)

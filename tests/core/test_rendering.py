@@ -14,7 +14,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.simulation import World
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS
 
-BODY, GREEN, BLACK, VERMILLION = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0)
+BODY, GREEN, BLACK, VERMILLION, SKY_BLUE = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0), (86, 180, 233)
 FAR = Pose(-1.8, -1.8, 0.0)
 
 
@@ -42,8 +42,8 @@ def make(mode="rgb_array", *, waypoints=None, **options):
     return Renderer(mode, **{"robot": ROBOTS["burger"], "task": task, "waypoints": waypoints, "dt": 0.1, "fps": 10, **options})
 
 
-def pixel(picture, x, y, *, centre=0.0, half=2.4):
-    """Return the colour at a point of the world: the view is the arena, or the square, and 0.4 m round it."""
+def pixel(picture, x, y, *, centre=0.0, half=2.5):
+    """Return the colour at a point of the world: the view is the arena, or the square, and 0.5 m round it."""
     row = HEADER + (centre + half - y) / (2.0 * half) * SIDE
     column = (x - centre + half) / (2.0 * half) * SIDE
     return tuple(picture[int(row), int(column)])
@@ -87,7 +87,7 @@ def test_the_square_fills_the_view():
     for corner in SQUARE_WAYPOINTS:
         picture = make(waypoints=SQUARE_WAYPOINTS).draw(world(corner, reference=Pose(1.0, 1.0, 0.0)))
         behind = corner.x - 0.05 * np.cos(corner.theta), corner.y - 0.05 * np.sin(corner.theta)
-        assert pixel(picture, *behind, centre=1.0, half=1.4) == BODY
+        assert pixel(picture, *behind, centre=1.0, half=1.5) == BODY
 
 
 def test_the_current_waypoint_stands_out_among_all():
@@ -95,7 +95,7 @@ def test_the_current_waypoint_stands_out_among_all():
     for picture, current in zip(pictures, SQUARE_WAYPOINTS, strict=True):
         for waypoint in SQUARE_WAYPOINTS:
             on_heading = waypoint.x + 0.15 * np.cos(waypoint.theta), waypoint.y + 0.15 * np.sin(waypoint.theta)
-            color = pixel(picture, *on_heading, centre=1.0, half=1.4)
+            color = pixel(picture, *on_heading, centre=1.0, half=1.5)
             assert (color == GREEN) == (waypoint is current)
             assert max(color) - min(color) > 30  # the others are there too, paler
 
@@ -114,7 +114,7 @@ def test_ellipse_grows_with_the_deviation(scale):
         rows, columns = np.nonzero(np.abs(picture[HEADER:].astype(int) - VERMILLION).max(-1) < 12)
         return np.ptp(rows), np.ptp(columns)
 
-    per_metre = SIDE / 4.8
+    per_metre = SIDE / 5.0
     for size in (0.1, 0.1 * scale):
         np.testing.assert_allclose(extent(size), 4.0 * size * per_metre, atol=4)
 
@@ -134,15 +134,26 @@ def test_odometry_stays_as_dots():
     renderer = make()
     for x in (-1.0, 0.05, 1.05):
         picture = renderer.draw(world(odometry=Pose(x, 1.55, 0.0)))
-    assert pixel(picture, 0.05, 1.55) == pixel(picture, 1.05, 1.55) == (86, 180, 233)
+    assert pixel(picture, 0.05, 1.55) == pixel(picture, 1.05, 1.55) == SKY_BLUE
     assert pixel(picture, 0.55, 1.55) == (255, 255, 255)
+
+
+def test_the_latest_odometry_stands_out_and_shows_its_heading():
+    renderer = make()
+    heading = 2.0
+    tip = 0.9 * ROBOTS["burger"].radius * np.array([np.cos(heading), np.sin(heading)])
+    latest = renderer.draw(world(odometry=Pose(0.05, 1.55, heading)))
+    past = renderer.draw(world(odometry=Pose(1.05, 1.55, heading)))
+    for x, picture, shown in ((0.05, latest, True), (1.05, past, True), (0.05, past, False)):
+        assert (pixel(picture, x + tip[0], 1.55 + tip[1]) == SKY_BLUE) == shown
+        assert pixel(picture, x, 1.55) == SKY_BLUE
 
 
 def test_a_robot_that_drives_away_stays_in_view_with_its_trail():
     renderer = make(robot=replace(ROBOTS["burger"], radius=0.5))
     for x in np.linspace(0.0, 9.0, 40):
         picture = renderer.draw(world(Pose(x, 0.5, 0.0)))
-        half = next(half for half in (2.4 * 1.25**step for step in range(9)) if x + 0.5 <= half)
+        half = next(half for half in (2.5 * 1.25**step for step in range(9)) if x + 0.5 <= half)
         assert pixel(picture, x - 0.15, 0.5, half=half) == BODY
         assert pixel(picture, x / 2.0, 0.5, half=half) == BLACK or x < 1.1  # a shorter trail is under the robot
     renderer.reset()

@@ -23,8 +23,8 @@ SIDE, HEADER = 640, 64
 """Side of the map, and height of the strip above it with the legend; pixels."""
 _FINE = 2
 """The picture is drawn so many times larger and then scaled down, which smooths every edge."""
-_MARGIN = 0.4
-"""Room round what is to be seen, m."""
+_MARGIN = 0.5
+"""Room round what is to be seen, m: for circles of arrival, noisy odometry and the scale."""
 _GROWTH = 1.25
 """A robot that leaves the view widens it by this factor."""
 _WHITE, _GRID, _GREY, _PALE_GREEN, _BODY = "#ffffff", "#ebebeb", "#666666", "#99d8c7", "#c8c8c8"
@@ -194,18 +194,18 @@ class Renderer:
     def _make_legend(self) -> Surface:
         """Return the strip above the map, which explains the symbols."""
         strip, size, row = self._surface(HEADER), 9 * _FINE, 44 * _FINE
-        robot, estimate, odometry, waypoint = ((column * _FINE, row) for column in (26, 124, 284, 396))
+        robot, estimate, odometry, waypoint = ((column * _FINE, row) for column in (26, 176, 336, 448))
         self._draw_robot(strip, robot, 0.0, size)
         outline = self._pygame.Rect(0, 0, 2.8 * size, 2.0 * size)
         outline.center = estimate
         self._pygame.draw.ellipse(strip, VERMILLION, outline, 2 * _FINE)
         self._draw_heading(strip, VERMILLION, estimate, 0.0, size, 2.0)
-        self._disc(strip, SKY_BLUE, odometry, 3 * _FINE)
+        self._draw_measurement(strip, odometry, 0.0, size)
         self._disc(strip, GREEN, waypoint, size, 2.5)
         self._draw_heading(strip, GREEN, waypoint, 0.0, size, 2.5)
-        self._write(strip, "robot", BLACK, midleft=(robot[0] + 1.6 * size, row))
+        self._write(strip, "robot (truth)", BLACK, midleft=(robot[0] + 1.6 * size, row))
         self._write(strip, ESTIMATE_WITHIN, BLACK, midleft=(estimate[0] + 2.0 * size, row))
-        self._write(strip, "odometry", BLACK, midleft=(odometry[0] + 1.0 * size, row))
+        self._write(strip, "odometry", BLACK, midleft=(odometry[0] + 1.6 * size, row))
         self._write(strip, "waypoint", BLACK, midleft=(waypoint[0] + 1.6 * size, row))
         return strip
 
@@ -214,7 +214,7 @@ class Renderer:
         row = 18 * _FINE
         self._write(surface, f"time {world.steps * self._dt:.1f} s", BLACK, midleft=(15 * _FINE, row))
         to_go = distance_to(world.true_state, world.reference)
-        self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(124 * _FINE, row))
+        self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(163 * _FINE, row))
 
     def _draw_trails(self, before: World, after: World) -> None:
         """Add a step to the paper."""
@@ -230,6 +230,7 @@ class Renderer:
         truth = world.true_state
         size = self._length(self._robot.radius)
         self._draw_robot(surface, self._at(truth.x, truth.y), truth.theta, size)
+        self._draw_measurement(surface, self._at(world.odometry.x, world.odometry.y), world.odometry.theta, size)
         self._draw_belief(surface, world.estimate.belief, size)
 
     def _draw_waypoint(self, surface: Surface, waypoint: Pose, color: str, width: float) -> None:
@@ -243,6 +244,11 @@ class Renderer:
         self._disc(surface, _BODY, centre, size)
         self._disc(surface, BLACK, centre, size, 2.5)
         self._draw_heading(surface, BLACK, centre, theta, size, 4.0)
+
+    def _draw_measurement(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
+        """Draw the latest pose of the odometry, larger than those before it."""
+        self._disc(surface, SKY_BLUE, centre, 4.5 * _FINE)
+        self._draw_heading(surface, SKY_BLUE, centre, theta, size, 2.5)
 
     def _draw_belief(self, surface: Surface, belief: Belief, size: float) -> None:
         """Draw the ellipse and the heading of what the filter believes."""

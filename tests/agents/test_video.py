@@ -1,0 +1,199 @@
+"""Videos: they show the episode that an evaluation measures, at the speed that was asked for, in colours that do not change."""
+
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from turtlebot_gym_agents.cli import main
+from turtlebot_gym_agents.evaluation import evaluate
+from turtlebot_gym_agents.policies import BearingPolicy
+from turtlebot_gym_agents.video import HOLD, record
+
+NAV, SQUARE = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotSquare-v0"
+WHITE, BLACK, VERMILLION, SKY_BLUE, GREEN = (255, 255, 255), (0, 0, 0), (213, 94, 0), (86, 180, 233), (0, 158, 115)
+
+
+def stand(observations):
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+
+def drive(seed, policy, **options):
+    """Return the environment's own pictures of an episode."""
+    env = gym.make(NAV, render_mode="rgb_array", **options)
+    observation, _ = env.reset(seed=seed)
+    pictures, ended = [env.render()], False
+    while not ended:
+        observation, _, terminated, truncated, _ = env.step(policy(observation))
+        pictures.append(env.render())
+        ended = terminated or truncated
+    env.close()
+    return pictures
+
+
+def read_gif(path):
+    """Return frames (n, height, width, 3) and how long each lasts, s."""
+    with Image.open(path) as image:
+        frames = [(np.asarray(frame.convert("RGB")), frame.info["duration"]) for frame in ImageSequence.Iterator(image)]
+    pictures, durations = zip(*frames, strict=True)
+    return np.array(pictures), np.array(durations) / 1000.0
+
+
+@pytest.mark.parametrize("seed", [2, 31])
+def test_it_is_the_first_episode_of_an_evaluation(tmp_path, seed):
+    video = record("bearing", tmp_path / "a.gif", seed=seed, speed=40.0, fps=10, width=160, noise="documented")
+    evaluation = evaluate("bearing", episodes=1, seed=seed, noise="documented")
+    assert video.time == pytest.approx(evaluation.episodes.time[0])
+    assert video.success == evaluation.episodes.success[0]
+    assert evaluate("bearing", episodes=1, seed=seed + 1, noise="documented").episodes.time[0] != pytest.approx(video.time)
+
+
+def test_frames_of_a_gif_are_the_environments_pictures(tmp_path):
+    record("bearing", tmp_path / "a.gif", seed=2, speed=4.0, fps=20)
+    frames, durations = read_gif(tmp_path / "a.gif")
+    pictures = drive(2, BearingPolicy())
+    shown = pictures[::2]  # 4 times as fast, 20 frames a second: every second step of 0.1 s
+    if len(pictures) % 2 == 0:
+        shown.append(pictures[-1])  # the end is shown in any case
+    assert frames.shape[0] == len(shown)
+    for frame, picture in zip(frames, shown, strict=True):
+        error = np.abs(frame.astype(int) - picture).max(-1)
+        assert np.mean(error > 16) < 0.01  # smoothed edges
+    np.testing.assert_allclose(durations[:-1], 0.05)
+    assert HOLD <= durations[-1] <= HOLD + 0.05
+
+
+def test_colours_are_exact_and_do_not_flicker(tmp_path):
+    record("bearing", tmp_path / "a.gif", seed=2)
+    frames, _ = read_gif(tmp_path / "a.gif")
+    for name, color in (("white", WHITE), ("black", BLACK), ("estimate", VERMILLION), ("odometry", SKY_BLUE), ("green", GREEN)):
+        assert (frames == color).all(-1).sum((1, 2)).min() > 5, name
+    legend = frames[:, 34:64]
+    assert np.ptp(legend, axis=0).max() == 0
+
+
+@pytest.mark.parametrize(("speed", "fps"), [(1.0, 10), (8.0, 20), (3.0, 25), (0.5, 50)])
+def test_it_plays_at_the_speed(tmp_path, speed, fps):
+    video = record("bearing", tmp_path / "a.gif", seed=2, speed=speed, fps=fps, width=160, robot="turtlebot4")
+    frames, durations = read_gif(tmp_path / "a.gif")
+    assert durations.sum() == pytest.approx(video.duration)
+    assert video.duration == pytest.approx((video.time + 0.1) / speed + HOLD, abs=1.5 / fps)
+    assert len(frames) <= round(video.time / 0.1) + 1
+
+
+def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    path = tmp_path / "a.mp4"
+    video = record("bearing", path, seed=2, fps=30, width=478)
+    assert video.size == (478, 526)
+    decode = [ffmpeg, "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(decode, capture_output=True, check=True)
+    assert b"Video: h264" in done.stderr
+    assert b"478x526" in done.stderr
+    assert b"30 fps" in done.stderr
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, *video.size[::-1], 3)
+    assert len(frames) == round(30.0 * video.duration)
+    record("bearing", tmp_path / "a.gif", seed=2, width=478)
+    for at, picture in zip((0, -1), read_gif(tmp_path / "a.gif")[0][[0, -1]], strict=True):
+        assert np.abs(frames[at].astype(int) - picture).mean() < 3.0
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # which tells other frames apart
+
+
+def test_a_policy_with_memory_is_reset(tmp_path):
+    class Memory:
+        masks = []
+
+        def reset(self, mask):
+            self.masks.append(mask)
+
+        def __call__(self, observations):
+            assert self.masks
+            assert observations.shape == (1, 13)
+            return stand(observations)
+
+    video = record(Memory(), tmp_path / "a.gif", speed=1000.0, width=160)
+    np.testing.assert_array_equal(Memory.masks, [[True]])
+    assert not video.success
+    assert video.time == pytest.approx(30.0)
+
+
+def test_progress_tells_steps_and_their_limit(tmp_path):
+    told = []
+    video = record("bearing", tmp_path / "a.gif", seed=2, speed=40.0, width=160, progress=lambda *steps: told.append(steps))
+    assert told == [(step, 300) for step in range(round(video.time / 0.1) + 1)]
+
+
+def test_the_command_writes_what_it_says(tmp_path, capsys):
+    path = tmp_path / "new" / "square.GIF"
+    options = [
+        "--env",
+        SQUARE,
+        "--noise",
+        "documented",
+        "--robot",
+        "tutorial",
+        "--seed",
+        "2",
+        "--laps",
+        "1",
+        "--arrival",
+        "belief",
+    ]
+    assert main(["video", *options, "--width", "320", "--speed", "20", "--out", str(path)]) == 0
+    told = capsys.readouterr()
+    assert not told.err
+    assert f"{path}: " in told.out
+    assert "320 x 352 pixels" in told.out
+    assert f"{path.stat().st_size:,} bytes" in told.out
+    assert "in success" in told.out
+    assert read_gif(path)[0].shape[1:] == (352, 320, 3)
+    assert [each.name for each in path.parent.iterdir()] == ["square.GIF"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--out", "a.avi"], "The suffix of a.avi must be one of '.gif', '.mp4', got '.avi'"),
+        (["--out", "a"], "must be one of '.gif', '.mp4', got ''"),
+        (["--out", "a.gif", "--fps", "30"], "fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50"),
+        (["--out", "a.mp4", "--fps", "0"], "fps must be a positive whole number, got 0"),
+        (["--speed", "nan"], "speed must be positive and finite, got nan"),
+        (["--width", "641"], "width must be an even whole number from 160 to 640, got 641"),
+        (["--seed", "-1"], "seed must be a whole number >= 0, got -1"),
+        (["--env", "CartPole-v1"], "env must be one of "),
+        (["--policy", "clever"], "policy must be one of "),
+        (["--noise", "loud"], "noise must be one of 'clean', "),
+        (["--laps", "2"], "draws its goal"),
+    ],
+)
+def test_what_is_not_possible_is_told_in_one_line(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["video", *arguments]) == 2
+    told = capsys.readouterr()
+    assert not told.out
+    assert told.err.startswith("turtlebot-gym: ")
+    assert message in told.err
+    assert told.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_mp4_without_ffmpeg_names_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert main(["video", "--out", str(tmp_path / "a.mp4")]) == 2
+    assert "pip install imageio-ffmpeg" in capsys.readouterr().err
+    assert main(["video", "--out", str(tmp_path / "a.gif"), "--speed", "40", "--width", "160"]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
+
+
+def test_a_gif_needs_none_of_the_extras(tmp_path):
+    code = f"""
+import sys
+from turtlebot_gym_agents.cli import main
+assert main(["video", "--speed", "40", "--width", "160", "--out", {str(tmp_path / "a.gif")!r}]) == 0
+assert not {{"torch", "onnxruntime", "stable_baselines3", "moviepy", "imageio_ffmpeg"}} & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert (tmp_path / "a.gif").read_bytes().startswith(b"GIF89a")
