@@ -1,8 +1,10 @@
-"""How nodes find each other: on this machine unless asked, and quickly."""
+"""How nodes find each other, on this machine unless asked, and quickly; and how they leave."""
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -79,3 +81,17 @@ def test_a_node_of_this_machine_that_serves_the_network_is_heard(launch, peer, w
     heard = peer.hear("talk", Empty)
     launch("-c", TALK, **{RANGE: "SUBNET"})
     wait_for(lambda: heard)
+
+
+@pytest.mark.parametrize("name", ["waypoint_generator", "cmd_vel_guard"])
+def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wait_for, name):
+    """Far sooner than the 20 s after which DDS takes a silent process for dead."""
+    process = launch("-m", "turtlebot_gym_ros", name)
+    wait_for(lambda: name in peer.node.get_node_names())
+    held = {os.path.realpath(link) for link in Path(f"/proc/{process.pid}/fd").iterdir()}
+    (lock,) = [each for each in held if re.fullmatch(r"/dev/shm/fastrtps_[0-9a-f]{16}_el", each)]
+    assert Path(lock.removesuffix("_el")).stat().st_size > 100_000
+    process.terminate()
+    assert process.wait(30) == 0
+    wait_for(lambda: name not in peer.node.get_node_names(), 10.0)
+    assert not list(Path("/dev/shm").glob(f"{Path(lock).stem.removesuffix('_el')}*"))

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.parameters import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, Input, Shell
+from turtlebot_gym_ros import Every, Input, Output, Shell
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.convert import quaternion_of
 from turtlebot_gym_ros.qos import LATCHED
@@ -262,6 +262,33 @@ def test_a_command_that_nobody_hears_is_reported(runner, peer, wait_for, example
     reports = peer.hear("/diagnostics", DiagnosticArray)
     runner.add(Shell(example.FaceEast, example.Params, context=runner.context))
     wait_for(lambda: [report for report in reports if "/cmd_vel: nobody listens." in report.status[0].message])
+
+
+def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
+    class Scheduled:
+        inputs = {}
+        outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
+        trigger = Every(0.01)
+
+        def __init__(self, params):
+            self.reset()
+
+        def reset(self):
+            self.steps = 0
+
+        def step(self, dt):
+            self.steps += 1
+            return {"command": Command(0.001 * self.steps, 0.0)}
+
+    states = peer.hear("scheduled/state", String, LATCHED)
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    shell = Shell(Scheduled, NoParameters, context=runner.context, overrides={"start_enabled": True})
+    runner.add(shell)
+    wait_for(lambda: reports and reports[-1].status[0].values[0].value == "silent: waits for a listener on /cmd_vel")
+    assert shell.block.steps == 0
+    commands = peer.hear("cmd_vel", TwistStamped)
+    wait_for(lambda: len(commands) > 5 and states[-1].data == "active")
+    assert commands[0].twist.linear.x == 0.001  # nothing was said to nobody
 
 
 def test_a_plant_warns_of_strangers_that_obey_the_same_commands(runner, peer, wait_for):

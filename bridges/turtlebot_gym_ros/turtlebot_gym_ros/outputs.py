@@ -70,7 +70,12 @@ class Outputs:
         """Publish what stops the robot."""
         self.publish({key: self.message(key, self._declared[key].stop, 0) for key in self.moving})
 
+    def unheard(self) -> str | None:
+        """Return what to wait for where nobody listens to an output that moves the robot."""
+        topics = (each.topic_name for key in self.moving if not (each := self._publishers[key]).get_subscription_count())
+        return next((f"waits for a listener on {topic}" for topic in topics), None)
+
     def flush(self) -> None:
-        """Wait until whoever listens has what was published, for half a second at most."""
+        """Wait until whoever listens has what was published, for half a second each at most: Fast DDS drops what it has not."""
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=0.5))

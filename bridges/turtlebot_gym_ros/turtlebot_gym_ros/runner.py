@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.block import Block
-from turtlebot_gym_ros.discovery import prepare
+from turtlebot_gym_ros.discovery import leave, prepare
 from turtlebot_gym_ros.shell import Shell
 
 P = TypeVar("P")
@@ -123,7 +122,7 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
         name: The node's name; None for that of ``make``, in snake case.
 
     Returns:
-        The exit code: 0, or 2 where the parameters were refused, with one line on stderr.
+        The exit code 2 where the parameters were refused, with one line on stderr. Otherwise it ends the process, with 0.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     with endings_wait():
@@ -141,12 +140,5 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
             return refuse(error)
         runner.start()
         signal.sigwait(ENDINGS)
-        # A teardown has hung once in some hundred, on a busy machine. This needs no thread of Python's to end the process, and
-        # says where it hung.
-        faulthandler.dump_traceback_later(LAST_WORD, exit=True)
-        ended = runner.close()
-        faulthandler.cancel_dump_traceback_later()
-        if not ended:
-            sys.stdout.flush()
-            os._exit(0)  # a step is stuck in its thread, which the interpreter's own end would wait for
-    return 0
+        faulthandler.dump_traceback_later(LAST_WORD, exit=True)  # ends what hangs in C, and says where
+        return leave(runner.context, runner.close)

@@ -47,7 +47,8 @@ class Shell:
     """A node around a block.
 
     Besides the block's topics it has ``~/reset`` (Trigger), hears ``reset`` (Empty), by which the plant tells all others that
-    it was reset, and publishes ``/diagnostics``. Where an output has a ``stop``, it also has a `Switch`.
+    it was reset, and publishes ``/diagnostics``. Where an output has a ``stop``, it also has a `Switch`, and a block that runs
+    by the clock waits until somebody listens to that output.
 
     Args:
         make: Makes the block from its parameters: usually its class.
@@ -212,8 +213,9 @@ class Shell:
     def _missing(self, now: float) -> str | None:
         """Return what a step has to wait for, if anything."""
         clock = self._ros_clock.trouble(now)
-        slow = self._messages.slow if self._messages else None
-        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), slow)
+        # What a timer moves by is not asked for by anybody: a schedule would run on while its listeners are still to be found.
+        rest = self._messages.slow if self._messages else self.outputs.unheard()
+        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), rest)
 
     def _fault(self, why: str) -> None:
         """Report what a step has come to, and stop until enabled again."""
@@ -287,12 +289,13 @@ class Shell:
         self._reporter.publish(problems, state, values)
 
     def close(self) -> None:
-        """Stop the robot if it moves, wait until that is heard, and destroy the node."""
+        """Stop the robot if it moves, wait until all that was published is heard, and destroy the node."""
         if self._closing.is_set():
             return
         self._closing.set()
         self._watcher.join()
         if self.switch:
             self.switch.close()
+        self.outputs.flush()
         self._ros_clock.close()
         self.node.destroy_node()

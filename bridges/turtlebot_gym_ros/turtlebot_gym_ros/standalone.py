@@ -18,6 +18,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from turtlebot_gym_ros.discovery import leave
+
 P = TypeVar("P")
 
 
@@ -66,7 +68,7 @@ def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> in
         argv: Arguments, those of the process by default.
 
     Returns:
-        0, or 2 where the arguments are refused.
+        2 where the arguments are refused. Otherwise it ends the process, with 0.
     """
     stop, context = threading.Event(), Context()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -88,6 +90,4 @@ def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> in
             executor.spin_once(timeout_sec=0.1)
     finally:
         node.close()
-        node.destroy_node()
-        context.try_shutdown()
-    return 0
+    return leave(context, node.destroy_node)

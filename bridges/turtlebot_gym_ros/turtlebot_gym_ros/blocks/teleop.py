@@ -22,7 +22,7 @@ SCRIPT = (
 class SimulatedTeleop:
     """Drive as the tutorial's person does, for 30 s, then stop and leave the robot to others. A reset begins again.
 
-    Inputs: none. It drives from the start: whoever starts it is the person.
+    Inputs: none. It drives as soon as somebody listens: whoever starts it is the person.
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
     Parameters: those of `Params`.
     """
