@@ -1,5 +1,6 @@
 """The closed loop as a live graph: from any order of launching, in processes and in one, driven by a policy or by hand."""
 
+import functools
 import itertools
 
 import numpy as np
@@ -55,6 +56,11 @@ def test_it_starts_from_any_order_and_the_bag_holds_all_that_was_heard(launch, p
         processes[name] = launch(*node(name, *FAST[name]))
     wait_for(lambda: all(heard.values()))
     wait_for(lambda: any(message.pose.pose.position.x > 0.5 for message in heard["true_state"]))
+    for topic in heard:
+        subscriptions = functools.partial(peer.node.get_subscriptions_info_by_topic, topic)
+        wait_for(lambda listen=subscriptions: "data_logger" in {each.node_name for each in listen()})
+    before = {topic: len(messages) for topic, messages in heard.items()}
+    wait_for(lambda: all(len(messages) > before[topic] + 20 for topic, messages in heard.items()))
     assert all(process.poll() is None for process in processes.values())
     for process in [*processes.values(), logger]:  # the logger last, after all that the others say at their end
         process.terminate()

@@ -29,8 +29,8 @@ def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, compon
         estimate: Believed states, shape (..., 5); m, m, rad, m/s, rad/s.
         truth: True states, shape (..., 5).
         covariance: Shape (..., 5, 5).
-        components: How many of the state's components to judge: 5; 3 for the pose (at rest a filter may be certain of the twist,
-            and P singular); 2 for the position.
+        components: How many of the state's components to judge: 5; 3 for the pose (at rest a filter may be certain of the
+            twist, and P singular); 2 for the position.
 
     Returns:
         Shape (...).

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from turtlebot_gym_ros.discovery import prepare
+from turtlebot_gym_ros.discovery import LAST_WORD, prepare
 
 NODES = {
     "waypoint_generator": ("blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference"),
@@ -60,5 +60,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     code = main()
-    faulthandler.dump_traceback_later(4.0, exit=True)  # the interpreter's own end can hang in DDS too
+    faulthandler.dump_traceback_later(LAST_WORD, exit=True)  # the interpreter's own end can hang in DDS too
     raise SystemExit(code)

@@ -6,6 +6,7 @@ A simulation on a network with robots must not drive one of them by accident, so
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import sys
 import time
@@ -22,6 +23,8 @@ _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _ASKED = (_RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
+LAST_WORD = 4.0
+"""Time after which a process that was asked to end is ended, s: before launch files escalate, at 5 s."""
 SETTLE = 0.3
 """Time after which what others that end at the same moment have to say is usually heard, s."""
 
@@ -57,6 +60,7 @@ def leave(context: Context, close: Callable[[], object]) -> NoReturn:
     """
     from rclpy.node import Node
 
+    faulthandler.dump_traceback_later(LAST_WORD, exit=True)  # ends what hangs in C all the same, and says where
     keeper = Node("_leaving", context=context, enable_rosout=False, start_parameter_services=False)
     close()
     time.sleep(SETTLE)

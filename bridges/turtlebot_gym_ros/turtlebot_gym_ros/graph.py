@@ -14,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from turtlebot_gym.parameters import choose
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym_ros import blocks
+from turtlebot_gym_ros.discovery import SETTLE
 from turtlebot_gym_ros.recorder import Recorder
 from turtlebot_gym_ros.runner import Runner
 from turtlebot_gym_ros.shell import Shell
@@ -185,6 +186,8 @@ class Graph:
             process.terminate()
         for process in self._processes:
             process.wait()
+        if self._processes:
+            time.sleep(SETTLE)  # until their leaving has been heard, see `discovery.leave`
         self._processes.clear()
         self._runner.close()
 

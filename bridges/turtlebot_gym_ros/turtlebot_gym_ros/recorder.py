@@ -48,7 +48,7 @@ class Recorder:
         """Level and message of each node's last diagnostics."""
         self.state = "silent"
         """The controller's state."""
-        self._rows: list[tuple[int, dict[str, Any]]] = []
+        self._rows: dict[int, dict[str, Any]] = {}
         self._first = 0
         self._waits_for_rest = False
         for topic, kind in TOPICS.items():
@@ -75,12 +75,10 @@ class Recorder:
 
     def _at(self, stamp: int) -> dict[str, Any]:
         """Return the sample of a stamp; a new one holds the reference and the command of its time."""
-        for at, row in reversed(self._rows[-10:]):
-            if at == stamp:
-                return row
-        held = {topic: self.latest[topic] for topic in ("reference", "cmd_vel") if topic in self.latest}
-        self._rows.append((stamp, held))
-        return held
+        if stamp not in self._rows:
+            held = ("reference", "cmd_vel")
+            self._rows[stamp] = {topic: self.latest[topic] for topic in held if topic in self.latest}
+        return self._rows[stamp]
 
     def _hear_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -104,12 +102,12 @@ class Recorder:
     def time(self) -> float:
         """Time between the first and the last sample, by their stamps, s."""
         with self._lock:
-            return (self._rows[-1][0] - self._rows[0][0]) / 1e9 if self._rows else 0.0
+            return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
     def trajectory(self) -> Trajectory:
         """Return what was heard so far; NaN where nothing was."""
         with self._lock:
-            rows = sorted((stamp, dict(row)) for stamp, row in self._rows)
+            rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows)]
         nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3, "cmd_vel": 2}
 
         def column(topic: str, pick: Callable[[Any], Any] = tuple) -> Any:

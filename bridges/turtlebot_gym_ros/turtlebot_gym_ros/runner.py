@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import faulthandler
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -93,8 +92,6 @@ def refuse(error: BaseException) -> int:
     return 2
 
 
-LAST_WORD = 4.0
-"""Time after which a process that was asked to end is ended, s: before launch files escalate, at 5 s."""
 ENDINGS = (signal.SIGINT, signal.SIGTERM)
 """Signals by which a process is asked to end."""
 
@@ -140,5 +137,4 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
             return refuse(error)
         runner.start()
         signal.sigwait(ENDINGS)
-        faulthandler.dump_traceback_later(LAST_WORD, exit=True)  # ends what hangs in C, and says where
         return leave(runner.context, runner.close)
