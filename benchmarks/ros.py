@@ -1,8 +1,8 @@
 """The live ROS 2 graph in figures: how fast it answers, how evenly it ticks, what it costs, how soon a fault stops the robot.
 
 Each node is a process of its own, on real DDS in a ROS domain of its own, on this machine only. This program is the independent
-probe: it speaks and listens on rclpy alone. A command has arrived when DDS has it (``received_timestamp``); how much later a
-Python callback sees it stands beside it, and all but the latency is taken from there. Run ``make bench-ros`` on an idle
+probe: it speaks and listens on rclpy alone. A command has arrived when DDS has it (``received_timestamp``): a Python callback sees
+it later, and much later where the probe's own publisher waits for a process that was stopped. Run ``make bench-ros`` on an idle
 machine; the load during each part stands beside its figures.
 """
 
@@ -432,6 +432,7 @@ def faults(config: Config) -> tuple[list[Figure], dict[str, Any]]:
     """Measure the time from each fault to the first zero that the robot hears, and what it hears from then on."""
     delays: dict[str, list[float]] = {name: [] for name in FAULTS}
     sent_after: dict[str, list[float]] = {name: [] for name in FAULTS}
+    seen_after: dict[str, list[float]] = {name: [] for name in FAULTS}
     motions = zeros = 0
     with graph(speaks=True, remappings=GUARDED) as (probe, nodes):
         nodes.start("kalman_filter")
@@ -449,14 +450,15 @@ def faults(config: Config) -> tuple[list[Figure], dict[str, Any]]:
                 probe.spin(AFTERWARDS)
                 heard = probe.heard[begin:]
                 first = next(k for k, command in enumerate(heard) if command.is_zero)
-                delays[name].append(heard[first].time - start)
+                delays[name].append(heard[first].arrival - start)
+                seen_after[name].append(heard[first].time - start)
                 sent_after[name].append(heard[first].stamp - clock)
                 zeros += len(heard) - first
                 motions += sum(not command.is_zero for command in heard[first:])
                 mend_it(probe, nodes)
     figures = [Figure(f"{name}: first zero, largest of {len(each)}", max(each), "s", 0.6) for name, each in delays.items()]
     figures.append(Figure(f"commands but zeros among the {zeros} that followed", motions, "", 1.0))
-    return figures, {"heard_after_s": delays, "sent_after_s": sent_after, "zeros": zeros}
+    return figures, {"heard_after_s": delays, "seen_in_python_after_s": seen_after, "sent_after_s": sent_after, "zeros": zeros}
 
 
 def measure(config: Config) -> dict[str, Any]:

@@ -42,6 +42,14 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         difference = interval(case["minus_baseline"], "+") if "minus_baseline" in case else ""
         shares = " | ".join(f"{100.0 * case[name]['value']:.1f}" for name in ("success", "false_arrival"))
         print(f"| {case['scenario']} | {case['policy']} | {interval(case['time'])} | {difference} | {shares} |", file=page)
+    print("\n## The live graph\n", file=page)
+    live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
+    print(f"`make bench-ros`, on {live['cores']} cores; a process for each node, real DDS.\n", file=page)
+    print("| | measured | to be below |\n|---|---|---|", file=page)
+    for part, result in live["parts"].items():
+        for figure in result["figures"]:
+            limit = "" if figure["limit"] is None else f"{figure['limit']:g}"
+            print(f"| {part}: {figure['name']} | {figure['value']:.3g} {figure['unit']} | {limit} |", file=page)
     print("\n## The policies that come with the package\n", file=page)
     for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):
         print(card.read_text(encoding="utf-8").replace("# ", "### ", 1), file=page)
