@@ -1,9 +1,9 @@
 """The live ROS 2 graph in figures: how fast it answers, how evenly it ticks, what it costs, how soon a fault stops the robot.
 
-Each node is a process of its own, on real DDS in a ROS domain of its own, on this machine only. This program is the independent
-probe: it speaks and listens on rclpy alone. A command has arrived when DDS has it (``received_timestamp``): a Python callback sees
-it later, and much later where the probe's own publisher waits for a process that was stopped. Run ``make bench-ros`` on an idle
-machine; the load during each part stands beside its figures.
+Each node is a process of its own, on real DDS in a ROS domain of its own, on this machine only. This program is the
+independent probe: it speaks and listens on rclpy alone. A command has arrived when DDS has it (``received_timestamp``): a
+Python callback sees it later, and much later where the probe's own publisher waits for a process that was stopped. Run
+``make bench-ros`` on an idle machine; the load during each part stands beside its figures.
 """
 
 from __future__ import annotations
