@@ -19,3 +19,8 @@ def claim_domain():
 
 os.environ["ROS_DOMAIN_ID"], _CLAIM = claim_domain()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+def pytest_unconfigure():
+    """Let go of the domain."""
+    _CLAIM.close()
