@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from std_msgs.msg import String
 
-from turtlebot_gym_ros.logger import Bag, rebuild
+from turtlebot_gym_ros.bag import Bag, rebuild
 from turtlebot_gym_ros.runner import Runner
 
 NOW = 1_800_000_000_000_000_000  # ns

@@ -1,11 +1,7 @@
 """Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
 
-It subscribes to whatever is published, as it appears, and needs nobody's consent. The bag is written as sqlite3 and committed
-each second, so a ``kill -9`` loses at most the last second; MCAP, which a kill would leave empty, is made of it at the end,
-and if that is cut short, the sqlite3 bag is still there.
-
-Of a recorder that was killed the folder holds ``NAME.db3`` without its ``metadata.yaml``: `rebuild` makes a whole bag of it
-(``ros2 bag reindex`` does so as well). Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+It subscribes to whatever is published, as it appears, and needs nobody's consent. A ``kill -9`` loses at most the last second,
+see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
 
 Parameters: see `Parameters`. Publishes nothing.
 """
@@ -13,8 +9,6 @@ Parameters: see `Parameters`. Publishes nothing.
 from __future__ import annotations
 
 import csv
-import shutil
-import sqlite3
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +16,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ament_index_python import get_package_share_directory
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
@@ -32,12 +25,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from rosbags.interfaces import Connection, Nodetype, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from rosbags.interfaces import Connection
 
 from turtlebot_gym.parameters import Command, Pose, State
+from turtlebot_gym_ros.bag import Bag
 from turtlebot_gym_ros.convert import conversion
 from turtlebot_gym_ros.standalone import declare, run
 
@@ -49,12 +40,6 @@ COLLECT_PERIOD = 0.02
 """Time between two looks at what has come, s."""
 IN_FLIGHT = 0.2
 """How long messages that are on their way are awaited at the end, s."""
-
-_FOREVER = QosTime(2147483647, 4294967295)
-_LATCHED = Qos(
-    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
-    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False,
-)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,96 +60,6 @@ class Parameters:
             raise ValueError(f"parameter 'storage' must be sqlite3 or mcap, got {self.storage!r}")
         if not 0.0 <= self.snapshot_period <= 3600.0:
             raise ValueError(f"parameter 'snapshot_period' must be in [0, 3600] s, got {self.snapshot_period!r}")
-
-
-def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
-    """Make a new bag of the sqlite3 database of another one, also of one whose recorder was killed.
-
-    Opening the database takes an unfinished transaction back; rosbags' own reader, which opens it as immutable, would not.
-
-    Args:
-        database: The ``.db3`` file.
-        folder: Where the new bag goes; must not exist.
-        storage: Its format.
-    """
-    connection = sqlite3.connect(database)
-    try:
-        rows = connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
-        definitions = dict(rows.fetchall())
-        with Writer(folder, version=9, storage_plugin=storage) as writer:
-            topics = {
-                number: writer.add_connection(
-                    topic,
-                    kind,
-                    msgdef=definitions[kind],
-                    rihs01=digest,
-                    offered_qos_profiles=[_LATCHED] if "transient_local" in qos else [],
-                )
-                for number, topic, kind, qos, digest in connection.execute(
-                    "SELECT id, name, type, offered_qos_profiles, type_description_hash FROM topics ORDER BY id"
-                )
-            }
-            query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
-            for number, timestamp, data in connection.execute(query):
-                writer.write(topics[number], timestamp, data)
-    finally:
-        connection.close()
-
-
-class Bag:
-    """A bag that is written as sqlite3 and loses at most what came since the last commit."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._writer = Writer(folder, version=9)
-        self._writer.open()
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        self.commit()
-
-    def add(self, topic: str, kind: str, *, latched: bool) -> Connection:
-        """Open a topic for messages of a type such as ``nav_msgs/msg/Odometry``.
-
-        Raises:
-            LookupError: If the definition of the type is not installed.
-        """
-        _teach(self._types, kind)
-        qos = [_LATCHED] if latched else []
-        return self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=qos)
-
-    def write(self, connection: Connection, stamp: int, data: bytes) -> None:
-        """Append a serialized message, received at a time in ns."""
-        self._writer.write(connection, stamp, data)
-
-    def commit(self) -> None:
-        """Make safe what has come so far."""
-        # rosbags commits only at the end; this attribute is private, hence its upper bound in pyproject.toml.
-        self._writer.storage.conn.commit()  # type: ignore[union-attr]
-
-    def close(self, storage: str) -> None:
-        """Finish the bag; for MCAP, convert it, and drop the database when the conversion is complete."""
-        self._writer.close()
-        if storage == "mcap":
-            database = self.folder / f"{self.folder.name}.db3"
-            scratch = self.folder / "converting" / self.folder.name
-            rebuild(database, scratch, StoragePlugin.MCAP)
-            for made in scratch.iterdir():
-                made.replace(self.folder / made.name)
-            database.unlink()
-            shutil.rmtree(scratch.parent)
-
-
-def _teach(types: Typestore, kind: str) -> None:
-    """Learn a message type that is not one of rosbags' own, and those it is made of, from the ROS installation."""
-    if kind in types.fielddefs:
-        return
-    package, _, name = kind.split("/")
-    text = Path(get_package_share_directory(package), "msg", f"{name}.msg").read_text(encoding="utf-8")
-    learned = get_types_from_msg(text, kind)
-    for _, field in learned[kind][1]:
-        element: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
-        if element[0] == Nodetype.NAME:
-            _teach(types, element[1])
-    types.register(learned)
 
 
 class Topic(NamedTuple):

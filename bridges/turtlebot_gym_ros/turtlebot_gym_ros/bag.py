@@ -1,0 +1,115 @@
+"""A rosbag2 bag that loses at most what came since its last commit.
+
+It is written as sqlite3, so that a ``kill -9`` leaves what was committed; MCAP, which a kill would leave empty, is made of it
+at the end, and if that is cut short, the sqlite3 bag is still there. Of a recorder that was killed the folder has ``NAME.db3``
+without its ``metadata.yaml``: `rebuild` makes a whole bag of it (``ros2 bag reindex`` does so as well).
+"""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+from ament_index_python import get_package_share_directory
+from rosbags.interfaces import Connection, Nodetype, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+_FOREVER = QosTime(2147483647, 4294967295)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False,
+)  # fmt: skip
+
+
+def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
+    """Make a new bag of the sqlite3 database of another one, also of one whose recorder was killed.
+
+    Opening the database takes an unfinished transaction back; rosbags' own reader, which opens it as immutable, would not.
+
+    Args:
+        database: The ``.db3`` file.
+        folder: Where the new bag goes; must not exist.
+        storage: Its format.
+    """
+    connection = sqlite3.connect(database)
+    try:
+        rows = connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
+        definitions = dict(rows.fetchall())
+        with Writer(folder, version=9, storage_plugin=storage) as writer:
+            topics = {
+                number: writer.add_connection(
+                    topic,
+                    kind,
+                    msgdef=definitions[kind],
+                    rihs01=digest,
+                    offered_qos_profiles=[_LATCHED] if "transient_local" in qos else [],
+                )
+                for number, topic, kind, qos, digest in connection.execute(
+                    "SELECT id, name, type, offered_qos_profiles, type_description_hash FROM topics ORDER BY id"
+                )
+            }
+            query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+            for number, timestamp, data in connection.execute(query):
+                writer.write(topics[number], timestamp, data)
+    finally:
+        connection.close()
+
+
+class Bag:
+    """A bag that is written as sqlite3 and loses at most what came since the last commit."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._writer = Writer(folder, version=9)
+        self._writer.open()
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self.commit()
+
+    def add(self, topic: str, kind: str, *, latched: bool) -> Connection:
+        """Open a topic for messages of a type such as ``nav_msgs/msg/Odometry``.
+
+        Raises:
+            LookupError: If the definition of the type is not installed.
+        """
+        _teach(self._types, kind)
+        qos = [_LATCHED] if latched else []
+        return self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=qos)
+
+    def write(self, connection: Connection, stamp: int, data: bytes) -> None:
+        """Append a serialized message, received at a time in ns."""
+        self._writer.write(connection, stamp, data)
+
+    def commit(self) -> None:
+        """Make safe what has come so far."""
+        # rosbags commits only at the end; this attribute is private, hence its upper bound in pyproject.toml.
+        self._writer.storage.conn.commit()  # type: ignore[union-attr]
+
+    def close(self, storage: str) -> None:
+        """Finish the bag; for MCAP, convert it, and drop the database when the conversion is complete."""
+        self._writer.close()
+        if storage == "mcap":
+            database = self.folder / f"{self.folder.name}.db3"
+            scratch = self.folder / "converting" / self.folder.name
+            rebuild(database, scratch, StoragePlugin.MCAP)
+            for made in scratch.iterdir():
+                made.replace(self.folder / made.name)
+            database.unlink()
+            shutil.rmtree(scratch.parent)
+
+
+def _teach(types: Typestore, kind: str) -> None:
+    """Learn a message type that is not one of rosbags' own, and those it is made of, from the ROS installation."""
+    if kind in types.fielddefs:
+        return
+    package, _, name = kind.split("/")
+    text = Path(get_package_share_directory(package), "msg", f"{name}.msg").read_text(encoding="utf-8")
+    learned = get_types_from_msg(text, kind)
+    for _, field in learned[kind][1]:
+        element: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
+        if element[0] == Nodetype.NAME:
+            _teach(types, element[1])
+    types.register(learned)
