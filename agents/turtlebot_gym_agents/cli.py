@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import tyro
 
 from turtlebot_gym_agents.commands_learning import Export, Train, Tune
-from turtlebot_gym_agents.console import File, print_tables, progress
+from turtlebot_gym_agents.console import File, Setting, print_tables, progress
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.replay import Columns
 
@@ -35,23 +35,13 @@ class Command(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Setting:
+class _Driven(Setting):
     """What is driven, and where."""
 
-    env: str = "turtlebot_gym/TurtleBotNav-v0"
-    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
-    filter: str = "matched"
-    """The filter's tuning: matched or tutorial."""
-    robot: str = "burger"
-    """burger, waffle, turtlebot4 or tutorial."""
     switch: str | None = None
     """Square only: the next waypoint comes on "arrival", or after a "time" of 15 s."""
-    arrival: str = "truth"
-    """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
     laps: int | None = None
     """Square only: how often it is driven."""
-    seed: int = 0
-    """The first seed."""
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""
@@ -59,7 +49,7 @@ class _Setting:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(_Setting):
+class Evaluate(_Driven):
     """Drive policies on the same seeds, and tell how well they do.
 
     Of policies, noises and observations each combination is evaluated.
@@ -118,7 +108,7 @@ class Evaluate(_Setting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Video(_Setting):
+class Video(_Driven):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"

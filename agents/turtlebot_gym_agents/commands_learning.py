@@ -13,7 +13,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from turtlebot_gym_agents.console import File, print_tables
+from turtlebot_gym_agents.console import File, Setting, print_tables
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
@@ -21,23 +21,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Setting:
+class _Learned(Setting):
     """What is driven, and by what it learns."""
 
-    env: str = "turtlebot_gym/TurtleBotNav-v0"
-    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
     algo: str = "ppo"
     """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough."""
-    filter: str = "matched"
-    """The filter's tuning: matched or tutorial."""
     observation: str = "ekf"
     """What the policy is shown as the robot's pose: ekf, odometry, truth."""
-    robot: str = "burger"
-    """burger, waffle, turtlebot4 or tutorial."""
-    arrival: str = "truth"
-    """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
     delay: int = 0
     """Steps by which commands come late."""
     randomize: bool = False
@@ -46,8 +38,6 @@ class _Setting:
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; without it, those that come with the package."""
     steps: int | None = None
     """Environment steps; n_timesteps of the hyper-parameters if not told."""
-    seed: int = 0
-    """The first seed."""
     json: File = None
     """Write configuration and results here."""
 
@@ -55,12 +45,12 @@ class _Setting:
         """Return the configuration of a training."""
         from turtlebot_gym_agents.training import TrainingConfig
 
-        names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Setting)}
+        names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Learned)}
         return TrainingConfig(**{name: getattr(self, name) for name in names} | changes)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(_Setting):
+class Train(_Learned):
     """Train policies with Stable-Baselines3, and leave each as a policy bundle, OUT/policy.onnx."""
 
     out: Path = Path("runs/nav")
@@ -105,7 +95,7 @@ class Train(_Setting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tune(_Setting):
+class Tune(_Learned):
     """Search for hyper-parameters with Optuna, and leave the best as OUT/best.yaml, for train --config.
 
     A search that was stopped goes on when the same is asked for again.

@@ -1,9 +1,10 @@
-"""What the subcommands share: tables on standard output, progress on standard error."""
+"""What the subcommands share: options, tables on standard output, progress on standard error."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,22 @@ from rich.table import Table
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """An option that names a file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What is driven, and where."""
+
+    env: str = "turtlebot_gym/TurtleBotNav-v0"
+    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
+    filter: str = "matched"
+    """The filter's tuning: matched or tutorial."""
+    robot: str = "burger"
+    """burger, waffle, turtlebot4 or tutorial."""
+    arrival: str = "truth"
+    """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
+    seed: int = 0
+    """The first seed."""
 
 
 @contextmanager

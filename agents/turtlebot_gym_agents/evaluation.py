@@ -99,9 +99,7 @@ def evaluate(
     """
     if not (isinstance(episodes, int) and episodes > 0):
         raise ValueError(f"episodes must be a positive whole number, got {episodes!r}.")
-    if not (isinstance(seed, int) and seed >= 0):
-        raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
-    choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
+    require_known(env, seed)
     runs = []
     for start in range(0, episodes, BATCH):
         size = min(BATCH, episodes - start)
@@ -117,13 +115,24 @@ def evaluate(
     )
 
 
+def require_known(env: str, seed: int) -> None:
+    """Raise ValueError unless an id is that of an environment of this package, and a seed is one that `gym.Env.reset` takes."""
+    if not (isinstance(seed, int) and seed >= 0):
+        raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
+    choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
+
+
+def driver_of(policy: str | Policy, p: Parameters) -> Policy:
+    """Return a policy, made for an environment's robot and control interval where it is given by name."""
+    return make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
+
+
 def _run(
     envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None]
 ) -> tuple[Episodes, Trajectory, float]:
     """Return the environments' episodes, the first one's trajectory, and the longest time that they may take."""
     p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    driver = make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
-    record = _drive(envs, driver, seed, progress)
+    record = _drive(envs, driver_of(policy, p), seed, progress)
     return measure(record, p, seed), record.trajectory(dt=p.dt), p.task.max_steps * p.dt
 
 

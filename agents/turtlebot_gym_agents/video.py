@@ -10,16 +10,15 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 from PIL import Image
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE
 from turtlebot_gym.parameters import choose
 from turtlebot_gym.simulation import Parameters
-from turtlebot_gym_agents.evaluation import NAV
+from turtlebot_gym_agents.evaluation import NAV, driver_of, require_known
 from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
+from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
 MIN_WIDTH = 160
 """Below it the legend cannot be read, pixels."""
@@ -71,9 +70,7 @@ def record(
     """
     path = Path(path)
     write = choose(f"The suffix of {path}", path.suffix.lower(), {".gif": _write_gif, ".mp4": _write_mp4})
-    choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
-    if not (isinstance(seed, int) and seed >= 0):
-        raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
+    require_known(env, seed)
     if not 0.0 < speed < math.inf:
         raise ValueError(f"speed must be positive and finite, got {speed!r}.")
     if not (isinstance(fps, int) and fps > 0):
@@ -85,7 +82,7 @@ def record(
     assert world.spec is not None
     limit = world.spec.max_episode_steps or 0
     p: Parameters = world.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    driver = make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
+    driver = driver_of(policy, p)
     size = width, 2 * round(0.5 * width * (HEADER + SIDE) / SIDE)  # even, which an MP4 needs
     frames, steps, success = 0, 0, False
 

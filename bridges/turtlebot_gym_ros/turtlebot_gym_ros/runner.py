@@ -68,12 +68,8 @@ class Runner:
             if not self._closing:  # a step that was stuck comes back to nodes that are gone
                 raise
 
-    def close(self) -> bool:
-        """End the nodes, the last added first, then the thread and the context.
-
-        Returns:
-            Whether the executor has ended; it has not where a block is stuck in a step.
-        """
+    def close(self) -> None:
+        """End the nodes, the last added first, then the thread and the context; a block may be stuck in a step."""
         self._closing = True
         self._executor.shutdown(timeout_sec=0.5)
         if self._thread.is_alive():
@@ -83,7 +79,6 @@ class Runner:
         self._running.clear()
         if self.context.ok():
             self.context.shutdown()
-        return not self._thread.is_alive()
 
 
 def refuse(error: BaseException) -> int:
