@@ -27,7 +27,7 @@ from rich.table import Table
 from scipy.optimize import minimize
 
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym_agents.replay import Drive, dead_reckoning, drift, read_drive
+from turtlebot_gym_agents.evaluation.replay import Drive, dead_reckoning, drift, read_drive
 
 LENGTHS = (0.5, 1.0, 2.0)
 """Lengths of the segments, m."""

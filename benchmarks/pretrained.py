@@ -14,9 +14,9 @@ from typing import Literal
 import tyro
 from rich.console import Console
 
-from turtlebot_gym_agents.bundle import BundlePolicy
-from turtlebot_gym_agents.evaluation import evaluate, paired
-from turtlebot_gym_agents.training import TrainingConfig, train
+from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.training.train import TrainingConfig, train
 
 TASKS = {
     "nav": ("turtlebot_gym/TurtleBotNav-v0", ("bearing",)),

@@ -21,11 +21,11 @@ from rich.console import Console
 from rich.progress import track
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym_agents.bundle import BundlePolicy
-from turtlebot_gym_agents.evaluation import Evaluation, evaluate
-from turtlebot_gym_agents.metrics import mean
+from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
+from turtlebot_gym_agents.evaluation.metrics import mean
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import write_json
-from turtlebot_gym_agents.training import TrainingConfig, train
+from turtlebot_gym_agents.training.train import TrainingConfig, train
 
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 NOISES = ("clean", "tutorial", "documented", "wheel", "rough")

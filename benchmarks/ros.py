@@ -39,10 +39,10 @@ from rich.table import Table
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.parameters import Pose, State
+from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
-from turtlebot_gym_ros.discovery import prepare
+from turtlebot_gym_ros.node.discovery import prepare
 
 PERIOD = 0.05
 """Period of the probe's odometry, s."""

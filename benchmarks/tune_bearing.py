@@ -19,7 +19,7 @@ from rich.progress import track
 from rich.table import Table
 
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym_agents.evaluation import evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import BearingPolicy
 from turtlebot_gym_agents.provenance import write_json
 

@@ -7,23 +7,12 @@ the filter, the models and the tasks still work.
 from importlib.util import find_spec
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import (
-    STOP,
-    Belief,
-    Command,
-    Covariance,
-    FilterTuning,
-    Noise,
-    OdometryNoise,
-    Pose,
-    ProcessNoise,
-    Reward,
-    State,
-)
+from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.simulation import Parameters, World, make_parameters
 from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 
 __version__ = "0.1.0"
 

@@ -1,145 +1,18 @@
-"""Value types of the closed loop, and the parameters of its noise, its filter and its reward.
+"""Parameters of a robot's noise, its filter and its reward.
 
-Conventions: SI units and radians; the world frame unless said; angles in [-pi, pi). Values are ``NamedTuple``s of floats, so
-that the same functions take them in plain Python and in compiled code. Parameters are frozen dataclasses that check
-themselves: whoever holds one holds a valid one.
+They are frozen dataclasses that check themselves: whoever holds one holds a valid one. SI units and radians.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, TypeVar
 
-T = TypeVar("T")
+from turtlebot_gym.validation import require, variances
 
 REFERENCE_PERIOD = 0.1
 """Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.noise` and `estimation.ekf`)."""
-
-
-class Pose(NamedTuple):
-    """Planar pose in the world frame."""
-
-    x: float
-    """m"""
-    y: float
-    """m"""
-    theta: float
-    """Heading, rad, in [-pi, pi)."""
-
-
-class Command(NamedTuple):
-    """Planar twist in the body frame: what a robot is asked for."""
-
-    v: float
-    """Forward speed, m/s."""
-    omega: float
-    """Turning rate, rad/s."""
-
-
-class State(NamedTuple):
-    """Pose in the world frame and the twist, in the body frame, that moves it during the next control interval."""
-
-    x: float
-    y: float
-    theta: float
-    v: float
-    omega: float
-
-
-class Covariance(NamedTuple):
-    """The 15 independent entries of the symmetric 5 x 5 covariance of a `State`, row by row from the diagonal on."""
-
-    xx: float
-    xy: float
-    xt: float
-    xv: float
-    xw: float
-    yy: float
-    yt: float
-    yv: float
-    yw: float
-    tt: float
-    tv: float
-    tw: float
-    vv: float
-    vw: float
-    ww: float
-
-
-class Belief(NamedTuple):
-    """What a filter holds true: a Gaussian over the state."""
-
-    mean: State
-    covariance: Covariance
-
-
-STOP = Command(0.0, 0.0)
-"""The command that stops a robot."""
-
-
-def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
-    """Return the diagonal of a covariance that was given as its diagonal or as a diagonal matrix.
-
-    Args:
-        name: What the error messages call it.
-        value: Shape (size,) or (size, size).
-        size: Number of components.
-
-    Raises:
-        ValueError: If the shape is wrong, a variance is negative or not finite, or a matrix is not symmetric and diagonal.
-    """
-    rows = value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(rows, Sequence) or len(rows) != size:
-        raise ValueError(f"{name} must hold {size} variances or be a {size} x {size} matrix, got {value!r}.")
-    if any(isinstance(row, Sequence) for row in rows):
-        if any(len(row) != size for row in rows):
-            raise ValueError(f"{name} must be a {size} x {size} matrix, got {value!r}.")
-        if any(rows[i][j] != rows[j][i] for i in range(size) for j in range(i)):
-            raise ValueError(f"{name} must be symmetric, got {value!r}.")
-        if any(rows[i][j] != 0.0 for i in range(size) for j in range(i)):
-            raise ValueError(f"{name} must be diagonal (the components' noises are independent), got {value!r}.")
-        rows = [rows[i][i] for i in range(size)]
-    diagonal = tuple(float(variance) for variance in rows)
-    if not all(0.0 <= variance < math.inf for variance in diagonal):  # also rejects NaN
-        raise ValueError(f"{name} must hold finite variances >= 0, got {value!r}.")
-    return diagonal
-
-
-def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
-    """Return a named choice.
-
-    Raises:
-        ValueError: If there is none of that name; the message lists those that there are.
-    """
-    if name not in known:
-        raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {name!r}.")
-    return known[name]
-
-
-def require(owner: Any, rule: str, *names: str) -> None:
-    """Check fields of a parameter class, which may be numbers or tuples of them, against a rule.
-
-    Args:
-        owner: The parameters.
-        rule: "positive", "non-negative", "finite" or "a probability"; "positive" admits infinity.
-        *names: The fields.
-
-    Raises:
-        ValueError: If a field breaks the rule; the message names it.
-    """
-    holds = {
-        "positive": lambda number: number > 0.0,
-        "non-negative": lambda number: 0.0 <= number < math.inf,
-        "finite": math.isfinite,
-        "a probability": lambda number: 0.0 <= number <= 1.0,
-    }[rule]
-    for name in names:
-        value = getattr(owner, name)
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(isinstance(number, (int, float)) and holds(number) for number in numbers):
-            raise ValueError(f"{type(owner).__name__}.{name} must be {rule}, got {value!r}.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

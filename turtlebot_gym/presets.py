@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, choose
+from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
+from turtlebot_gym.validation import choose
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 """Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s: one that

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from turtlebot_gym.parameters import require
+from turtlebot_gym.validation import require
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

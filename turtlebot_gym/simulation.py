@@ -7,20 +7,10 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation.ekf import Estimate, initialize, step
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models.noise import EVENTS, HEADING, POSITION, PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.odometry import measure
+from turtlebot_gym.models.random import EVENTS, HEADING, POSITION, PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, limit, slips
-from turtlebot_gym.parameters import (
-    REFERENCE_PERIOD,
-    Command,
-    FilterTuning,
-    Noise,
-    OdometryNoise,
-    Pose,
-    Reward,
-    State,
-    choose,
-)
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, OdometryNoise, Reward
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import (
@@ -34,6 +24,8 @@ from turtlebot_gym.tasks import (
     reward_of,
     stated_deviations,
 )
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Command, Pose, State
 
 OBSERVED = {"ekf": 0.0, "odometry": 1.0, "truth": 2.0}
 """What the policy is shown as the robot's pose."""

@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import PI, sincos, wrap
-from turtlebot_gym.models.noise import GOAL, START, uniforms
-from turtlebot_gym.parameters import Command, Covariance, Pose, Reward, State, choose, require
+from turtlebot_gym.models.random import GOAL, START, uniforms
+from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.validation import choose, require
+from turtlebot_gym.values import Command, Covariance, Pose, State
 
 OBSERVATION_LAYOUT = 1
 """Version of `Observation`: a policy that was trained on another one must be refused."""

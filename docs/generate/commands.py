@@ -6,8 +6,8 @@ from io import StringIO
 
 import mkdocs_gen_files
 
-from turtlebot_gym_agents.cli import COMMANDS
-from turtlebot_gym_agents.cli import main as turtlebot_gym
+from turtlebot_gym_agents.commands.cli import COMMANDS
+from turtlebot_gym_agents.commands.cli import main as turtlebot_gym
 from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
 
 os.environ["COLUMNS"] = "100"

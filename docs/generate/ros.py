@@ -14,13 +14,15 @@ import mkdocs_gen_files
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from turtlebot_gym_ros import guard, logger, markers
-from turtlebot_gym_ros.block import Every
-from turtlebot_gym_ros.diagnostics import type_name
-from turtlebot_gym_ros.discovery import prepare
-from turtlebot_gym_ros.graph import BLOCKS
-from turtlebot_gym_ros.parameters import Common
-from turtlebot_gym_ros.shell import Shell
+from turtlebot_gym_ros.graph import markers
+from turtlebot_gym_ros.graph.graph import BLOCKS
+from turtlebot_gym_ros.node.block import Every
+from turtlebot_gym_ros.node.diagnostics import type_name
+from turtlebot_gym_ros.node.discovery import prepare
+from turtlebot_gym_ros.node.parameters import Common
+from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.recording import logger
+from turtlebot_gym_ros.robot import guard
 
 DOMAIN = 101
 """A ROS domain where nobody listens: a guard's first messages are zeros."""

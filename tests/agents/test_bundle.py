@@ -14,9 +14,9 @@ from onnx import TensorProto, helper, numpy_helper
 from stable_baselines3 import PPO
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym_agents.bundle import BundlePolicy, Card, describe_robot, write_bundle
-from turtlebot_gym_agents.export import load_model
 from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, describe_robot, write_bundle
+from turtlebot_gym_agents.training.export import load_model
 
 CARD = Card(
     env="turtlebot_gym/TurtleBotNav-v0",
@@ -125,7 +125,7 @@ import sys
 for name in ("torch", "stable_baselines3", "onnx", "gymnasium", "numba"):
     sys.modules[name] = None  # importing it raises
 import numpy as np
-from turtlebot_gym_agents.bundle import BundlePolicy
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 print(BundlePolicy({str(bundle)!r}, robot="burger", dt=0.1)(np.zeros(13)).tolist())
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)

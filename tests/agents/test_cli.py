@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from turtlebot_gym_agents.cli import COMMANDS, main
-from turtlebot_gym_agents.evaluation import evaluate
+from turtlebot_gym_agents.commands.cli import COMMANDS, main
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 

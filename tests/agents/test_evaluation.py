@@ -9,8 +9,10 @@ import pytest
 
 import turtlebot_gym
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym_agents import evaluation, make_policy, metrics
-from turtlebot_gym_agents.evaluation import evaluate, paired
+from turtlebot_gym_agents import make_policy
+from turtlebot_gym_agents.evaluation import evaluate as evaluation
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
 from turtlebot_gym_agents.provenance import plain, write_json
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"

@@ -6,10 +6,10 @@ import torch
 from stable_baselines3 import DDPG, PPO, TD3
 
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
-from turtlebot_gym_agents import export as module
-from turtlebot_gym_agents.bundle import BundlePolicy, Card, describe_robot
-from turtlebot_gym_agents.export import TOLERANCE, export, load_model
-from turtlebot_gym_agents.training import TrainingConfig, make_model
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, describe_robot
+from turtlebot_gym_agents.training import export as module
+from turtlebot_gym_agents.training.export import TOLERANCE, export, load_model
+from turtlebot_gym_agents.training.train import TrainingConfig, make_model
 
 torch.set_num_threads(1)
 CARD = Card(env="e", robot=describe_robot("burger"), dt=0.1, noise="tutorial", filter="matched", observation="ekf")

@@ -5,8 +5,8 @@ import pytest
 import torch
 from stable_baselines3 import PPO, SAC, TD3
 
-from turtlebot_gym_agents import hyperparameters
-from turtlebot_gym_agents.training import ALGORITHMS
+from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.training.train import ALGORITHMS
 
 TASKS = ["turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotPose-v0", "turtlebot_gym/TurtleBotSquare-v0"]
 SHIPPED = sorted(path.stem for path in hyperparameters.configs_folder().glob("*.yaml"))

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import ROBOTS, Robot
-from turtlebot_gym.parameters import Pose, State
 from turtlebot_gym.tasks import Observation, observe
+from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy, make_policy
-from turtlebot_gym_agents.evaluation import evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
 
 def see(state: State, goal: Pose, robot: Robot) -> np.ndarray:

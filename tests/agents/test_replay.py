@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.parameters import Noise, OdometryNoise, Pose, ProcessNoise
-from turtlebot_gym_agents.replay import (
+from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.evaluation.replay import (
     Columns,
     Drive,
     dead_reckoning,

@@ -16,9 +16,10 @@ from stable_baselines3 import PPO, SAC
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym_agents import hyperparameters
-from turtlebot_gym_agents.bundle import BundlePolicy
-from turtlebot_gym_agents.callbacks import (
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.provenance import plain
+from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.training.callbacks import (
     EVALUATION_SEED,
     CheckpointCallback,
     EvaluationCallback,
@@ -27,9 +28,8 @@ from turtlebot_gym_agents.callbacks import (
     policy_of,
     replay_path,
 )
-from turtlebot_gym_agents.provenance import plain
-from turtlebot_gym_agents.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training import TrainingConfig, load_checkpoint, make_model, train
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+from turtlebot_gym_agents.training.train import TrainingConfig, load_checkpoint, make_model, train
 
 torch.set_num_threads(1)
 SHORT = {

@@ -6,9 +6,9 @@ import optuna
 import pytest
 import yaml
 
-from turtlebot_gym_agents import hyperparameters
-from turtlebot_gym_agents.training import TrainingConfig
-from turtlebot_gym_agents.tuning import SPACES, starting_point, tune, with_parameters
+from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.tuning import SPACES, starting_point, tune, with_parameters
 
 # Drawn batches may be larger than these small rollouts.
 pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from turtlebot_gym_agents.cli import main
-from turtlebot_gym_agents.evaluation import evaluate
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.commands.video import HOLD, record
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import BearingPolicy
-from turtlebot_gym_agents.video import HOLD, record
 
 NAV, SQUARE = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotSquare-v0"
 WHITE, BLACK, VERMILLION, SKY_BLUE, GREEN = (255, 255, 255), (0, 0, 0), (213, 94, 0), (86, 180, 233), (0, 158, 115)
@@ -191,7 +191,7 @@ def test_an_mp4_without_ffmpeg_names_what_to_install(tmp_path, capsys, monkeypat
 def test_a_gif_needs_none_of_the_extras(tmp_path):
     code = f"""
 import sys
-from turtlebot_gym_agents.cli import main
+from turtlebot_gym_agents.commands.cli import main
 assert main(["video", "--speed", "40", "--width", "160", "--out", {str(tmp_path / "a.gif")!r}]) == 0
 assert not {{"torch", "onnxruntime", "stable_baselines3", "moviepy", "imageio_ffmpeg"}} & set(sys.modules)
 """

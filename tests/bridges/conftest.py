@@ -30,11 +30,11 @@ from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.parameters import STOP, Command, State
+from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.discovery import prepare
-from turtlebot_gym_ros.qos import LATCHED
-from turtlebot_gym_ros.runner import Runner
+from turtlebot_gym_ros.node.discovery import prepare
+from turtlebot_gym_ros.node.qos import LATCHED
+from turtlebot_gym_ros.node.runner import Runner
 
 prepare()
 

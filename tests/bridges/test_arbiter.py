@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from turtlebot_gym.parameters import STOP, Command
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym_ros.arbiter import Arbiter, Parameters
+from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 
 TICK = 0.02
 AHEAD = Command(0.1, 0.2)

@@ -11,8 +11,8 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.parameters import Belief, Command, Covariance, Pose, State
-from turtlebot_gym_ros.convert import conversion, quaternion_of, register, yaw_of
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+from turtlebot_gym_ros.node.convert import conversion, quaternion_of, register, yaw_of
 
 HEADER = Header(frame_id="odom")
 

@@ -12,13 +12,13 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Header
 
-from turtlebot_gym.loop import OUTCOME, Batch
-from turtlebot_gym.parameters import Pose, State
+from turtlebot_gym.compiled.loop import OUTCOME, Batch
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import make_task
+from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
-from turtlebot_gym_ros.convert import conversion
+from turtlebot_gym_ros.node.convert import conversion
 
 STEPS = 150
 SEED = 11
@@ -176,7 +176,7 @@ import sys
 for name in "rclpy geometry_msgs nav_msgs gymnasium numba torch stable_baselines3 filterpy scipy matplotlib".split():
     sys.modules[name] = None  # its import fails
 from turtlebot_gym_ros.blocks import *
-from turtlebot_gym.parameters import Pose
+from turtlebot_gym.values import Pose
 plant = TurtlebotSimulator(TurtlebotSimulator.Params(seed=11))
 estimator = KalmanFilter(KalmanFilter.Params())
 controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))

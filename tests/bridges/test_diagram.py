@@ -10,8 +10,8 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.diagram import PLACES, WORDS, Connection, connected, declared, draw
-from turtlebot_gym_ros.graph import BLOCKS, MODES
+from turtlebot_gym_ros.graph.diagram import PLACES, WORDS, Connection, connected, declared, draw
+from turtlebot_gym_ros.graph.graph import BLOCKS, MODES
 
 LOOP = MODES["autonomous"]
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from std_msgs.msg import Empty
 
-from turtlebot_gym_ros.discovery import PROFILE, prepare
+from turtlebot_gym_ros.node.discovery import PROFILE, prepare
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 

@@ -8,9 +8,9 @@ from turtlebot_gym.trajectory import position_error
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_agents.bundle import BundlePolicy
-from turtlebot_gym_agents.evaluation import evaluate
-from turtlebot_gym_agents.training import TrainingConfig, train
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.training.train import TrainingConfig, train
 from turtlebot_gym_ros import Graph
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"

@@ -10,15 +10,15 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from turtlebot_gym.loop import OUTCOME, Batch
+from turtlebot_gym.compiled.loop import OUTCOME, Batch
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS, make_task
 from turtlebot_gym.trajectory import heading_error, position_error
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.bringup import main, metrics
-from turtlebot_gym_ros.qos import LATCHED
-from turtlebot_gym_ros.status import main as status
+from turtlebot_gym_ros.graph.bringup import main, metrics
+from turtlebot_gym_ros.graph.status import main as status
+from turtlebot_gym_ros.node.qos import LATCHED
 
 NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
 # Each node is first, second, third and last in some of these, and before and after every other.

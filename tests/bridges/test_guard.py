@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.parameters import STOP, Command
+from turtlebot_gym.values import STOP, Command
 
 AHEAD = Command(0.1, 0.2)
 
@@ -70,7 +70,7 @@ def start(launch):
 
 def sabotaged(change):
     """Return the arguments of a Python that runs a guard with a change to its module."""
-    return "-c", f"from turtlebot_gym_ros import guard\n{change}\nraise SystemExit(guard.main())"
+    return "-c", f"from turtlebot_gym_ros.robot import guard\n{change}\nraise SystemExit(guard.main())"
 
 
 def after_driving(heard):

@@ -16,8 +16,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from std_msgs.msg import String
 
-from turtlebot_gym_ros.bag import Bag, rebuild
-from turtlebot_gym_ros.runner import Runner
+from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.recording.bag import Bag, rebuild
 
 NOW = 1_800_000_000_000_000_000  # ns
 DEEP = QoSProfile(depth=1000)
@@ -72,7 +72,7 @@ def start(launch, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
 
     def start(*arguments, change=""):
-        program = f"from turtlebot_gym_ros import logger\n{change}\nraise SystemExit(logger.main())"
+        program = f"from turtlebot_gym_ros.recording import logger\n{change}\nraise SystemExit(logger.main())"
         words = [word for argument in arguments for word in ("-p", argument)]
         return launch("-c", program, "--ros-args", "-p", "output:=run", *words)
 

@@ -10,10 +10,10 @@ from rclpy.time import Time
 from std_msgs.msg import Header, String
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import Belief, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros.__main__ import HELP, NODES, main
-from turtlebot_gym_ros.convert import conversion
-from turtlebot_gym_ros.qos import LATCHED
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.qos import LATCHED
 
 POLICIES = """
 import time

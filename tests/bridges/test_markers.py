@@ -12,18 +12,18 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import Belief, Covariance, Pose, State
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
+from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
-from turtlebot_gym_ros.convert import conversion, yaw_of
-from turtlebot_gym_ros.diagnostics import type_name
-from turtlebot_gym_ros.diagram import HIDDEN, _says
-from turtlebot_gym_ros.graph import BLOCKS
-from turtlebot_gym_ros.markers import LIFETIME
-from turtlebot_gym_ros.qos import STREAM
-from turtlebot_gym_ros.shell import Shell
+from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
+from turtlebot_gym_ros.graph.graph import BLOCKS
+from turtlebot_gym_ros.graph.markers import LIFETIME
+from turtlebot_gym_ros.node.convert import conversion, yaw_of
+from turtlebot_gym_ros.node.diagnostics import type_name
+from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.node.shell import Shell
 
 RVIZ = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "rviz" / "turtlebot.rviz"
 HEADER = Header(frame_id="odom")

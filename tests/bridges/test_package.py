@@ -13,11 +13,12 @@ import pytest
 import yaml
 from rclpy.node import Node
 
-from turtlebot_gym_ros import arbiter, logger, standalone
 from turtlebot_gym_ros.__main__ import NODES
-from turtlebot_gym_ros.graph import BLOCKS
-from turtlebot_gym_ros.markers import Visualization
-from turtlebot_gym_ros.shell import Shell
+from turtlebot_gym_ros.graph.graph import BLOCKS
+from turtlebot_gym_ros.graph.markers import Visualization
+from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.recording import logger
+from turtlebot_gym_ros.robot import arbiter, standalone
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"

@@ -6,7 +6,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from turtlebot_gym_ros.parameters import Common, declare
+from turtlebot_gym_ros.node.parameters import Common, declare
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,14 +12,14 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
-from turtlebot_gym.parameters import Command
-from turtlebot_gym_ros import convert, rosclock, safety
-from turtlebot_gym_ros.feed import Feed
-from turtlebot_gym_ros.outputs import Outputs
-from turtlebot_gym_ros.safety import Safety
-from turtlebot_gym_ros.shell import Shell
-from turtlebot_gym_ros.switch import Switch
-from turtlebot_gym_ros.triggers import Messages
+from turtlebot_gym.values import Command
+from turtlebot_gym_ros.node import convert, rosclock, safety
+from turtlebot_gym_ros.node.feed import Feed
+from turtlebot_gym_ros.node.outputs import Outputs
+from turtlebot_gym_ros.node.safety import Safety
+from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.node.switch import Switch
+from turtlebot_gym_ros.node.triggers import Messages
 
 
 def starts_disabled(make_bench, patience):

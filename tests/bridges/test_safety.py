@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from turtlebot_gym_ros.safety import BLOCKED, SILENCE, STOP_FOR, STOP_PERIOD, Safety
+from turtlebot_gym_ros.node.safety import BLOCKED, SILENCE, STOP_FOR, STOP_PERIOD, Safety
 
 
 def active(now=0.0):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from turtlebot_gym_ros.block import Every, On
-from turtlebot_gym_ros.triggers import SECOND, SLOW_AFTER, Grid, Messages, SimulatedGrid
+from turtlebot_gym_ros.node.block import Every, On
+from turtlebot_gym_ros.node.triggers import SECOND, SLOW_AFTER, Grid, Messages, SimulatedGrid
 
 MS = SECOND // 1000
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from turtlebot_gym.envs.checker import ContractError, check_vector_env
+from turtlebot_gym.checker import ContractError, check_vector_env
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -305,7 +305,7 @@ def test_broken_environments_are_caught(cls):
 
 
 def test_every_rule_has_been_seen_to_fail():
-    from turtlebot_gym.envs.checker_rules import RULES
+    from turtlebot_gym.checker.rules import RULES
 
     rules = {rule.__name__ for rules in RULES.values() for rule in rules} | {"modes_agree"}
     assert rules == {cls.__doc__ for cls in broken()}

@@ -14,8 +14,9 @@ from turtlebot_gym.estimation.consistency import cramer_rao_bound, heading_infor
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import advance, execute
-from turtlebot_gym.parameters import Command, FilterTuning, OdometryNoise, Pose, ProcessNoise, State
+from turtlebot_gym.parameters import FilterTuning, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL
+from turtlebot_gym.values import Command, Pose, State
 
 RNG_SEED = 11
 

@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from turtlebot_gym.compiled.loop import Batch
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.consistency import mean_bounds, nees
 from turtlebot_gym.estimation.filters import entries, jacobian, matrix, reference_filter
-from turtlebot_gym.loop import Batch
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
-from turtlebot_gym.parameters import Belief, Command, Covariance, FilterTuning, Noise, OdometryNoise, Pose, ProcessNoise, State
+from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import DOCUMENTED, NOISES, ROUGH, TUTORIAL_FILTER, matched
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import Task
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 
 DT = 0.1
 NOWHERE = Covariance(*[0.0] * 15)

@@ -13,10 +13,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym
-from turtlebot_gym.models.noise import episode_key
-from turtlebot_gym.parameters import Command
+from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.simulation import begin, look, make_parameters, retarget, transition
 from turtlebot_gym.tasks import distance_to, draw_goal, make_task
+from turtlebot_gym.values import Command
 
 STEPS, SEED, LIMIT = 1000, 7, 150
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED

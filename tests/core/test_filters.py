@@ -12,8 +12,9 @@ import pytest
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import KalmanFilter, entries, matrix, reference_filter
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import Command, FilterTuning, Pose
+from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
+from turtlebot_gym.values import Command, Pose
 
 TUNING = matched(DOCUMENTED)
 GATED = replace(TUNING, gate=9.0, max_rejections=2)

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
-from turtlebot_gym.loop import PARALLEL_FROM, TILE, Batch
-from turtlebot_gym.parameters import Command, Pose
+from turtlebot_gym.compiled.loop import PARALLEL_FROM, TILE, Batch
 from turtlebot_gym.presets import NOISES, matched
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
+from turtlebot_gym.values import Command, Pose
 
 WAYPOINTS = turtlebot_gym.SQUARE_WAYPOINTS
 SQUARE = turtlebot_gym.SQUARE
@@ -45,7 +45,7 @@ def test_each_environment_may_have_parameters_of_its_own():
     for action in actions:
         batch.step(action)
     for i in (0, 1, TILE - 1, TILE, n - 1):
-        p, key = rows[i], turtlebot_gym.models.noise.episode_key(i, 0)
+        p, key = rows[i], turtlebot_gym.models.random.episode_key(i, 0)
         world = retarget(begin(key, p), WAYPOINTS, p)
         for action in actions[:, i].astype(float).tolist():
             command = Command(action[0] * p.robot.max_linear, action[1] * p.robot.max_angular)
@@ -102,11 +102,11 @@ def test_a_reset_leaves_the_rows_outside_its_mask():
 
 def test_huge_seeds_and_episodes_are_fine():
     batch = Batch(2, make_parameters(SQUARE), [Pose(1.0, 0.0, 0.0)])
-    batch.seeds[:] = [turtlebot_gym.models.noise.MAX_SEED, 0]
+    batch.seeds[:] = [turtlebot_gym.models.random.MAX_SEED, 0]
     batch.episodes[:] = [10**12, 10**12]
     batch.reset(np.ones(2, np.bool_), *batch.empty())
     for i in range(2):
-        p, key = batch.parameters, turtlebot_gym.models.noise.episode_key(int(batch.seeds[i]), 10**12)
+        p, key = batch.parameters, turtlebot_gym.models.random.episode_key(int(batch.seeds[i]), 10**12)
         assert batch.world(i) == retarget(begin(key, p), [Pose(1.0, 0.0, 0.0)], p)
 
 
@@ -128,7 +128,7 @@ def run(script, *, path=None, **environment):
 CACHE = f"""
 import json
 import numpy as np
-import turtlebot_gym.loop as loop
+import turtlebot_gym.compiled.loop as loop
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
@@ -144,7 +144,7 @@ print(json.dumps(report))
 
 
 def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
-    """numba keys its cache on neither: see `turtlebot_gym.loop`. The last process must see the new physics."""
+    """numba keys its cache on neither: see `turtlebot_gym.compiled.loop`. The last process must see the new physics."""
     package = tmp_path / "turtlebot_gym"
     shutil.copytree(Path(turtlebot_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     options = {"path": tmp_path, "NUMBA_CACHE_DIR": tmp_path / "cache"}
@@ -166,7 +166,7 @@ def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
 
 
 def test_without_a_folder_for_the_cache_it_goes_on(monkeypatch):
-    from turtlebot_gym import loop
+    from turtlebot_gym.compiled import loop
 
     def njit(function, *, cache=False, **options):
         if cache:
@@ -180,7 +180,7 @@ def test_without_a_folder_for_the_cache_it_goes_on(monkeypatch):
 THREADS = f"""
 import json, threading
 import numpy as np
-from turtlebot_gym.loop import Batch
+from turtlebot_gym.compiled.loop import Batch
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
@@ -212,7 +212,7 @@ def test_threads_of_python_may_step_batches_at_the_same_time(layer):
 FORK = f"""
 import json, os
 import numpy as np
-from turtlebot_gym.loop import Batch
+from turtlebot_gym.compiled.loop import Batch
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
@@ -244,7 +244,7 @@ for blocked in ("gymnasium", "numba", "filterpy", "scipy", "matplotlib", "pygame
     sys.modules[blocked] = None
 import turtlebot_gym as tb
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.models.noise import episode_key
+from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.simulation import begin, look, retarget, transition
 
 p = tb.make_parameters(tb.SQUARE, noise="rough")
@@ -299,7 +299,7 @@ def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bi
 
 def test_matched_tunings_have_a_loop_in_common():
     # All parameters are packed in one form, so changing noise, filter or robot compiles nothing anew.
-    from turtlebot_gym import loop
+    from turtlebot_gym.compiled import loop
 
     p = make_parameters(SQUARE)
     started(2, p).step(np.zeros((2, 2), np.float32))

@@ -10,7 +10,8 @@ import pytest
 
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment, measure, quantize
-from turtlebot_gym.parameters import OdometryNoise, Pose
+from turtlebot_gym.parameters import OdometryNoise
+from turtlebot_gym.values import Pose
 
 POSE, WHEELS = Pose(1.0, -2.0, 3.0), Pose(0.5, -1.5, 2.5)
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from turtlebot_gym.loop import PARAMETERS, WORLD
-from turtlebot_gym.packing import TILE, as_tuple, flatten, packing
+from turtlebot_gym.compiled.loop import PARAMETERS, WORLD
+from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, packing
 from turtlebot_gym.simulation import Parameters, make_parameters
 
 

@@ -9,10 +9,10 @@ from gymnasium.error import DependencyNotInstalled
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.simulation import World
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS
+from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
 
 BODY, GREEN, BLACK, VERMILLION, SKY_BLUE = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0), (86, 180, 233)
 FAR = Pose(-1.8, -1.8, 0.0)

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.models.noise import episode_key
-from turtlebot_gym.parameters import Command, Covariance, Pose, Reward, State
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
 from turtlebot_gym.tasks import (
@@ -29,6 +29,7 @@ from turtlebot_gym.tasks import (
     reward_of,
     stated_deviations,
 )
+from turtlebot_gym.values import Command, Covariance, Pose, State
 
 BURGER = ROBOTS["burger"]
 GOAL, NEXT = Pose(2.0, 0.0, 1.0), Pose(2.0, 2.0, 0.0)

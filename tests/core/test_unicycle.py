@@ -10,8 +10,9 @@ import pytest
 from scipy import stats
 
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, limit, slips
-from turtlebot_gym.parameters import Command, Pose, ProcessNoise
+from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.values import Command, Pose
 
 EULER, MIDPOINT = INTEGRATORS["euler"], INTEGRATORS["midpoint"]
 COMMANDS = [Command(*row) for row in np.random.default_rng(0).uniform(-4.0, 4.0, (500, 2)).tolist()]

@@ -22,7 +22,7 @@ import turtlebot_gym
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_agents.cli import COMMANDS
+from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_ros.__main__ import NODES
 
 ROOT = Path(__file__).parents[2]

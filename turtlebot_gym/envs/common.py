@@ -9,10 +9,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from turtlebot_gym.loop import Batch
-from turtlebot_gym.parameters import Pose
+from turtlebot_gym.compiled.loop import Batch
 from turtlebot_gym.simulation import make_parameters
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW, Task, make_task
+from turtlebot_gym.values import Pose
 
 ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
 """Forward speed and turning rate, as shares of the robot's limits."""
@@ -27,7 +27,7 @@ PARTS = {
     "reference": "reference",
     "command": "command",
 }
-"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.loop.WORLD`."""
+"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.compiled.loop.WORLD`."""
 
 SYMMETRIC = np.zeros((5, 5), np.intp)
 """Which of the 15 independent entries of a covariance stands in each place of the matrix."""

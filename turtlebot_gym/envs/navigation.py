@@ -11,13 +11,15 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
+from turtlebot_gym.compiled.loop import WORLD
 from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, SYMMETRIC, make_batch
-from turtlebot_gym.loop import WORLD
-from turtlebot_gym.models.noise import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward, choose
+from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.simulation import Parameters
 from turtlebot_gym.tasks import Task
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Pose
 
 _SLICES = {key: WORLD.slices[path] for key, path in PARTS.items() if key != "covariance"}
 _COVARIANCE = SYMMETRIC + WORLD.slices[PARTS["covariance"]].start

@@ -12,11 +12,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, make_batch, matrices
-from turtlebot_gym.models.noise import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, Noise, Pose, Reward, choose
+from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.simulation import Outcome, Parameters
 from turtlebot_gym.tasks import Task
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Pose
 
 _REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = (
     Outcome._fields.index(name) for name in ("reward", "distance", "is_success", "terminated", "truncated")

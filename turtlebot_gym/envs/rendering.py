@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from turtlebot_gym.parameters import Belief, Pose
 from turtlebot_gym.plotting import BLACK, ESTIMATE_WITHIN, GREEN, SKY_BLUE, VERMILLION, ellipse
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.simulation import World
 from turtlebot_gym.tasks import Task, distance_to
+from turtlebot_gym.values import Belief, Pose
 
 if TYPE_CHECKING:
     from pygame import Surface

@@ -17,7 +17,9 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import Belief, Command, FilterTuning, OdometryNoise, Pose, State, choose
+from turtlebot_gym.parameters import FilterTuning, OdometryNoise
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Belief, Command, Pose, State
 
 
 def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, components: int = 5) -> NDArray[np.float64]:

@@ -17,15 +17,8 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import execution_variances
-from turtlebot_gym.parameters import (
-    REFERENCE_PERIOD,
-    Belief,
-    Command,
-    Covariance,
-    FilterTuning,
-    Pose,
-    State,
-)
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 
 
 class Estimate(NamedTuple):

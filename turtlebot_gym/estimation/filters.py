@@ -15,7 +15,9 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import Belief, Command, Covariance, FilterTuning, Pose, State, choose
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 
 if TYPE_CHECKING:
     from filterpy.kalman import ExtendedKalmanFilter

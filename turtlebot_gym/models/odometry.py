@@ -6,7 +6,8 @@ import math
 
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.parameters import OdometryNoise, Pose
+from turtlebot_gym.parameters import OdometryNoise
+from turtlebot_gym.values import Pose
 
 
 @kernel

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.parameters import REFERENCE_PERIOD, Command, Pose, ProcessNoise
+from turtlebot_gym.parameters import REFERENCE_PERIOD, ProcessNoise
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.values import Command, Pose
 
 INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
 """At which share of the interval the heading of the motion is taken: at its start (the tutorial's) or in its middle."""

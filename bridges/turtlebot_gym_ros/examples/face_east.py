@@ -5,7 +5,7 @@ python face_east.py --ros-args -p gain:=2.0 -p start_enabled:=true
 
 from dataclasses import dataclass
 
-from turtlebot_gym.parameters import STOP, Command, State
+from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, run
 
 

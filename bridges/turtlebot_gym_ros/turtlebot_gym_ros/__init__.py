@@ -9,17 +9,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from turtlebot_gym_ros.block import Block, Every, Input, On, Output
+from turtlebot_gym_ros.node.block import Block, Every, Input, On, Output
 
 if TYPE_CHECKING:
-    from turtlebot_gym_ros.convert import register
-    from turtlebot_gym_ros.graph import Graph
-    from turtlebot_gym_ros.runner import run
-    from turtlebot_gym_ros.shell import Shell
+    from turtlebot_gym_ros.graph.graph import Graph
+    from turtlebot_gym_ros.node.convert import register
+    from turtlebot_gym_ros.node.runner import run
+    from turtlebot_gym_ros.node.shell import Shell
 
 __all__ = ["Block", "Every", "Graph", "Input", "On", "Output", "Shell", "register", "run"]
 
-_NEED_ROS = {"Graph": "graph", "register": "convert", "run": "runner", "Shell": "shell"}
+_NEED_ROS = {"Graph": "graph.graph", "register": "node.convert", "run": "node.runner", "Shell": "node.shell"}
 
 
 def __getattr__(name: str) -> Any:

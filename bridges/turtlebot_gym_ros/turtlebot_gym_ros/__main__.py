@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from turtlebot_gym_ros.discovery import LAST_WORD, prepare
+from turtlebot_gym_ros.node.discovery import LAST_WORD, prepare
 
 NODES = {
     "waypoint_generator": ("blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference"),
@@ -15,11 +15,11 @@ NODES = {
     "turtlebot_simulator": ("blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state"),
     "kalman_filter": ("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom and /cmd_vel to /estimate"),
     "simulated_teleop": ("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
-    "cmd_vel_guard": ("guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
-    "data_logger": ("logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
-    "visualization": ("markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
-    "bringup": ("bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
-    "status": ("status:main", "prints which node waits for what"),
+    "cmd_vel_guard": ("robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
+    "data_logger": ("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
+    "visualization": ("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
+    "bringup": ("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
+    "status": ("graph.status:main", "prints which node waits for what"),
 }
 
 HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         entry = getattr(import_module(f"turtlebot_gym_ros.{module}"), attribute)
         if not hasattr(entry, "Params"):
             return entry(rest)
-        from turtlebot_gym_ros.runner import run
+        from turtlebot_gym_ros.node.runner import run
     except ModuleNotFoundError as error:
         if error.name != "rclpy":
             raise

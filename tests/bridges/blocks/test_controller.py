@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import Belief, Covariance, Pose, State
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import VelocityController
 
 REFERENCE = Pose(2.0, 0.0, 0.0)

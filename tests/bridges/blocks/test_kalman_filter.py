@@ -3,11 +3,11 @@
 import pytest
 
 from turtlebot_gym.estimation.ekf import initialize
-from turtlebot_gym.models.noise import episode_key
-from turtlebot_gym.parameters import STOP, Command, Pose, State
+from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.presets import NOISES, make_filter
 from turtlebot_gym.simulation import begin, make_parameters, transition
 from turtlebot_gym.tasks import NAV
+from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 
 COMMAND = Command(0.15, 0.4)

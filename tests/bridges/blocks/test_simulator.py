@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.models.noise import episode_key
-from turtlebot_gym.parameters import STOP, Command, Pose
+from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.simulation import begin, make_parameters, transition
 from turtlebot_gym.tasks import NAV
+from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 
 COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]

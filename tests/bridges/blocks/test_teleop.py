@@ -2,7 +2,7 @@
 
 import pytest
 
-from turtlebot_gym.parameters import Command
+from turtlebot_gym.values import Command
 from turtlebot_gym_ros.blocks import SimulatedTeleop
 
 AHEAD, LEFT, RIGHT, SPIN = Command(0.15, 0.0), Command(0.15, 0.8), Command(0.15, -0.8), Command(0.0, 1.5)

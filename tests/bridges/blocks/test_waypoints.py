@@ -5,10 +5,10 @@ import math
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.models.noise import episode_key
-from turtlebot_gym.parameters import STOP, Belief, Covariance, Pose, State
+from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS, make_task
+from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.waypoints import load_waypoints
 

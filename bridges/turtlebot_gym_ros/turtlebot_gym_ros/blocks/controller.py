@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.unicycle import limit
-from turtlebot_gym.parameters import STOP, Command, Pose
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.tasks import NAV, arrived, observe, stated_deviations
+from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
-from turtlebot_gym_ros.block import Input, On, Output
+from turtlebot_gym_ros.node.block import Input, On, Output
 
 VARIANCE_FLOOR = 1e-6
 """A stated variance of exactly zero is taken as (1 mm)^2 or (1 mrad)^2: nobody knows a pose exactly."""

@@ -7,9 +7,10 @@ from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate, initialize, step
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
-from turtlebot_gym.parameters import STOP, Command, Pose, State, choose
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym_ros.block import Input, On, Output
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import STOP, Command, Pose, State
+from turtlebot_gym_ros.node.block import Input, On, Output
 
 
 class KalmanFilter:

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from turtlebot_gym.models.noise import MAX_SEED, episode_key
-from turtlebot_gym.parameters import STOP, Command, Pose, State
+from turtlebot_gym.models.random import MAX_SEED, episode_key
 from turtlebot_gym.simulation import begin, make_parameters, measurement, transition
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym_ros.block import Every, Input, Output
+from turtlebot_gym.values import STOP, Command, Pose, State
+from turtlebot_gym_ros.node.block import Every, Input, Output
 
 
 class TurtlebotSimulator:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from turtlebot_gym.parameters import STOP, Command
-from turtlebot_gym_ros.block import Every, Output
+from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.node.block import Every, Output
 
 SCRIPT = (
     (5.0, Command(0.15, 0.0)),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.parameters import Pose, State
-from turtlebot_gym_ros.block import Input, On, Output
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_ros.node.block import Input, On, Output
 
 
 class Scene(NamedTuple):

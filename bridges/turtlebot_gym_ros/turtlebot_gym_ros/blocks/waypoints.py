@@ -11,9 +11,9 @@ from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.parameters import Pose
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, arrived, make_task
-from turtlebot_gym_ros.block import Every, Input, Output
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.node.block import Every, Input, Output
 
 
 class WaypointGenerator:

@@ -1,0 +1,281 @@
+"""The command line, ``turtlebot-gym``: one dataclass for each subcommand, whose fields are its options.
+
+To add one: write a frozen dataclass with a docstring under each field and a ``run`` method, and name it in `COMMANDS`. Results
+go to standard output, progress and errors to standard error. What is heavy to import is imported in ``run``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import tyro
+
+from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress
+from turtlebot_gym_agents.commands.learning import Export, Train, Tune
+from turtlebot_gym_agents.evaluation.replay import Columns
+from turtlebot_gym_agents.provenance import write_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from turtlebot_gym_agents.evaluation.evaluate import Evaluation
+
+
+class Command(Protocol):
+    """A subcommand, with the options that it was given."""
+
+    def run(self) -> None:
+        """Do it."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Driven(Setting):
+    """What is driven, and where."""
+
+    switch: str | None = None
+    """Square only: the next waypoint comes on "arrival", or after a "time" of 15 s."""
+    laps: int | None = None
+    """Square only: how often it is driven."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the environment's keyword arguments."""
+        return {name: getattr(self, name) for name in ("filter", "robot", "switch", "arrival", "laps")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(_Driven):
+    """Drive policies on the same seeds, and tell how well they do.
+
+    Of policies, noises and observations each combination is evaluated.
+    """
+
+    policy: tuple[str, ...] = ("proportional", "bearing")
+    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
+    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    noise: tuple[str, ...] = ("tutorial",)
+    """Noise presets: clean, tutorial, documented, wheel, rough."""
+    observation: tuple[str, ...] = ("ekf",)
+    """What policies are shown as the robot's pose: ekf, odometry, truth."""
+    episodes: int = 1000
+    """Episodes of each combination; episode i has the seed SEED + i."""
+    json: File = None
+    """Write configuration, results and every episode's numbers here."""
+    plot: File = None
+    """Draw the first episode here; of several combinations, their paths."""
+
+    def run(self) -> None:
+        """Evaluate, print tables, and write what is asked for."""
+        from turtlebot_gym_agents.commands import report
+        from turtlebot_gym_agents.evaluation.evaluate import evaluate
+
+        combinations = list(itertools.product(self.policy, self.noise, self.observation))
+        if not combinations:
+            raise ValueError("policy, noise and observation must name at least one each.")
+        evaluations: dict[str, Evaluation] = {}
+        with progress(self.episodes * len(combinations)) as advance_to:
+            for at, (policy, noise, observation) in enumerate(combinations):
+                evaluations[self._label(policy, noise, observation)] = evaluate(
+                    policy,
+                    env=self.env,
+                    episodes=self.episodes,
+                    seed=self.seed,
+                    progress=lambda ended, done=at * self.episodes: advance_to(done + ended),
+                    noise=noise,
+                    observation=observation,
+                    **self.options(),
+                )
+        print_tables(*report.evaluation_tables(evaluations, title=f"{self.env}, {self.episodes} episodes, robot {self.robot}"))
+        if self.json is not None:
+            runs = [
+                {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
+                for label, one in evaluations.items()
+            ]
+            write_json(self.json, {"runs": runs}, config=asdict(self))
+        if self.plot is not None:
+            _save(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
+
+    def _label(self, *names: str) -> str:
+        """Return what tells a combination from the others."""
+        choices = (self.policy, self.noise, self.observation)
+        told = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
+        return ", ".join(told or names[:1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Video(_Driven):
+    """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
+
+    policy: str = "bearing"
+    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
+    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    noise: str = "tutorial"
+    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    observation: str = "ekf"
+    """What the policy is shown as the robot's pose: ekf, odometry, truth."""
+    out: Path = Path("episode.gif")
+    """The file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
+    seed: int = 0
+    """The episode's."""
+    speed: float = 4.0
+    """How much faster than the robot it plays."""
+    fps: int = 20
+    """Frames per second; of a GIF 1, 2, 4, 5, 10, 20, 25 or 50."""
+    width: int = 640
+    """Of the frames, pixels: even, from 160 to 640."""
+
+    def run(self) -> None:
+        """Record, and print what it has become."""
+        from turtlebot_gym_agents.commands.video import record
+
+        with progress(100) as advance_to:
+            video = record(
+                self.policy,
+                self.out,
+                env=self.env,
+                seed=self.seed,
+                speed=self.speed,
+                fps=self.fps,
+                width=self.width,
+                progress=lambda steps, limit: advance_to(100 * steps // limit),
+                noise=self.noise,
+                observation=self.observation,
+                **self.options(),
+            )
+        print(
+            f"{self.out}: {video.duration:.1f} s, {video.size[0]} x {video.size[1]} pixels, {self.out.stat().st_size:,} bytes; "
+            f"the episode took {video.time:.1f} s and ended {'in' if video.success else 'without'} success."
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """Run the filter over recorded drives with known truth.
+
+    It predicts with the wheel odometry as it was recorded, and is corrected by measured poses that are made from the true ones
+    with a preset's noise.
+    """
+
+    files: tyro.conf.Positional[tuple[Path, ...]]
+    """Tables with named columns, separated by commas, semicolons or blanks."""
+    noise: str = "documented"
+    """Noise preset of the measured poses: clean, tutorial, documented, wheel, rough."""
+    filter: str = "matched"
+    """The filter's tuning: matched or tutorial."""
+    seed: int = 0
+    """The first seed of the noise."""
+    seeds: int = 20
+    """How many seeds to average over."""
+    rate: float = 10.0
+    """Measured poses per second."""
+    integrator: str = "midpoint"
+    """euler or midpoint."""
+    columns: Columns = field(default_factory=Columns)
+    """What the columns are called."""
+    json: File = None
+    """Write configuration and results here."""
+    plot: File = None
+    """Draw the first seed here; of several files, each into a picture of its own with the file's name appended."""
+
+    def run(self) -> None:
+        """Replay, print a table, and write what is asked for."""
+        from turtlebot_gym_agents.commands import report
+        from turtlebot_gym_agents.evaluation.replay import dead_reckoning, read_drive, replay_figure, replay_seeds
+
+        if not self.files:
+            raise ValueError("At least one FILE must be given.")
+        if not self.seeds > 0:
+            raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        drives = {path: read_drive(path, columns=self.columns) for path in self.files}
+        options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}
+        results = {}
+        with progress(self.seeds * len(drives)) as advance_to:
+            count = itertools.count(1)
+            for path, drive in drives.items():
+                seeds = range(self.seed, self.seed + self.seeds)
+                results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
+        named = {path.name: result for path, result in results.items()}
+        print_tables(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
+        if self.json is not None:
+            runs = [{"file": path, **result.summary()} for path, result in results.items()]
+            write_json(self.json, {"runs": runs}, config=asdict(self))
+        if self.plot is not None:
+            for path, drive in drives.items():
+                figure = replay_figure(
+                    results[path].trajectory, dead_reckoning(drive), title=f"{path.name}, noise {self.noise}, seed {self.seed}"
+                )
+                several = len(drives) > 1
+                _save(figure, self.plot.with_stem(f"{self.plot.stem}-{path.stem}") if several else self.plot)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Measure the speed of environments, adapter and training, as ratios in one run."""
+
+    num_envs: int = 4096
+    """Size of the vector environments."""
+    rounds: int = 7
+    """How often each contender has its turn."""
+    seconds: float = 0.5
+    """How long a turn takes, s."""
+    training: bool = True
+    """Whether to measure training too; it needs the extra [agents]."""
+    json: File = None
+    """Write the results here."""
+
+    def run(self) -> None:
+        """Measure, print tables, and write what is asked for."""
+        from turtlebot_gym_agents.commands import report, speed
+
+        result = {"machine": speed.machine()}
+        result["environments"] = speed.environments(num_envs=self.num_envs, rounds=self.rounds, seconds=self.seconds)
+        if self.training:
+            result |= {"adapter_ns": speed.adapter(rounds=self.rounds), "training": speed.training()}
+        print_tables(*report.speed_tables(result))
+        if self.json is not None:
+            write_json(self.json, result, config=asdict(self))
+
+
+COMMANDS: dict[str, type[Command]] = {
+    "evaluate": Evaluate,
+    "video": Video,
+    "replay": Replay,
+    "train": Train,
+    "tune": Tune,
+    "export": Export,
+    "benchmark": Benchmark,
+}
+"""Subcommands by name."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a subcommand, and return the exit status: 0, or 2 with one line of explanation if what was asked is not possible.
+
+    Args:
+        argv: Arguments; those of the process if not told.
+    """
+    command = tyro.extras.subcommand_cli_from_dict(
+        dict(COMMANDS),
+        prog="turtlebot-gym",
+        description="A TurtleBot that navigates on what a Kalman filter believes.",
+        args=argv,
+    )
+    sys.path.append(str(Path.cwd()))  # for policies of one's own, which a console script would not find
+    try:
+        command.run()
+    except (ValueError, OSError, ImportError) as error:
+        print(f"turtlebot-gym: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def _save(figure: Figure, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

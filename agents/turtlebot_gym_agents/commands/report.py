@@ -1,0 +1,114 @@
+"""Results for people: tables for the terminal, and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+
+from turtlebot_gym.plotting import comparison_figure, tutorial_figure
+from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
+from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
+from turtlebot_gym_agents.evaluation.replay import Replayed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, Table]:
+    """Return how evaluations went, and what was believed in them.
+
+    Args:
+        evaluations: Label and evaluation of each, on the same seeds.
+        title: What stands above.
+    """
+    first = next(iter(evaluations.values()))
+    driven = Table(
+        "", "success, %", "to goal, s", "time*, s", "minus first, s", "efficiency", "reached", "miss, m", "effort",
+        "false arrivals, %",
+        title=title, caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
+    )  # fmt: skip
+    believed = Table(
+        "", "estimate, m: mean", "max", "final", "rad: mean", "max", "final",
+        "odometry, m: mean", "max", "final", "rad: mean", "max", "final",
+        title="errors of position and heading, mean over episodes",
+    )  # fmt: skip
+    for label, one in evaluations.items():
+        s = one.summary()
+        driven.add_row(
+            label,
+            "-" if one.config.get("switch") == "time" else _percent(s["success"]),
+            _number(s["time_to_goal"], 2),
+            _number(s["time"], 2),
+            "" if one is first else _number(paired(one, first), 2),
+            _number(s["efficiency"], 3, brief=True),
+            _number(s["reached"], 2, brief=True),
+            _number(s["miss"], 2, brief=True),
+            _number(s["effort"], 2, brief=True),
+            _percent(s["false_arrival"]),
+        )
+        believed.add_row(label, *_errors(one.episodes.estimate), *_errors(one.episodes.odometry))
+    return driven, believed
+
+
+def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> Figure:
+    """Return the first episode at a glance; of several evaluations, the paths of their first episodes."""
+    if len(evaluations) == 1:
+        ((label, one),) = evaluations.items()
+        return tutorial_figure(one.trajectory, title=f"{title}, {label}")
+    return comparison_figure([(label, one.trajectory) for label, one in evaluations.items()], title=title)
+
+
+def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
+    """Return the errors of replayed drives, and their drift.
+
+    Args:
+        results: Name and result of each.
+        title: What stands above.
+    """
+    table = Table(
+        "", "", "position, m: mean", "max", "final", "heading, rad: mean", "max", "final", "per metre, m", "rad", title=title
+    )  # fmt: skip
+    for name, one in results.items():
+        table.add_section()
+        table.add_row(name, "measured pose", *_errors(one.raw))
+        table.add_row("", "wheels alone", *_errors(one.wheels), f"{one.drift:.3f}", f"{one.drift_heading:.3f}")
+        table.add_row("", "filter", *_errors(one.filter))
+    return table
+
+
+def _errors(errors: Errors) -> list[str]:
+    return [f"{np.mean(values):.3f}" for values in errors]
+
+
+def _number(interval: Interval, digits: int, *, brief: bool = False) -> str:
+    if not np.isfinite(interval.value):
+        return "-"
+    margin = 0.5 * (interval.high - interval.low)
+    return f"{interval.value:.{digits}f}" + ("" if brief or not np.isfinite(margin) else f" ± {margin:.{digits}f}")
+
+
+def _percent(interval: Interval) -> str:
+    value, low, high = (100.0 * number for number in interval)
+    return f"{value:.1f} ({low:.1f}, {high:.1f})"
+
+
+def speed_tables(result: dict[str, Any]) -> list[Table]:
+    """Return tables of what `turtlebot_gym_agents.commands.speed` has measured."""
+    machine = result["machine"]
+    table = Table(
+        "environment", "steps/s", "times CartPole", title=f"{machine['cores']} cores, load {machine['load_before']:.1f} before"
+    )
+    for name, figures in result["environments"].items():
+        table.add_row(name, f"{figures['steps_per_second']:,.0f}", f"{figures['ratio']:.2f}")
+    tables = [table]
+    if "training" in result:
+        training = result["training"]
+        learning = Table("training with PPO", "steps/s", title=f"the adapter adds {result['adapter_ns']:.0f} ns a step")
+        learning.add_row("Sb3VecEnv over the vector environment", f"{training['ours']:,.0f}")
+        learning.add_row("DummyVecEnv over 64 scalar environments", f"{training['dummy_vec_env']:,.0f}")
+        learning.add_row("ratio", f"{training['ratio']:.1f}")
+        tables.append(learning)
+    return tables

@@ -1,0 +1,175 @@
+"""An episode as a file to show: a GIF, or an MP4 for what is longer."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from turtlebot_gym.envs.rendering import HEADER, SIDE
+from turtlebot_gym.simulation import Parameters
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
+
+MIN_WIDTH = 160
+"""Below it the legend cannot be read, pixels."""
+HOLD = 1.5
+"""How long the end of the episode stays, s."""
+
+
+class Video(NamedTuple):
+    """What was recorded."""
+
+    size: tuple[int, int]
+    """Width and height, pixels."""
+    duration: float
+    """How long it plays, s."""
+    time: float
+    """Length of the episode, s."""
+    success: bool
+    """Whether the episode ended in success."""
+
+
+def record(
+    policy: str | Policy,
+    path: str | Path,
+    *,
+    env: str = NAV,
+    seed: int = 0,
+    speed: float = 4.0,
+    fps: int = 20,
+    width: int = SIDE,
+    progress: Callable[[int, int], None] = lambda steps, limit: None,
+    **options: Any,
+) -> Video:
+    """Drive an episode, and write it as a video: the first episode of `evaluate` with the same arguments.
+
+    Args:
+        policy: A name for `turtlebot_gym_agents.make_policy`, or a policy.
+        path: The file, ``*.gif`` or ``*.mp4``.
+        env: The id of an environment of this package.
+        seed: The episode's.
+        speed: How much faster than the robot it plays.
+        fps: Frames per second.
+        width: Of the frames, pixels.
+        progress: Called with the number of steps so far, and the most that there can be.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+        ImportError: If an MP4 is asked for and imageio-ffmpeg is missing.
+    """
+    path = Path(path)
+    write = choose(f"The suffix of {path}", path.suffix.lower(), {".gif": _write_gif, ".mp4": _write_mp4})
+    require_known(env, seed)
+    if not 0.0 < speed < math.inf:
+        raise ValueError(f"speed must be positive and finite, got {speed!r}.")
+    if not (isinstance(fps, int) and fps > 0):
+        raise ValueError(f"fps must be a positive whole number, got {fps!r}.")
+    if not (isinstance(width, int) and MIN_WIDTH <= width <= SIDE and width % 2 == 0):
+        raise ValueError(f"width must be an even whole number from {MIN_WIDTH} to {SIDE}, got {width!r}.")
+
+    world = gym.make(env, render_mode="rgb_array", disable_env_checker=True, **options)
+    assert world.spec is not None
+    limit = world.spec.max_episode_steps or 0
+    p: Parameters = world.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    driver = driver_of(policy, p)
+    size = width, 2 * round(0.5 * width * (HEADER + SIDE) / SIDE)  # even, which an MP4 needs
+    frames, steps, success = 0, 0, False
+
+    def play() -> Iterator[Image.Image]:
+        """Yield the picture that is due at each frame's time."""
+        nonlocal frames, steps, success
+        for steps, (picture, info, ended) in enumerate(_drive(world, driver, seed)):
+            progress(steps, limit)
+            success = bool(info["is_success"])
+            image = Image.fromarray(picture).resize(size)
+            until = (steps + 1) * p.dt + (HOLD * speed if ended else 0.0)
+            while frames * speed / fps < until - 1e-9:
+                frames += 1
+                yield image
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with replacing(path) as beside:
+            write(beside, play(), fps)
+    finally:
+        world.close()
+    return Video(size=size, duration=frames / fps, time=steps * p.dt, success=success)
+
+
+def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np.uint8], dict[str, Any], bool]]:
+    """Yield picture, info and whether it is the end, at the start and after each step.
+
+    Each step is drawn, shown or not, since trails are of what was drawn.
+    """
+    observation, info = env.reset(seed=seed)
+    if isinstance(policy, PolicyWithMemory):
+        policy.reset(np.ones(1, np.bool_))
+    ended = False
+    while True:
+        picture: Any = env.render()
+        yield picture, info, ended
+        if ended:
+            return
+        (action,) = policy(observation[None])  # a batch of one, as policies meet in an evaluation
+        observation, _, terminated, truncated, info = env.step(action)
+        ended = terminated or truncated
+
+
+def _write_gif(path: Path, frames: Iterator[Image.Image], fps: int) -> None:
+    """Write frames, all with the colours of the first one: its legend has all that is ever drawn, and nothing flickers."""
+    if fps > 50 or 100 % fps != 0:
+        raise ValueError(f"fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50 (frames last whole 1/100 s), got {fps}.")
+    first = next(frames)
+    palette = _palette(first)
+    drawn = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in itertools.chain([first], frames))
+    next(drawn).save(path, "GIF", save_all=True, append_images=drawn, duration=1000 // fps, loop=0, optimize=True)
+
+
+def _palette(picture: Image.Image) -> Image.Image:
+    """Return the colours of a picture, the frequent ones first, without what looks the same as one before it.
+
+    Pillow finds the nearest of them on a grid of 4 levels: so colours this far apart stay what they are.
+    """
+    colors: list[tuple[int, int, int]] = []
+    counted: Any = picture.getcolors(picture.width * picture.height)
+    for _, color in sorted(counted, reverse=True):
+        if all(max(abs(a - b) for a, b in zip(color, other, strict=True)) > 8 for other in colors):
+            colors.append(color)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(list(itertools.chain(*colors[:255])))  # of 256 one is left for what a frame does not change
+    return palette
+
+
+def _write_mp4(path: Path, frames: Iterator[Image.Image], fps: int) -> None:
+    """Write frames as H.264, which every browser plays."""
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise ImportError("An MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg. A GIF does not.") from error
+    first = next(frames)
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        first.size,
+        fps=fps,
+        codec="libx264",
+        quality=6,
+        macro_block_size=2,
+        output_params=["-movflags", "+faststart", "-f", "mp4"],
+    )
+    writer.send(None)
+    try:
+        for frame in itertools.chain([first], frames):
+            writer.send(frame.tobytes())
+    finally:
+        writer.close()

@@ -1,0 +1,1 @@
+"""Driving episodes and recorded drives, and measuring them."""

@@ -1,0 +1,152 @@
+"""From what a batch of environments told, step by step, to what has come of each episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.simulation import OBSERVED, Parameters
+from turtlebot_gym.tasks import Task, arrived
+from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.evaluation.metrics import Errors, errors
+
+
+class Record(NamedTuple):
+    """What n environments told at the start and after each of T steps; shapes (T + 1, n, ...)."""
+
+    true_state: NDArray[np.float64]
+    odometry: NDArray[np.float64]
+    estimate: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    command: NDArray[np.float64]
+    is_success: NDArray[np.bool_]
+    running: NDArray[np.bool_]
+    """Whether it belongs to the first episode; after its end an environment begins others."""
+    covariance: NDArray[np.float64]
+    """Of the first environment alone, shape (T + 1, 5, 5)."""
+
+    def trajectory(self, *, dt: float) -> Trajectory:
+        """Return the first environment's episode."""
+        rows = np.flatnonzero(self.running[:, 0])
+        drive = {name: getattr(self, name)[rows, 0] for name in Trajectory._fields if name not in ("time", "covariance")}
+        return Trajectory(time=np.asarray(rows * dt, np.float64), covariance=self.covariance[rows], **drive)
+
+
+class Episodes(NamedTuple):
+    """What has come of each episode; all of shape (n,)."""
+
+    seed: NDArray[np.int64]
+    success: NDArray[np.bool_]
+    """As the environment says it; by the true pose."""
+    time: NDArray[np.float64]
+    """Length of the episode, s."""
+    ideal: NDArray[np.float64]
+    """The same at full speed, in straight lines from waypoint to waypoint and to the edge of the last one, s."""
+    path: NDArray[np.float64]
+    """Length of the true path, m."""
+    effort: NDArray[np.float64]
+    """Squared speed and turning rate as shares of their limits, summed; mean over the steps."""
+    reached: NDArray[np.int64]
+    """Waypoints at which the true pose was while they were due."""
+    miss: NDArray[np.float64]
+    """True distance to a waypoint when it is done with, by arrival, by time or by the episode's end; mean over waypoints, m."""
+    false_arrival: NDArray[np.bool_]
+    """Whether the observed pose was, for the first time, at a waypoint at which the true pose was not."""
+    arrival_distance: NDArray[np.float64]
+    """True distance to a waypoint when the observed pose was there for the first time; mean over waypoints, m."""
+    estimate: Errors
+    """Of the filter's estimate, over the steps."""
+    odometry: Errors
+    """Of the odometry as it was measured, over the steps."""
+
+
+def concatenate(parts: Sequence[Episodes]) -> Episodes:
+    """Return the episodes of several batches, one after the other."""
+
+    def joined(rows: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+        for column in zip(*rows, strict=True):
+            yield Errors(*joined(column)) if isinstance(column[0], Errors) else np.concatenate(column)
+
+    return Episodes(*joined(parts))
+
+
+def measure(record: Record, p: Parameters, seed: int) -> Episodes:
+    """Return what has come of each episode.
+
+    Args:
+        record: T steps of n environments.
+        p: The environments' parameters.
+        seed: Of the first one.
+    """
+    running, task = record.running[1:], p.task
+    truth, due = record.true_state[1:], record.reference[:-1]  # the waypoint that was due in the step, not the one after it
+    steps = running.sum(axis=0)
+    changed = (record.reference[1:] != due).any(axis=2) & running
+    done_with = changed | (np.arange(len(running))[:, None] == steps - 1)
+    leg = np.cumsum(done_with, axis=0) - done_with
+
+    away = _distance(truth, due)
+    there = _at(truth, due, running, task)
+    seen_there = _at(_observed(record, p), due, running, task)
+    legs = [leg == number for number in range(int(leg.max()) + 1)]
+    first_seen = np.any([_first(seen_there & one) for one in legs], axis=0)
+    effort = ((record.command[1:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
+    sides = _distance(record.reference[1:], due)
+
+    top_speed = min(p.robot.max_linear, p.robot.max_wheel)
+    straight = _distance(record.true_state[0], record.reference[0]) + np.sum(sides, axis=0, where=changed)
+    return Episodes(
+        seed=seed + np.arange(steps.size),
+        success=np.any(record.is_success[1:] & running, axis=0),
+        time=steps * p.dt,
+        ideal=(straight - task.radius) / top_speed,
+        path=np.sum(_distance(truth, record.true_state[:-1]), axis=0, where=running),
+        effort=_mean(effort, running),
+        reached=np.sum([(there & one).any(axis=0) for one in legs], axis=0),
+        miss=_mean(away, done_with),
+        false_arrival=np.any(first_seen & ~there, axis=0),
+        arrival_distance=_mean(away, first_seen),
+        estimate=_errors(record.estimate[1:], truth, running),
+        odometry=_errors(record.odometry[1:], truth, running),
+    )
+
+
+def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
+    """Return the states that the policy was shown after each step, shape (T, n, 5)."""
+    shown = {
+        "ekf": record.estimate,
+        "odometry": np.concatenate([record.odometry, record.command], axis=-1),
+        "truth": record.true_state,
+    }
+    return next(states for name, states in shown.items() if OBSERVED[name] == p.observed)[1:]
+
+
+def _at(states: NDArray[np.float64], due: NDArray[np.float64], running: NDArray[np.bool_], task: Task) -> NDArray[np.bool_]:
+    """Return which states satisfy the task at the waypoints that are due, shape (T, n)."""
+    at = running & (_distance(states, due) <= task.radius)  # few are near enough to ask
+    for step, row in np.argwhere(at):
+        at[step, row] = arrived(State(*states[step, row].tolist()), Pose(*due[step, row].tolist()), task)
+    return at
+
+
+def _distance(states: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.hypot(states[..., 0] - points[..., 0], states[..., 1] - points[..., 1])
+
+
+def _first(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return flags (T, n) of which only the first one in time is left."""
+    return flags & (np.cumsum(flags, axis=0) == 1)
+
+
+def _mean(values: NDArray[np.float64], where: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the mean over time of the values (T, n) at which a flag is set; NaN where none is."""
+    count = where.sum(axis=0)
+    return np.where(count > 0, np.sum(values, axis=0, where=where) / np.maximum(count, 1), np.nan)
+
+
+def _errors(poses: NDArray[np.float64], truth: NDArray[np.float64], running: NDArray[np.bool_]) -> Errors:
+    return errors(np.where(running[..., None], poses, np.nan), truth)

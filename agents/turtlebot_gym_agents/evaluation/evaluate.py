@@ -1,0 +1,157 @@
+"""How well a policy drives: one episode for each seed, in one batch, measured by the true pose.
+
+Episode *i* has the seed ``seed + i``, whatever is evaluated, and noise is drawn by counter: start, goal and noise are then the
+same for all policies, and differences between them can be told in pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import registry
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from turtlebot_gym.simulation import Parameters
+from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
+from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+BATCH = 1024
+"""Episodes that are driven, and held in memory, at once."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evaluation:
+    """A policy's episodes in one setting."""
+
+    config: dict[str, Any] = field(repr=False)
+    """What was evaluated, the first seed among it."""
+    limit: float
+    """Longest time of an episode, s."""
+    episodes: Episodes = field(repr=False)
+    trajectory: Trajectory = field(repr=False)
+    """The first episode."""
+
+    def times(self) -> NDArray[np.float64]:
+        """Return the time of each episode with a failure as the limit, shape (n,), s: what policies are compared by."""
+        return np.where(self.episodes.success, self.episodes.time, self.limit)
+
+    def summary(self) -> dict[str, Interval]:
+        """Return the episodes in numbers: means and shares, with 95 % intervals."""
+        e = self.episodes
+        return {
+            "success": metrics.share(e.success),
+            "time_to_goal": metrics.mean(e.time[e.success]),
+            "time": metrics.mean(self.times()),
+            "efficiency": metrics.mean((e.ideal / e.time)[e.success]),
+            "reached": metrics.mean(e.reached),
+            "miss": metrics.mean(e.miss),
+            "path": metrics.mean(e.path),
+            "effort": metrics.mean(e.effort),
+            "false_arrival": metrics.share(e.false_arrival),
+            "arrival_distance": metrics.mean(e.arrival_distance),
+            **{f"estimate_{name}": metrics.mean(values) for name, values in e.estimate._asdict().items()},
+            **{f"odometry_{name}": metrics.mean(values) for name, values in e.odometry._asdict().items()},
+        }
+
+
+def paired(one: Evaluation, other: Evaluation) -> Interval:
+    """Return the mean difference of times, failures as the limit, of two evaluations with the same seeds; s.
+
+    Raises:
+        ValueError: If their seeds are not the same.
+    """
+    if not np.array_equal(one.episodes.seed, other.episodes.seed):
+        raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")
+    return metrics.mean(one.times() - other.times())
+
+
+def evaluate(
+    policy: str | Policy,
+    *,
+    env: str = NAV,
+    episodes: int = 1000,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda ended: None,
+    **options: Any,
+) -> Evaluation:
+    """Drive one episode for each seed, and measure.
+
+    Args:
+        policy: A name for `turtlebot_gym_agents.make_policy`, or a policy.
+        env: The id of an environment of this package.
+        episodes: How many; episode i has the seed ``seed + i``.
+        seed: The first seed.
+        progress: Called with the number of episodes that have ended so far.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+    if not (isinstance(episodes, int) and episodes > 0):
+        raise ValueError(f"episodes must be a positive whole number, got {episodes!r}.")
+    require_known(env, seed)
+    runs = []
+    for start in range(0, episodes, BATCH):
+        size = min(BATCH, episodes - start)
+        envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
+        runs.append(_run(envs, policy, seed + start, lambda ended, start=start: progress(start + ended)))
+        envs.close()
+    parts, trajectories, limits = zip(*runs, strict=True)
+    return Evaluation(
+        config={"env": env, "policy": policy, "episodes": episodes, "seed": seed, **options},
+        limit=limits[0],
+        episodes=concatenate(parts),
+        trajectory=trajectories[0],
+    )
+
+
+def require_known(env: str, seed: int) -> None:
+    """Raise ValueError unless an id is that of an environment of this package, and a seed is one that `gym.Env.reset` takes."""
+    if not (isinstance(seed, int) and seed >= 0):
+        raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
+    choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
+
+
+def driver_of(policy: str | Policy, p: Parameters) -> Policy:
+    """Return a policy, made for an environment's robot and control interval where it is given by name."""
+    return make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
+
+
+def _run(
+    envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None]
+) -> tuple[Episodes, Trajectory, float]:
+    """Return the environments' episodes, the first one's trajectory, and the longest time that they may take."""
+    p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    record = _drive(envs, driver_of(policy, p), seed, progress)
+    return measure(record, p, seed), record.trajectory(dt=p.dt), p.task.max_steps * p.dt
+
+
+def _drive(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
+    """Drive until every environment has ended an episode."""
+    observations, info = envs.reset(seed=seed)
+    running = np.ones(envs.num_envs, np.bool_)
+    if isinstance(policy, PolicyWithMemory):
+        policy.reset(running.copy())
+    rows = [_row(info, running)]
+    while running.any():
+        observations, _, terminated, truncated, info = envs.step(policy(observations))
+        rows.append(_row(info, running))
+        running = running & ~(terminated | truncated)
+        progress(int(running.size - running.sum()))
+    return Record(*map(np.array, zip(*rows, strict=True)))
+
+
+def _row(info: dict[str, Any], running: NDArray[np.bool_]) -> Record:
+    """Return a row of the record."""
+    told = {name: info[name] for name in Record._fields if name not in ("running", "covariance")}
+    return Record(**told, running=running, covariance=info["covariance"][0])

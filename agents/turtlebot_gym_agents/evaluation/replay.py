@@ -1,0 +1,283 @@
+"""The filter on recorded drives: wheel odometry as it was, and a measured pose made from the true one.
+
+Real wheels slip and drift as no simulated ones do. A recording with motion-capture truth shows whether the filter copes: it
+predicts with the recorded twist, and a few times a second it is corrected by the true pose with an odometry preset's noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.models.unicycle import INTEGRATORS, advance
+from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
+from turtlebot_gym.plotting import PURPLE, tutorial_figure
+from turtlebot_gym.presets import WHEEL, make_filter, make_noise
+from turtlebot_gym.simulation import measurement
+from turtlebot_gym.trajectory import Trajectory, position_error
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Command, Pose
+from turtlebot_gym_agents.evaluation.metrics import Errors, errors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Names of the columns of a recording."""
+
+    time: str = "t"
+    """Time, s; increasing."""
+    v: str = "vx"
+    """Forward speed by the wheels since the row before, m/s."""
+    omega: str = "gyro"
+    """Turning rate by the wheels since the row before, rad/s."""
+    x: str = "px"
+    """True position, m."""
+    y: str = "py"
+    """True position, m."""
+    theta: str = "theta"
+    """True heading, rad."""
+
+
+class Drive(NamedTuple):
+    """A recorded drive of T rows."""
+
+    time: NDArray[np.float64]
+    """Shape (T,), s; increasing."""
+    twist: NDArray[np.float64]
+    """Speed and turning rate by the wheels, shape (T, 2); row k's covers the interval from row k-1 to row k."""
+    truth: NDArray[np.float64]
+    """True poses, shape (T, 3)."""
+
+
+def read_drive(path: str | Path, *, columns: Columns | None = None) -> Drive:
+    """Read a table with named columns: a header line, and numbers that are separated by commas, semicolons or blanks.
+
+    Args:
+        path: The file.
+        columns: What they are called; others are ignored.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If a column is missing, a number is not one, or time does not increase.
+    """
+    names = astuple(columns or Columns())
+    with open(path, encoding="utf-8-sig") as file:
+        header = file.readline().lstrip("#").strip()
+        mark = next((mark for mark in ",;" if mark in header), None)
+        found = [name.strip().strip('"') for name in header.split(mark)]
+        missing = [name for name in names if name not in found]
+        if missing:
+            raise ValueError(
+                f"{path}: column {', '.join(map(repr, missing))} is missing; there are {', '.join(map(repr, found))}."
+            )
+        lines = [line for line in file if line.strip()]
+    if len(lines) < 2:
+        raise ValueError(f"{path}: a drive has at least two rows, got {len(lines)}.")
+    try:
+        rows = np.loadtxt(lines, delimiter=mark, usecols=[found.index(name) for name in names], ndmin=2, comments=None)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    bad = np.argwhere(~np.isfinite(rows))
+    if len(bad):
+        row, column = bad[0]
+        raise ValueError(f"{path}: column {names[column]!r} must be finite, got {rows[row, column]} in row {row + 1}.")
+    stuck = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
+    if len(stuck):
+        before, after = rows[stuck[0] : stuck[0] + 2, 0]
+        raise ValueError(f"{path}: column {names[0]!r} must increase, got {after} after {before} in row {stuck[0] + 2}.")
+    return Drive(rows[:, 0], rows[:, 1:3], rows[:, 3:])
+
+
+def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.float64]:
+    """Return the poses, shape (T, 3), that the wheels alone would tell, from the first true one on."""
+    middle = choose("integrator", integrator, INTEGRATORS)
+    pose = Pose(*drive.truth[0].tolist())
+    poses = [pose]
+    for (v, omega), dt in zip(drive.twist[1:].tolist(), np.diff(drive.time).tolist(), strict=True):
+        pose = advance(pose, v, omega, dt, middle)
+        poses.append(pose)
+    return np.array(poses)
+
+
+def segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first and last rows of the segments of a drive, end to end, that are so long by the true path.
+
+    Args:
+        truth: True poses, shape (T, 3).
+        length: m.
+    """
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
+    ends = np.searchsorted(path, np.arange(0.0, path[-1], length))
+    return ends[:-1], ends[1:]
+
+
+def drift(
+    poses: NDArray[np.float64], truth: NDArray[np.float64], first: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return by how much odometry that starts at the true pose is off at the end of each segment, in position and heading.
+
+    Args:
+        poses: Odometry, shape (T, 3).
+        truth: True poses, shape (T, 3).
+        first: Rows at which the segments begin, shape (n,).
+        last: And end.
+
+    Returns:
+        Distances (n,), m, and signed angles (n,), rad.
+    """
+    turn = truth[first, 2] - poses[first, 2]
+    moved = (poses[last, 0] - poses[first, 0]) + 1j * (poses[last, 1] - poses[first, 1])
+    should = (truth[last, 0] - truth[first, 0]) + 1j * (truth[last, 1] - truth[first, 1])
+    angle = poses[last, 2] + turn - truth[last, 2]
+    return np.abs(moved * np.exp(1j * turn) - should), np.angle(np.exp(1j * angle))
+
+
+def replay(
+    drive: Drive,
+    *,
+    noise: str | Noise = "documented",
+    filter: str | FilterTuning = "matched",
+    process: ProcessNoise = WHEEL.process,
+    seed: int = 0,
+    rate: float = 10.0,
+    integrator: str = "midpoint",
+) -> Trajectory:
+    """Run the filter over a recorded drive.
+
+    Args:
+        drive: The drive.
+        noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry counts, the execution's noise is real.
+        filter: "matched" (to that odometry, and to ``process``), "tutorial" or a tuning.
+        process: How the recorded wheels drift, as the filter should believe; as those of the preset "wheel" if not told.
+        seed: Of the odometry's noise.
+        rate: Measured poses per second; every row where it is not finite.
+        integrator: "euler" or "midpoint".
+
+    Returns:
+        The drive with odometry (NaN on rows without a measurement), estimate and covariance on every row. ``command`` is the
+        recorded twist; there is no reference, and of the true state the pose is known.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+    if not rate > 0.0:
+        raise ValueError(f"rate must be positive, got {rate!r}.")
+    in_force = replace(make_noise(noise), process=process)
+    tuning, middle = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
+    key = episode_key(seed, 0)
+    true, wheels = ([Pose(*pose) for pose in poses.tolist()] for poses in (drive.truth, dead_reckoning(drive)))
+    # Row k's twist moves the robot from row k-1 to row k: it is what was commanded at row k-1.
+    commands = [Command(*twist) for twist in drive.twist.tolist()][1:]
+    commands.append(commands[-1])
+    elapsed = drive.time - drive.time[0]
+    ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
+    due = np.diff(ticks, prepend=-1.0) > 0.0
+
+    z, _ = measurement(key, 0, true[0], wheels[0], in_force.odometry)
+    estimate = ekf.initialize(z, tuning)
+    mean = estimate.belief.mean._replace(v=commands[0].v, omega=commands[0].omega)
+    estimate = estimate._replace(belief=estimate.belief._replace(mean=mean))
+    odometry, beliefs = [z], [estimate.belief]
+    for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
+        last = z
+        if due[row]:
+            measured, due[row] = measurement(key, row, true[row], wheels[row], in_force.odometry)
+            z = measured if due[row] else last
+        estimate = ekf.step(estimate, commands[row], last, z, bool(due[row]), tuning, dt, middle)
+        odometry.append(z)
+        beliefs.append(estimate.belief)
+
+    unknown = np.full((elapsed.size, 3), np.nan)
+    return Trajectory(
+        time=elapsed,
+        true_state=np.hstack([drive.truth, unknown[:, :2]]),
+        odometry=np.where(due[:, None], np.array(odometry), np.nan),
+        estimate=np.array([belief.mean for belief in beliefs]),
+        covariance=np.array([matrix(belief.covariance) for belief in beliefs]),
+        reference=unknown,
+        command=np.array(commands),
+    )
+
+
+class Replayed(NamedTuple):
+    """What replaying a drive with several seeds has shown."""
+
+    raw: Errors
+    """Of the measured poses; arrays with a number for each seed, as those of the filter."""
+    wheels: Errors
+    """Of the wheels alone, from the first true pose on; a single number each."""
+    filter: Errors
+    """Of the filter's estimate."""
+    drift: float
+    """Error of the wheels alone over segments of 1 m, end to end; mean, m."""
+    drift_heading: float
+    """And that of their heading, rad."""
+    trajectory: Trajectory
+    """The drive with the first seed."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the means over the seeds, and what each seed gave."""
+        means = {
+            name: {key: float(np.mean(values)) for key, values in errors._asdict().items()}
+            for name, errors in (("raw", self.raw), ("wheels", self.wheels), ("filter", self.filter))
+        }
+        per_metre = {"position": self.drift, "heading": self.drift_heading}
+        return {"mean": means, "wheels_per_metre": per_metre, "seeds": {"raw": self.raw, "filter": self.filter}}
+
+
+def replay_seeds(
+    drive: Drive, seeds: Sequence[int], *, progress: Callable[[], None] = lambda: None, **options: Any
+) -> Replayed:
+    """Replay a drive with several seeds.
+
+    Args:
+        drive: The drive.
+        seeds: One or more.
+        progress: Called after each.
+        **options: Passed to `replay`.
+    """
+    trajectories = []
+    for seed in seeds:
+        trajectories.append(replay(drive, seed=seed, **options))
+        progress()
+    truth = np.repeat(drive.truth[:, None], len(trajectories), axis=1)
+    wheels = dead_reckoning(drive)
+    position, heading = drift(wheels, drive.truth, *segments(drive.truth, 1.0))
+    return Replayed(
+        errors(np.stack([one.odometry for one in trajectories], axis=1), truth),
+        errors(wheels, drive.truth),
+        errors(np.stack([one.estimate for one in trajectories], axis=1), truth),
+        float(position.mean()) if position.size else np.nan,
+        float(np.abs(heading).mean()) if heading.size else np.nan,
+        trajectories[0],
+    )
+
+
+def replay_figure(trajectory: Trajectory, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
+    """Return a replayed drive at a glance: its trajectory, pose over time, and errors, with those of dead reckoning.
+
+    Args:
+        trajectory: The drive.
+        wheels: The poses by dead reckoning, shape (T, 3).
+        title: What stands above.
+    """
+    figure = tutorial_figure(trajectory, title=title)
+    panels = {axes.get_label(): axes for axes in figure.axes}
+    style: dict[str, Any] = {"color": PURPLE, "linestyle": ":", "linewidth": 1.5, "label": "wheels alone"}
+    panels["trajectory"].plot(wheels[:, 0], wheels[:, 1], **style)
+    panels["error"].plot(trajectory.time, position_error(wheels, trajectory.true_state), **style)
+    for name in ("trajectory", "error"):
+        panels[name].legend(handles=panels[name].lines[-1:])
+    return figure

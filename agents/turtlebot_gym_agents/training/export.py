@@ -1,0 +1,125 @@
+"""From a Stable-Baselines3 model to a policy bundle, with the proof that both do the same."""
+
+from __future__ import annotations
+
+import json
+import logging
+import warnings
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import stable_baselines3
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
+
+TOLERANCE = 1e-5
+"""Largest difference between an action of the model and one of its bundle: both compute in float32."""
+
+_MARKS = {"target_entropy": "SAC", "policy_delay": "TD3", "clip_range_vf": "PPO", "gae_lambda": "A2C"}
+"""What a saved model has of an algorithm's own."""
+
+
+def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
+    """Return a model that Stable-Baselines3 has saved, as SAC, TD3 (also DDPG), PPO or A2C, whichever it is.
+
+    Args:
+        path: A zip file.
+        allow_pickle: Must be true: the file holds pickled objects, and loading those runs whatever code is in them.
+
+    Raises:
+        ValueError: If it is not, or the file is not such a model.
+    """
+    if not allow_pickle:
+        raise ValueError(
+            f"{path} holds pickled objects, and loading those can run any code. If you trust where it comes from, say "
+            "--allow-pickle; policies are passed on as bundles, which `turtlebot-gym export` makes."
+        )
+    try:
+        with zipfile.ZipFile(path) as archive:
+            keys = json.loads(archive.read("data"))
+    except (zipfile.BadZipFile, KeyError, ValueError) as error:
+        raise ValueError(f"{path} is not a model of Stable-Baselines3: {error}.") from error
+    name = next((name for mark, name in _MARKS.items() if mark in keys), None)
+    if name is None:
+        raise ValueError(f"{path} must hold a model of {', '.join(_MARKS.values())}.")
+    return getattr(stable_baselines3, name).load(path, device="cpu")
+
+
+class _Deterministic(torch.nn.Module):
+    """The deterministic action of an SB3 policy, without the distributions that it is otherwise wrapped in."""
+
+    def __init__(self, policy: torch.nn.Module) -> None:
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        policy: Any = self.policy
+        if hasattr(policy, "mlp_extractor"):  # PPO, A2C
+            features = policy.extract_features(observation, policy.pi_features_extractor)
+            action = policy.action_net(policy.mlp_extractor.forward_actor(features))
+        elif hasattr(policy.actor, "get_action_dist_params"):  # SAC, whose actor draws
+            action = torch.tanh(policy.actor.get_action_dist_params(observation)[0])
+        else:  # TD3, DDPG
+            action = policy.actor(observation)
+        return torch.clamp(action, -1.0, 1.0)
+
+
+def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_000) -> float:
+    """Write a model's deterministic policy as a bundle, if the two do the same.
+
+    Args:
+        model: A trained model for one of this package's environments.
+        path: The bundle's file, replaced in one step.
+        card: What it is for.
+        samples: Observations on which the actions are compared, uniform in the observation space.
+
+    Returns:
+        The largest difference between their actions.
+
+    Raises:
+        ValueError: If the model's observations or actions are others.
+        RuntimeError: If the difference is larger than `TOLERANCE`.
+    """
+    shapes = model.observation_space.shape, model.action_space.shape
+    if shapes != ((len(OBSERVATION_LOW),), (2,)):
+        raise ValueError(f"model must map observations (13,) to actions (2,), got {shapes[0]} and {shapes[1]}.")
+    program = _program(_Deterministic(model.policy).eval())
+    observations = np.random.default_rng(0).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (samples, len(OBSERVATION_LOW)))
+    observations = observations.astype(np.float32)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as beside:
+        write_bundle(beside, program.model_proto, card)
+        actions, _ = model.predict(observations, deterministic=True)
+        difference = float(np.abs(actions - BundlePolicy(beside)(observations)).max())
+        if not difference <= TOLERANCE:
+            beside.unlink()
+            raise RuntimeError(f"{path} is not written: its actions would differ from the model's by {difference:.2g}.")
+    return difference
+
+
+def _program(network: torch.nn.Module) -> torch.onnx.ONNXProgram:
+    registration = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = registration.level
+    registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # torch's exporter uses what torch deprecates
+            program = torch.onnx.export(
+                network,
+                (torch.zeros(2, len(OBSERVATION_LOW)),),
+                input_names=["observation"],
+                output_names=["action"],
+                dynamic_shapes=({0: torch.export.Dim("n")},),
+                dynamo=True,
+                verbose=False,
+            )
+    finally:
+        registration.setLevel(level)
+    assert program is not None
+    return program

@@ -1,0 +1,271 @@
+"""Train a policy with Stable-Baselines3 on the native vector environment, so that an interruption costs seconds.
+
+A run's folder holds ``config.json`` (all that the run depends on), ``checkpoint.zip`` (the last state, to resume from; with
+``checkpoint.replay.pkl`` where there is a replay buffer), ``best.zip`` (the best model on the evaluation's seeds),
+``policy.onnx`` (its bundle, when it is done), ``result.json`` and TensorBoard's logs. Every file is replaced in one step: a
+killed run leaves them whole.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import stable_baselines3
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+
+from turtlebot_gym import Parameters, Robot
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.files import replace_json
+from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.policies.bundle import Card, describe_robot
+from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.training import hyperparameters, normalization
+from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
+from turtlebot_gym_agents.training.export import export
+from turtlebot_gym_agents.training.randomization import randomized
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+    name.lower(): getattr(stable_baselines3, name) for name in ("A2C", "DDPG", "PPO", "SAC", "TD3")
+}
+NORMALIZATION_SEED = 2**41
+TRAINING_SEED = 2**42
+"""A run's environments have seeds from (1 + its seed) times this on: apart from other runs', and from the evaluation's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """What a training run depends on."""
+
+    env: str = "turtlebot_gym/TurtleBotNav-v0"
+    """Environment id."""
+    algo: str = "ppo"
+    """Algorithm of Stable-Baselines3, in lower case."""
+    seed: int = 0
+    """Of the network, and what the environments' seeds follow from."""
+    robot: str | Robot = "burger"
+    """Robot preset, or a robot."""
+    noise: str = "tutorial"
+    """Noise preset."""
+    filter: str = "matched"
+    """Filter preset."""
+    observation: str = "ekf"
+    """What the policy sees: ekf, odometry or truth."""
+    arrival: str = "truth"
+    """Who says that the robot has arrived: truth or belief."""
+    delay: int = 0
+    """Steps by which commands come late."""
+    randomize: bool = False
+    """Whether noise, speed scale and delay differ from environment to environment, see `randomization`; ``noise``, ``filter``
+    and ``delay`` are then those of the evaluation."""
+    steps: int | None = None
+    """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
+    config: Path | None = None
+    """Hyper-parameters, YAML; those that come with the package where it is not given."""
+    evaluations: int = 8
+    """How often the policy is evaluated on the way."""
+    episodes: int = 500
+    """Episodes of each evaluation."""
+    checkpoint_seconds: float = 5.0
+    """Least time between two checkpoints, s."""
+    threads: int = 1
+    """Torch's threads: small networks gain nothing from more."""
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "evaluations", "episodes", "threads"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"{name} must be positive, got {value!r}.")
+        if not 0 <= self.seed < 2**20:
+            raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
+
+    def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
+        """Return environments; randomized ones differ from each other."""
+        names = ("robot", "noise", "filter", "observation", "arrival", "delay")
+        envs = gym.make_vec(
+            self.env,
+            num_envs=num_envs,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            **{name: getattr(self, name) for name in names},
+        )
+        if randomize:
+            bare: Any = envs.unwrapped
+            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed))
+        return envs
+
+
+_FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "threads")
+"""Fields of the configuration that may be others when a run is resumed; what is in the file ``config`` may not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingResult:
+    """What a training run has come to."""
+
+    steps: int
+    """Environment steps, those before an interruption included."""
+    seconds: float
+    """Wall time of this call, s."""
+    steps_per_second: float
+    """Environment steps per second of this call, evaluations and export included."""
+    best: Mapping[str, float]
+    """Figures of the best model."""
+    history: list[dict[str, float]] = field(default_factory=list)
+    """Figures of this call's evaluations."""
+
+
+def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progress: bool = True) -> TrainingResult:
+    """Train one policy.
+
+    Args:
+        config: What to train.
+        folder: Where the run's files go.
+        resume: Go on from the folder's checkpoint, if there is one.
+        progress: Whether to show a bar.
+
+    Returns:
+        What it has come to; the folder holds the policy.
+
+    Raises:
+        ValueError: If a name in the configuration is unknown, or the folder holds a run and ``resume`` is not set, or a run
+            of another configuration.
+    """
+    start = time.perf_counter()
+    hyper = hyperparameters.load(config.algo, config.env, config.config)
+    total = config.steps or hyper["n_timesteps"]
+    checkpoint = folder / "checkpoint.zip"
+    record = {"config": plain(asdict(config)), "hyperparameters": hyper, **provenance()}
+    if checkpoint.exists():
+        if not resume:
+            raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
+        _require_same(json.loads((folder / "config.json").read_text(encoding="utf-8")), record, folder)
+    torch.set_num_threads(config.threads)
+
+    envs, judges = config.make(hyper["n_envs"], randomize=config.randomize), config.make(config.episodes)
+    if checkpoint.exists():
+        model = load_checkpoint(config, checkpoint, envs)
+    else:
+        model = make_model(config, hyper, envs, tensorboard=folder / "tensorboard")
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_json(folder / "config.json", record)
+    before = model.num_timesteps
+    judge = EvaluationCallback(judges, path=folder / "best.zip", every=max(1, total // config.evaluations))
+    bar = ProgressCallback(total, label=f"{config.env.partition('/')[2]} seed {config.seed}")
+    callbacks = [judge, CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), *([bar] if progress else [])]
+    try:
+        # A finished run has nothing to learn, but the callbacks find its best model again.
+        learn(model, total, callbacks)
+    finally:
+        bar.stop()
+    seconds = round(time.perf_counter() - start, 1)
+    card = Card(
+        env=config.env,
+        robot=describe_robot(config.robot),
+        dt=_parameters(judges).dt,
+        noise="randomized" if config.randomize else config.noise,
+        filter=config.filter,
+        observation=config.observation,
+        training={
+            **record,
+            "steps": model.num_timesteps,
+            "seconds": round(time.perf_counter() - start, 1),
+            "evaluation": judge.best,
+        },
+    )
+    best = ALGORITHMS[config.algo].load(folder / "best.zip", device="cpu")
+    export(best, folder / "policy.onnx", card)
+    envs.close()
+    judges.close()
+    seconds = time.perf_counter() - start
+    result = TrainingResult(
+        steps=model.num_timesteps,
+        seconds=seconds,
+        steps_per_second=(model.num_timesteps - before) / seconds,
+        best=judge.best,
+        history=judge.history,
+    )
+    replace_json(folder / "result.json", asdict(result))
+    return result
+
+
+def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv, *, tensorboard: Path | None) -> BaseAlgorithm:
+    """Return a model at the beginning of its training.
+
+    Args:
+        config: What to train.
+        hyper: Its hyper-parameters.
+        envs: Where it trains.
+        tensorboard: Folder of its logs.
+    """
+    algorithm = choose("algo", config.algo, ALGORITHMS)
+    keywords = hyperparameters.arguments(dict(hyper), algorithm)
+    bearing = make_policy("bearing", robot=_parameters(envs).robot, dt=_parameters(envs).dt)
+    mean, std = normalization.measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
+    keywords["policy_kwargs"] |= {
+        "features_extractor_class": normalization.NormalizedObservation,
+        "features_extractor_kwargs": {"mean": mean, "std": std},
+    }
+    model = algorithm(
+        hyper["policy"],
+        Sb3VecEnv(envs),
+        seed=config.seed,
+        device="cpu",
+        tensorboard_log=None if tensorboard is None else str(tensorboard),
+        **keywords,
+    )
+    return _set_up(model, config)
+
+
+def load_checkpoint(config: TrainingConfig, checkpoint: Path, envs: VectorEnv) -> BaseAlgorithm:
+    """Return the model of a checkpoint that `CheckpointCallback` has left in the run's own folder: it is unpickled.
+
+    Args:
+        config: What it was made for.
+        checkpoint: The file.
+        envs: Where it goes on.
+    """
+    model = choose("algo", config.algo, ALGORITHMS).load(checkpoint, env=Sb3VecEnv(envs), device="cpu")
+    if isinstance(model, OffPolicyAlgorithm):
+        model.load_replay_buffer(replay_path(checkpoint))
+    return _set_up(model, config)
+
+
+def _set_up(model: BaseAlgorithm, config: TrainingConfig) -> BaseAlgorithm:
+    adapter = model.env
+    assert isinstance(adapter, Sb3VecEnv)
+    adapter.seed((1 + config.seed) * TRAINING_SEED + model.num_timesteps)  # the model has set its own seed there
+    if isinstance(model, OnPolicyAlgorithm):
+        adapter.bootstrap_with(model)
+    return model
+
+
+def learn(model: BaseAlgorithm, total: int, callbacks: list[Any]) -> None:
+    """Train a model until it has made so many steps, those that it has made already included."""
+    model.learn(max(0, total - model.num_timesteps), callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
+
+
+def _parameters(envs: VectorEnv) -> Parameters:
+    """Return the environments' parameters; the first one's, where they differ."""
+    found: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    return found if isinstance(found, Parameters) else found[0]
+
+
+def _require_same(old: Mapping[str, Any], new: Mapping[str, Any], folder: Path) -> None:
+    """Raise ValueError if a folder's run is of another configuration."""
+    for part in ("config", "hyperparameters"):
+        keys = set(old[part]) | set(new[part])
+        for key in sorted(keys - set(_FREE_TO_CHANGE)):
+            before, now = old[part].get(key), new[part].get(key)
+            if before != now:
+                raise ValueError(f"{folder} holds a run with {key} {before!r}: it cannot be resumed with {now!r}.")

@@ -1,0 +1,1 @@
+"""The whole graph: bringing it up, observing it, drawing it."""

@@ -1,0 +1,107 @@
+"""The whole graph with one command: its metrics, as the tutorial has them, and its figure."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from turtlebot_gym.presets import NOISES
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
+from turtlebot_gym_ros.graph.graph import MODES, Graph
+from turtlebot_gym_ros.node.runner import refuse
+
+REACHED = 0.3
+"""A waypoint counts as reached where a position came this close, m."""
+
+
+def metrics(trajectory: Trajectory) -> dict[str, float]:
+    """Return the tutorial's figures of a drive: mean errors in m and rad, and how the waypoints were met."""
+    truth, odometry, estimate, reference = (
+        trajectory.true_state,
+        trajectory.odometry,
+        trajectory.estimate,
+        trajectory.reference,
+    )
+    known = np.isfinite(truth).all(1) & np.isfinite(estimate).all(1) & np.isfinite(odometry).all(1)
+    followed = np.isfinite(reference).all(1) & np.isfinite(truth).all(1)
+    pieces = np.split(np.flatnonzero(followed), np.flatnonzero(np.any(np.diff(reference[followed], axis=0), axis=1)) + 1)
+    pieces = [piece for piece in pieces if len(piece)]
+    closest = [position_error(truth[piece], reference[piece]).min() for piece in pieces]
+    # The generator goes by the estimate; without one all the time, fmin leaves out where there was none.
+    believed = [np.fmin.reduce(position_error(estimate[piece], reference[piece])) for piece in pieces]
+    return {
+        "duration": float(trajectory.time[-1]),
+        "odometry position error": float(position_error(odometry[known], truth[known]).mean()),
+        "estimate position error": float(position_error(estimate[known], truth[known]).mean()),
+        "odometry heading error": float(heading_error(odometry[known], truth[known]).mean()),
+        "estimate heading error": float(heading_error(estimate[known], truth[known]).mean()),
+        "path length": float(np.hypot(*np.diff(truth[np.isfinite(truth).all(1), :2], axis=0).T).sum()),
+        "waypoints reached": float(sum(distance <= REACHED for distance in closest)),
+        "waypoints believed reached": float(sum(distance <= REACHED for distance in believed)),
+        "mean closest distance": float(np.mean(closest)) if closest else float("nan"),
+        "worst closest distance": float(np.max(closest)) if closest else float("nan"),
+    }
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="bringup",
+        description="Run the closed loop as a ROS 2 graph on this machine. The simulated robot has no obstacles to avoid; "
+        "a real one has, and no policy here sees them.",
+    )
+    parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
+    parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
+    parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
+    parser.add_argument("--speed", type=float, default=1.0, help="how many times faster than real time (default 1)")
+    parser.add_argument("--policy", help="bearing (default) or another baseline, ppo-square, FILE.onnx, or module:callable")
+    parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
+    parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
+    parser.add_argument("--filter", help='"matched" (default) or "tutorial"')
+    parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
+    parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
+    parser.add_argument("--seed", type=int, help="of the noise")
+    parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
+    parser.add_argument("--json", type=Path, help="write the metrics to this file")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the graph, print its metrics, and return the exit code."""
+    options = vars(_parser().parse_args(argv))
+    duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
+    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    if not duration > 0.0:
+        return refuse(ValueError(f"--duration must be positive, got {duration!r}."))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with Graph(**given) as graph:
+            try:
+                graph.wait_until(lambda graph: graph.time >= duration, timeout=None)
+            except KeyboardInterrupt:
+                print("interrupted", file=sys.stderr)
+            trajectory = graph.trajectory()
+    except KeyboardInterrupt:
+        return 0
+    except (ValueError, RuntimeError) as error:
+        return refuse(error)
+    if len(trajectory.time) < 2:
+        return 0
+    figures = metrics(trajectory)
+    for name, value in figures.items():
+        print(f"{name:<26}{value:10.3f}")
+    if report:
+        report.write_text(json.dumps({"options": given, "metrics": figures}, indent=2) + "\n")
+    if figure:
+        from turtlebot_gym.plotting import tutorial_figure
+
+        tutorial_figure(trajectory).savefig(figure)
+        print(f"figure written to {figure}")
+    return 0

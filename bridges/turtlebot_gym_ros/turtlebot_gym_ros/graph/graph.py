@@ -1,0 +1,197 @@
+"""The closed loop as a live graph, from Python: in this process, or one process per node."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from std_srvs.srv import SetBool, Trigger
+
+from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.validation import choose
+from turtlebot_gym_ros import blocks
+from turtlebot_gym_ros.graph.recorder import Recorder
+from turtlebot_gym_ros.node.discovery import SETTLE
+from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.node.shell import Shell
+
+BLOCKS: dict[str, Any] = {
+    "turtlebot_simulator": blocks.TurtlebotSimulator,
+    "kalman_filter": blocks.KalmanFilter,
+    "waypoint_generator": blocks.WaypointGenerator,
+    "velocity_controller": blocks.VelocityController,
+    "simulated_teleop": blocks.SimulatedTeleop,
+}
+MODES = {
+    "autonomous": ("waypoint_generator", "velocity_controller", "turtlebot_simulator", "kalman_filter"),
+    "teleoperation": ("turtlebot_simulator", "kalman_filter"),
+}
+"""The nodes of each mode; in teleoperation a person publishes ``/cmd_vel``."""
+PATIENCE = 60.0
+"""Longest wait for the graph to come up, s."""
+
+
+class Graph:
+    """A running graph, which ends with its ``with`` block; in a notebook, `start` and `close` stand in cells of their own.
+
+        with Graph(policy="bearing", speed=10.0) as graph:
+            graph.wait_until(lambda graph: graph.state == "silent: done")
+            trajectory = graph.trajectory()
+
+    When it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
+
+    Args:
+        mode: "autonomous" or "teleoperation".
+        processes: Whether each node runs in a process of its own.
+        speed: How many times faster than real time.
+        domain: ROS domain; None for that of the environment.
+        parameters: Parameters by name; each goes to the nodes that have one of that name.
+
+    Raises:
+        ValueError: If a node refuses its parameters, or no node has one of them.
+        TimeoutError: If the graph does not come up.
+    """
+
+    def __init__(
+        self,
+        *,
+        mode: str = "autonomous",
+        processes: bool = False,
+        speed: float = 1.0,
+        domain: int | None = None,
+        **parameters: Any,
+    ) -> None:
+        self._names = choose("mode", mode, MODES)
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._in_processes = processes
+        self._domain = domain
+        self._autonomous = mode == "autonomous"
+        self._parameters = {name: self._for_node(name, float(speed), parameters) for name in self._names}
+        unknown = set(parameters) - {key for each in self._parameters.values() for key in each}
+        if unknown:
+            raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
+        self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
+
+    @staticmethod
+    def _for_node(name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the parameters that a node is given."""
+        known = {*BLOCKS[name].Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame"}
+        chosen = {key: value for key, value in parameters.items() if key in known}
+        if name == "turtlebot_simulator":
+            return {"speed": speed, **chosen}
+        return {"use_sim_time": True, **chosen} if speed != 1.0 else chosen
+
+    def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11
+        return self.start()
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def start(self) -> Graph:
+        """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
+        self._runner = Runner(domain=self._domain)
+        try:
+            self._recorder = Recorder(self._runner.context, stamped=self._stamped)
+            self._runner.add(self._recorder)
+            for name in self._names:
+                self._start(name)
+            self._runner.start()
+            self._come_up()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def _start(self, name: str) -> None:
+        given = self._parameters[name]
+        if not self._in_processes:
+            block = BLOCKS[name]
+            self._runner.add(Shell(block, block.Params, name=name, context=self._runner.context, overrides=given))
+            return
+        arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={_ros(value)}")]
+        domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
+        command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *arguments]
+        self._processes.append(subprocess.Popen(command, env={**os.environ, **domain}))
+
+    def _come_up(self) -> None:
+        """Wait until the loop is closed, and begin at the start."""
+        topics = ("true_state", "estimate", "reference") if self._autonomous else ("true_state", "estimate")
+        self.wait_until(lambda graph: all(topic in graph.latest for topic in topics), timeout=PATIENCE)
+        if self._autonomous:
+            self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
+            self.wait_until(lambda graph: graph.latest["true_state"].v or graph.latest["true_state"].omega, timeout=PATIENCE)
+        # Only now has every node heard every other: what went before does not count.
+        self._recorder.restart()
+        self._ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
+        self.wait_until(lambda graph: graph._recorder.has_begun, timeout=PATIENCE)
+
+    def _ask(self, service: str, kind: Any, request: Any) -> None:
+        client = self._recorder.node.create_client(kind, service)
+        self.wait_until(lambda graph: client.service_is_ready(), timeout=PATIENCE)
+        future = client.call_async(request)
+        self.wait_until(lambda graph: future.done(), timeout=PATIENCE)
+        self._recorder.node.destroy_client(client)
+
+    @property
+    def latest(self) -> Mapping[str, Any]:
+        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"."""
+        return self._recorder.latest
+
+    @property
+    def state(self) -> str:
+        """The controller's state: "active", or "silent" or "stopping" and why."""
+        return self._recorder.state
+
+    @property
+    def reports(self) -> Mapping[str, tuple[int, str]]:
+        """Level and message of each node's diagnostics."""
+        return self._recorder.reports
+
+    @property
+    def time(self) -> float:
+        """Time since the start, by the stamps, s."""
+        return self._recorder.time
+
+    def trajectory(self) -> Trajectory:
+        """Return the drive so far."""
+        return self._recorder.trajectory()
+
+    def wait_until(self, condition: Callable[[Graph], Any], *, timeout: float | None = 60.0) -> None:
+        """Wait until a condition on the graph holds.
+
+        Args:
+            condition: Given this graph.
+            timeout: Longest wait, s; None waits for ever.
+
+        Raises:
+            TimeoutError: If it does not hold in time; the message says what each node reports.
+            RuntimeError: If a node's process has ended.
+        """
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while not condition(self):
+            for process in self._processes:
+                if process.poll() is not None:
+                    raise RuntimeError(f"{process.args[3]} ended with exit code {process.returncode}.")  # type: ignore[index]
+            if deadline is not None and time.monotonic() > deadline:
+                raise TimeoutError(f"waited {timeout} s in vain; the nodes report {dict(self.reports)}.")
+            time.sleep(0.01)
+
+    def close(self) -> None:
+        """End all nodes; the robot is stopped first."""
+        for process in self._processes:
+            process.terminate()
+        for process in self._processes:
+            process.wait()
+        if self._processes:
+            time.sleep(SETTLE)  # until their leaving has been heard, see `discovery.leave`
+        self._processes.clear()
+        self._runner.close()
+
+
+def _ros(value: Any) -> str:
+    """Return a parameter's value as the ROS command line takes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,40 @@
+"""Who waits for what: the nodes' own diagnostics in one table."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from turtlebot_gym_ros.graph.graph import MODES
+from turtlebot_gym_ros.graph.recorder import Recorder
+from turtlebot_gym_ros.node.runner import Runner
+
+LEVELS = ("ok", "warning", "error", "stale")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Listen, print the table, and return 0 where all nodes of the loop are there and well, else 1."""
+    parser = argparse.ArgumentParser(prog="status", description="Print what each node of the graph reports and waits for.")
+    parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
+    parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default 3)")
+    options = parser.parse_args(argv)
+    expected = MODES[options.mode]
+    runner = Runner()
+    recorder = Recorder(runner.context, name="status")
+    runner.add(recorder)
+    runner.start()
+    until = time.monotonic() + options.seconds
+    while time.monotonic() < until and not all(name in recorder.reports for name in expected):
+        time.sleep(0.05)
+    reports = dict(recorder.reports)
+    runner.close()
+    table = Table("node", "level", "says")
+    for name in (*expected, *sorted(set(reports) - set(expected))):
+        level, text = reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}"))
+        table.add_row(name, LEVELS[level], text)
+    Console().print(table)
+    return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1

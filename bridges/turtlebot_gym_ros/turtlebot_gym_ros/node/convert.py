@@ -1,0 +1,197 @@
+"""Values and messages: what a block computes with, and what goes over a topic.
+
+World frames are checked by the shell; a value that is not finite or a quaternion that is no rotation is refused here, with
+a ``ValueError`` that says why, in both directions.
+
+An `Odometry` message has no place for the normalized innovation squared, which a policy observes. It travels where a planar
+robot has nothing to say, as the variance of the vertical speed (``twist.covariance[14]``); in messages of other filters, which
+have something in their other unused places, it is taken as 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Header
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+
+_NIS = 14
+# Row-major 6 x 6, in the order x y z roll pitch yaw: the diagonal places that a planar robot does not use.
+_UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 21, 28)
+
+
+class Conversion(NamedTuple):
+    """How a type of value travels."""
+
+    message: type
+    """Its message type."""
+    read: Callable[[Any], Any]
+    """``read(message)`` returns the value."""
+    write: Callable[[Any, Header], Any]
+    """``write(value, header)`` returns the message."""
+    in_world: bool
+    """Whether it is stated in the world frame, which the header must then name."""
+
+
+CONVERSIONS: dict[type, Conversion] = {}
+
+
+def register(
+    value_type: type,
+    message_type: type,
+    read: Callable[[Any], Any],
+    write: Callable[[Any, Header], Any],
+    *,
+    in_world: bool = False,
+) -> None:
+    """Teach the shell how a type of value travels.
+
+    Args:
+        value_type: What blocks take and return.
+        message_type: What goes over a topic.
+        read: ``read(message)`` returns the value, or raises ``ValueError`` where the message is refused.
+        write: ``write(value, header)`` returns the message, or raises ``ValueError``.
+        in_world: Whether the header must name the world frame.
+    """
+    CONVERSIONS[value_type] = Conversion(message_type, read, write, in_world)
+
+
+def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
+    """Return how a type of value travels.
+
+    Args:
+        value_type: What blocks take and return.
+        stamped: Whether a `Command` travels as TwistStamped, as on a Jazzy robot, or as Twist.
+
+    Raises:
+        ValueError: If the type was never registered.
+    """
+    if value_type is Command and not stamped:
+        return _UNSTAMPED
+    if value_type not in CONVERSIONS:
+        raise ValueError(f"No message is known for values of type {value_type.__name__}: call register(...) first.")
+    return CONVERSIONS[value_type]
+
+
+def yaw_of(q: Quaternion) -> float:
+    """Return the heading of a rotation, rad, in [-pi, pi).
+
+    Raises:
+        ValueError: If the quaternion is no rotation: its norm is not 1 within 1 %.
+    """
+    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+    if not abs(norm - 1.0) < 0.01:  # also refuses NaN
+        raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return -math.pi if yaw >= math.pi else yaw
+
+
+def quaternion_of(yaw: float) -> Quaternion:
+    """Return the rotation about the vertical axis by a heading, rad."""
+    return Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
+
+
+def _finite(what: str, numbers: Iterable[float]) -> None:
+    values = tuple(numbers)
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in values)}")
+
+
+def _read_pose(message: Any) -> Pose:
+    pose = Pose(message.position.x, message.position.y, yaw_of(message.orientation))
+    _finite("the pose", pose)
+    return pose
+
+
+def _write_pose(message: Any, pose: Iterable[float]) -> None:
+    x, y, theta = pose
+    _finite("the pose", (x, y, theta))
+    message.position.x, message.position.y, message.orientation = float(x), float(y), quaternion_of(theta)
+
+
+def _read_twist(message: Twist) -> Command:
+    command = Command(message.linear.x, message.angular.z)
+    _finite("the twist", command)
+    return command
+
+
+def _write_twist(message: Twist, v: float, omega: float) -> None:
+    _finite("the twist", (v, omega))
+    message.linear.x, message.angular.z = float(v), float(omega)
+
+
+def _pose_to_message(pose: Pose, header: Header) -> PoseStamped:
+    message = PoseStamped(header=header)
+    _write_pose(message.pose, pose)
+    return message
+
+
+def _state_of(message: Odometry) -> State:
+    return State(*_read_pose(message.pose.pose), *_read_twist(message.twist.twist))
+
+
+def _state_to_message(state: State, header: Header) -> Odometry:
+    message = Odometry(header=header)
+    _write_pose(message.pose.pose, state[:3])
+    _write_twist(message.twist.twist, state.v, state.omega)
+    return message
+
+
+def _estimate_of(message: Odometry) -> Estimate:
+    pose, twist = message.pose.covariance.tolist(), message.twist.covariance.tolist()  # floats are faster than NumPy's
+    _finite("the covariance", (*pose, *twist))
+    P = Covariance(
+        pose[0], pose[1], pose[5], 0.0, 0.0, pose[7], pose[11], 0.0, 0.0, pose[35], 0.0, 0.0, twist[0], twist[5], twist[35]
+    )
+    if min(P.xx, P.yy, P.tt, P.vv, P.ww) < 0.0:
+        raise ValueError(f"variances must not be negative, got {P.xx:g}, {P.yy:g}, {P.tt:g}, {P.vv:g}, {P.ww:g}")
+    foreign = any(pose[at] for at in _UNUSED_IN_POSE) or any(twist[at] for at in _UNUSED_IN_TWIST)
+    return Estimate(Belief(_state_of(message), P), 0.0 if foreign else twist[_NIS], 0.0)
+
+
+def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
+    mean, P = estimate.belief
+    _finite("the covariance", (*P, estimate.nis))
+    message = _state_to_message(mean, header)
+    pose, twist = message.pose.covariance, message.twist.covariance
+    pose[0], pose[7], pose[35] = P.xx, P.yy, P.tt
+    pose[1] = pose[6] = P.xy
+    pose[5] = pose[30] = P.xt
+    pose[11] = pose[31] = P.yt
+    twist[0], twist[35] = P.vv, P.ww
+    twist[5] = twist[30] = P.vw
+    twist[_NIS] = estimate.nis
+    return message
+
+
+def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
+    message = TwistStamped(header=header)
+    _write_twist(message.twist, *command)
+    return message
+
+
+def _command_to_message(command: Command, header: Header) -> Twist:
+    message = Twist()
+    _write_twist(message, *command)
+    return message
+
+
+_UNSTAMPED = Conversion(Twist, _read_twist, _command_to_message, False)
+
+register(Command, TwistStamped, lambda message: _read_twist(message.twist), _command_to_stamped)
+register(Pose, PoseStamped, lambda message: _read_pose(message.pose), _pose_to_message, in_world=True)
+register(State, Odometry, _state_of, _state_to_message, in_world=True)
+register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
+register(
+    Belief,
+    Odometry,
+    lambda message: _estimate_of(message).belief,
+    lambda belief, header: _estimate_to_message(Estimate(belief, 0.0, 0.0), header),
+    in_world=True,
+)

@@ -1,0 +1,142 @@
+"""What a node can say about itself and about the graph around it: once a second, on ``/diagnostics``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from turtlebot_gym_ros.node.qos import STREAM
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+FAMILY = frozenset(
+    [
+        "turtlebot_simulator",
+        "kalman_filter",
+        "velocity_controller",
+        "waypoint_generator",
+        "simulated_teleop",
+        "cmd_vel_guard",
+        "data_logger",
+        "bringup",
+        "status",
+    ]
+)
+"""Names of the nodes that belong to a simulation."""
+_VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
+
+
+class Problem(NamedTuple):
+    """Something that a person should know of."""
+
+    level: bytes
+    text: str
+
+
+class Endpoint(NamedTuple):
+    """A topic as a node holds it."""
+
+    topic: str
+    """Its full name."""
+    message: str
+    """Its type, as the graph writes it: "geometry_msgs/msg/Twist"."""
+    publishes: bool
+    moves: bool = False
+    """Whether what is published there moves the robot."""
+
+
+def type_name(message_type: type) -> str:
+    """Return a message type's name as the graph writes it."""
+    package, kind, *_ = message_type.__module__.split(".")
+    return f"{package}/{kind}/{message_type.__name__}"
+
+
+def _name(info: TopicEndpointInfo) -> str:
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -> Problem:
+    text = f"{mine.topic}: {_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot be matched."
+    if mine.message in _VELOCITIES and other.topic_type in _VELOCITIES:
+        stamped = _VELOCITIES[other.topic_type]
+        start = f"python -m turtlebot_gym_ros {node.get_name()} --ros-args -p enable_stamped_cmd_vel:={stamped}"
+        text += f" Start this one with: {start}"
+    return Problem(ERROR, text)
+
+
+def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = False) -> list[Problem]:
+    """Return what is wrong with the graph around a node.
+
+    Args:
+        node: The node.
+        endpoints: Its topics.
+        plant: Whether it stands in for a robot, so that nobody else should obey the same commands.
+    """
+    found: list[Problem] = []
+    for mine in endpoints:
+        publishers = node.get_publishers_info_by_topic(mine.topic)
+        subscriptions = node.get_subscriptions_info_by_topic(mine.topic)
+        for verb, others in (("publishes", publishers), ("subscribes to", subscriptions)):
+            found += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
+        if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
+            found.append(Problem(WARN, f"{mine.topic}: nobody listens."))
+        rivals = [_name(other) for other in publishers if other.node_name != node.get_name()]
+        if mine.moves and len(publishers) > 1:
+            rival = ", ".join(rivals) or "another node of this name"
+            found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; who is obeyed is left to chance."))
+        if plant and not mine.publishes and mine.message in _VELOCITIES:
+            names = [other.node_name for other in subscriptions]
+            strangers = {_name(other) for other in subscriptions if other.node_name not in FAMILY}
+            if names.count(node.get_name()) > 1:
+                strangers.add("another simulator")
+            who = ", ".join(sorted(strangers))
+            text = f"{mine.topic}: {who} obeys the same commands as this simulation. Is it a real robot?"
+            found += [Problem(WARN, text)] if strangers else []
+    return found
+
+
+class Reporter:
+    """Publishes a node's diagnostics, and logs what is new in the graph around it.
+
+    Args:
+        node: The node.
+        endpoints: Its topics.
+        plant: Whether it stands in for a robot.
+    """
+
+    def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
+        self._node, self._endpoints, self._plant = node, list(endpoints), plant
+        self._known: set[Problem] = set()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+
+    def publish(self, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> None:
+        """Publish what is wrong.
+
+        Args:
+            problems: With the node itself; those of the graph are added.
+            summary: What it does where nothing is wrong.
+            values: Figures, by name.
+        """
+        around = graph_problems(self._node, self._endpoints, plant=self._plant)
+        for problem in set(around) - self._known:
+            # On a line each: rclpy's logger raises where the severity of a line changes.
+            if problem.level == ERROR:
+                self._node.get_logger().error(problem.text)
+            else:
+                self._node.get_logger().warning(problem.text)
+        self._known = set(around)
+        worst = sorted([*problems, *around], key=lambda problem: problem.level, reverse=True)
+        status = DiagnosticStatus(
+            level=worst[0].level if worst else OK,
+            name=self._node.get_fully_qualified_name(),
+            message=" ".join(problem.text for problem in worst) or summary,
+            hardware_id="turtlebot_gym_ros",
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)

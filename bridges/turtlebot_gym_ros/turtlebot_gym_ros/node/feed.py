@@ -1,0 +1,90 @@
+"""An input as it arrives: its latest value, how old it is, and what was refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+
+from turtlebot_gym_ros.node.block import Input
+from turtlebot_gym_ros.node.convert import Conversion
+from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
+from turtlebot_gym_ros.node.qos import SENSOR, STREAM, overridable
+
+
+class Feed:
+    """One input of a node.
+
+    Args:
+        declared: The block's declaration.
+        conversion: How its values travel.
+    """
+
+    def __init__(self, declared: Input, conversion: Conversion) -> None:
+        self.declared = declared
+        self.conversion = conversion
+        self.topic = declared.topic
+        self.refusal: str | None = None
+        self._refused = self._received = 0
+        self._latest: tuple[Any, float] | None = None  # replaced as one, since two threads look at it
+
+    def connect(self, node: Node, hear: Callable[[Any], None]) -> Endpoint:
+        """Subscribe to its topic, and return that as the diagnostics want it."""
+        kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
+        self._subscription = node.create_subscription(
+            kind, self.declared.topic, hear, qos, qos_overriding_options=overridable()
+        )
+        self.topic = self._subscription.topic_name
+        return Endpoint(self.topic, type_name(kind), False)
+
+    def read(self, message: Any, frame: str) -> Any:
+        """Return a message's value.
+
+        Raises:
+            ValueError: If it is refused: not finite, no rotation, or in another frame than ``frame``.
+        """
+        if self.conversion.in_world and message.header.frame_id != frame:
+            got = message.header.frame_id
+            raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameter frame)")
+        return self.conversion.read(message)
+
+    def accept(self, value: Any, now: float) -> None:
+        """Take a value as the latest one."""
+        self._latest, self.refusal = (value, now), None
+        self._received += 1
+
+    def refuse(self, why: str) -> bool:
+        """Note that a message was refused, and return whether that is news."""
+        news = self.refusal is None
+        self.refusal = f"refused: {why}"
+        self._refused += 1
+        return news
+
+    def forget(self) -> None:
+        """Forget the latest value."""
+        self._latest = None
+
+    def _is_fresh(self, now: float) -> bool:
+        latest, limit = self._latest, self.declared.max_age
+        return latest is not None and (limit is None or now - latest[1] <= limit)
+
+    def missing(self, now: float) -> str | None:
+        """Return why a step has to wait for this input, if it has to."""
+        if not self.declared.required or self._is_fresh(now):
+            return None
+        return f"waits for {self.topic}" if self._latest is None else f"{self.topic} is older than {self.declared.max_age} s"
+
+    def take(self, now: float) -> Any:
+        """Return the value for a step, None where it is missing."""
+        latest = self._latest
+        value = latest[0] if latest is not None and self._is_fresh(now) else None
+        if self.declared.once:
+            self._latest = None
+        return value
+
+    def figures(self, now: float) -> dict[str, str]:
+        """Return what the diagnostics say of it."""
+        latest = self._latest
+        age = "never" if latest is None else f"{now - latest[1]:.2f} s ago"
+        return {self.topic: f"{age}, {self._received} received, {self._refused} refused"}

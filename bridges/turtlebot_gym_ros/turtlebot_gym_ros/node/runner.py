@@ -1,0 +1,135 @@
+"""Running shells: an executor in a thread of its own, so that the main thread is free for signals, tests and notebooks."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from threading import Thread
+from typing import Protocol, TypeVar
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from turtlebot_gym_ros.node.block import Block
+from turtlebot_gym_ros.node.discovery import leave, prepare
+from turtlebot_gym_ros.node.shell import Shell
+
+P = TypeVar("P")
+
+
+class Runnable(Protocol):
+    """What a runner runs: a shell, or anything else around a node."""
+
+    node: Node
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class Runner:
+    """A context, and an executor that runs nodes in a thread of its own.
+
+    Args:
+        arguments: Command line, of which the part after ``--ros-args`` counts for all its nodes.
+        domain: ROS domain; None for that of the environment.
+    """
+
+    def __init__(self, arguments: Sequence[str] = (), *, domain: int | None = None) -> None:
+        prepare()
+        self.context = Context()
+        # rclpy's own handlers end the context first, and then no zero can be sent any more.
+        options = SignalHandlerOptions.NO
+        rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._running: list[Runnable] = []
+        self._closing = False
+        self._thread = Thread(target=self._spin, name="executor", daemon=True)
+
+    def add(self, runnable: Runnable) -> None:
+        """Run a node, from now on if the runner is started."""
+        self._running.append(runnable)
+        self._executor.add_node(runnable.node)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except Exception:
+            if not self._closing:  # a step that was stuck comes back to nodes that are gone
+                raise
+
+    def close(self) -> None:
+        """End the nodes, the last added first, then the thread and the context; a block may be stuck in a step."""
+        self._closing = True
+        self._executor.shutdown(timeout_sec=0.5)
+        if self._thread.is_alive():
+            self._thread.join(0.5)
+        for runnable in reversed(self._running):
+            runnable.close()
+        self._running.clear()
+        if self.context.ok():
+            self.context.shutdown()
+
+
+def refuse(error: BaseException) -> int:
+    """Print why a node does not start, on one line, and return its exit code."""
+    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
+
+
+ENDINGS = (signal.SIGINT, signal.SIGTERM)
+"""Signals by which a process is asked to end."""
+
+
+@contextmanager
+def endings_wait() -> Iterator[None]:
+    """Hold the signals of `ENDINGS` back, in this thread and in those that it starts, for `signal.sigwait` to take.
+
+    So none is lost while a node comes up, and no handler runs at a moment that nobody thought of.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDINGS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
+    """Run a block as a node until SIGINT or SIGTERM. To be called in the main thread.
+
+    Args:
+        make: Makes the block from its parameters: usually its class.
+        params: The dataclass of its parameters.
+        argv: Command line without the program's name; None for the process's own.
+        name: The node's name; None for that of ``make``, in snake case.
+
+    Returns:
+        The exit code 2 where the parameters were refused, with one line on stderr. Otherwise it ends the process, with 0.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    with endings_wait():
+        try:
+            runner = Runner(arguments)
+        except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
+            return refuse(error)
+        try:
+            # What stands before --ros-args would be taken as a remapping, in an old syntax, or ignored.
+            for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
+                raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
+            runner.add(Shell(make, params, name=name, context=runner.context))
+        except (ValueError, TypeError, OSError, ImportError) as error:
+            runner.close()
+            return refuse(error)
+        runner.start()
+        signal.sigwait(ENDINGS)
+        return leave(runner.context, runner.close)

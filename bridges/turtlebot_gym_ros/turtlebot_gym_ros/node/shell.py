@@ -1,0 +1,301 @@
+"""The shell that turns a block into a node.
+
+It owns, once for all nodes, what has nothing to do with control: conversion of messages, freshness of inputs, triggers,
+parameters, diagnostics, the watch over a blocked step, stop commands and a clean end. The block computes in the executor's
+thread. A thread of its own watches by the steady clock, which neither a paused ``/clock`` nor a blocked step can hold up.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from threading import Event, Thread
+from typing import Any, TypeVar
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
+
+from turtlebot_gym_ros.node.block import Block, Every
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.diagnostics import ERROR, WARN, Problem, Reporter
+from turtlebot_gym_ros.node.feed import Feed
+from turtlebot_gym_ros.node.outputs import Outputs
+from turtlebot_gym_ros.node.parameters import Common, declare
+from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.node.rosclock import RosClock
+from turtlebot_gym_ros.node.switch import Switch
+from turtlebot_gym_ros.node.triggers import Grid, Messages, SimulatedGrid
+
+P = TypeVar("P")
+
+WATCH_PERIOD = 0.02
+"""Period of the watching thread, s."""
+REPORT_PERIOD = 1.0
+"""Period of the diagnostics, s."""
+
+
+class Shell:
+    """A node around a block.
+
+    Besides the block's topics it has ``~/reset`` (Trigger), hears ``reset`` (Empty), by which the plant tells all others that
+    it was reset, and publishes ``/diagnostics``. Where an output has a ``stop``, it also has a `Switch`, and a block that runs
+    by the clock waits until somebody listens to that output.
+
+    Args:
+        make: Makes the block from its parameters: usually its class.
+        params: The dataclass of its parameters.
+        name: The node's name; None for that of ``make``, in snake case.
+        context: The rclpy context; None for the default one.
+        overrides: Values of parameters.
+        arguments: ROS arguments of this node alone: parameters, remappings.
+        now: The steady clock, s.
+
+    Raises:
+        ValueError: If a parameter is unknown, of the wrong type or out of range, or ``make`` refuses it.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[P], Block],
+        params: type[P],
+        *,
+        name: str | None = None,
+        context: Context | None = None,
+        overrides: Mapping[str, Any] | None = None,
+        arguments: Sequence[str] = (),
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.node = Node(
+            name or re.sub(r"(?<!^)(?=[A-Z])", "_", make.__name__).lower(),
+            context=context,
+            cli_args=["--ros-args", *arguments] if arguments else None,
+            parameter_overrides=[Parameter(key, value=value) for key, value in (overrides or {}).items()],
+            automatically_declare_parameters_from_overrides=True,
+        )
+        try:
+            self.common, self.params = declare(self.node, Common, params)
+            self.block = make(self.params)
+            self._now = now
+            self._log = self.node.get_logger()
+            self._connect()
+        except BaseException:
+            self.node.destroy_node()
+            raise
+        self._closing = Event()
+        self._watcher = Thread(target=self._watch, name=f"{self.node.get_name()}_watch", daemon=True)
+        self._watcher.start()
+
+    def _connect(self) -> None:
+        """Create the node's topics, services and timer."""
+        node, block, trigger = self.node, self.block, self.block.trigger
+        self._waits: str | None = "has not run yet"
+        self._trouble: str | None = None
+        self._steps = self._overruns = self._dropped = 0
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        speed = trigger.speed if isinstance(trigger, Every) else None
+        self._sets_clock = speed not in (None, 1.0)
+        self._is_plant = speed is not None
+        kind = SimulatedGrid if self._sets_clock else Grid
+        self._grid = kind(trigger) if isinstance(trigger, Every) else None
+        self._messages = None if isinstance(trigger, Every) else Messages(trigger)
+
+        self.outputs = Outputs(node, block.outputs, self.common, self._time)
+        stamped = self.common.enable_stamped_cmd_vel
+        self._feeds = {key: Feed(item, conversion(item.type, stamped=stamped)) for key, item in block.inputs.items()}
+        endpoints = [feed.connect(node, partial(self._receive, key)) for key, feed in self._feeds.items()]
+        self._reporter = Reporter(node, [*self.outputs.endpoints, *endpoints], plant=self._is_plant)
+        node.create_service(Trigger, "~/reset", self._serve_reset)
+        if self._is_plant:
+            self._announce = node.create_publisher(Empty, "reset", STREAM)
+        else:
+            node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
+        if self._sets_clock:
+            self._clock = node.create_publisher(ClockMessage, "/clock", STREAM)
+        self.switch: Switch | None = None
+        if self.outputs.moving:
+            enabled = self.common.start_enabled
+            self.switch = Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled)
+
+        self._ros_clock = RosClock(node, ignore=self._sets_clock, jumped=self._jumped, now=self._now())
+        if isinstance(trigger, Every):
+            clock = self._steady if self._sets_clock else node.get_clock()
+            node.create_timer(trigger.period / (speed or 1.0), self._timer, clock=clock)
+
+    # What runs the block, in the executor's thread.
+
+    def _time(self) -> int:
+        """Return the present of the clock that the block runs by, ns."""
+        if isinstance(self._grid, SimulatedGrid):
+            return self._grid.present
+        return self.node.get_clock().now().nanoseconds
+
+    def _receive(self, key: str, message: Any) -> None:
+        """Take in a message, and run the block where it is the trigger."""
+        feed = self._feeds[key]
+        rule = self._messages if self._messages and self._messages.input == key else None
+        stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else self._time()
+        try:
+            value = feed.read(message, self.common.frame)
+            if rule:
+                rule.check(stamp)
+        except ValueError as error:
+            if feed.refuse(str(error)):
+                self._log.warning(f"{feed.topic}: refused: {error}")
+            return
+        feed.accept(value, self._now())
+        if rule:
+            due, gap = rule.due(stamp)
+            if gap:
+                self._log.warning(f"{feed.topic}: {gap}; starting again from this message.")
+                self._begin_anew()
+            if due:
+                self._step(rule, stamp)
+
+    def _timer(self) -> None:
+        assert self._grid
+        clock = self._steady if self._sets_clock else self.node.get_clock()
+        for stamp in self._grid.due_until(clock.now().nanoseconds):
+            if self._sets_clock:
+                self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+            self._step(self._grid, stamp)
+
+    def _step(self, rule: Grid | Messages, stamp: int) -> None:
+        """Run the block once, and publish what comes of it."""
+        now, switch = self._now(), self.switch
+        if switch and not switch.safety.enabled:
+            return
+        self._waits = self._missing(now)
+        if self._waits:
+            rule.pause()
+            if switch:
+                switch.stop(self._waits)
+            return
+        dt = rule.interval(stamp)
+        ticket = switch.safety.begin(now=now) if switch else 0
+        try:
+            outputs = self.block.step(dt, **{key: feed.take(now) for key, feed in self._feeds.items()})
+            messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
+        except Exception as error:  # a block is anybody's code: whatever it raises stops the robot
+            self._fault(f"{type(error).__name__}: {error}")
+            return
+        finally:
+            if switch:
+                switch.safety.end()
+        self._steps += 1
+        self._overruns += self._now() - now > rule.period > 0.0
+        if switch:
+            self._move(switch, ticket, messages)
+        else:
+            self._trouble = None
+            self.outputs.publish(messages)
+
+    def _move(self, switch: Switch, ticket: int, messages: Mapping[str, Any]) -> None:
+        """Publish the result of a step, unless it was stopped meanwhile; a block that leaves its command out is done."""
+        with switch.safety.lock:  # so that nothing is published behind a stop's zeros
+            if not all(key in messages for key in self.outputs.moving):
+                if ticket == switch.safety.ticket:
+                    switch.stop("done")
+            elif switch.safety.activate(ticket):
+                self.outputs.publish(messages)
+            else:
+                self._dropped += 1
+        switch.watch()
+
+    def _missing(self, now: float) -> str | None:
+        """Return what a step has to wait for, if anything."""
+        clock = self._ros_clock.trouble(now)
+        # What a timer moves by is not asked for by anybody: a schedule would run on while its listeners are still to be found.
+        rest = self._messages.slow if self._messages else self.outputs.unheard()
+        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), rest)
+
+    def _fault(self, why: str) -> None:
+        """Report what a step has come to, and stop until enabled again."""
+        if why != self._trouble:
+            self._log.error(f"fault: {why}")
+        self._trouble = why
+        if self.switch:
+            self.switch.stop(f"fault: {why}", disable=True)
+
+    def _enabled(self) -> None:
+        self._trouble = None
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self.block.reset()
+        (self._grid or self._messages).reset()  # type: ignore[union-attr]
+
+    def reset(self, why: str) -> None:
+        """Forget all inputs and reset the block; a robot is stopped until they have come again."""
+        if self.switch:
+            self.switch.stop(why)
+        for feed in self._feeds.values():
+            feed.forget()
+        self._begin_anew()
+
+    def _serve_reset(self, request: Any, response: Any) -> Any:
+        self.reset("reset")
+        if self._is_plant:
+            self._announce.publish(Empty())
+        response.success, response.message = True, "reset"
+        return response
+
+    def _jumped(self) -> None:
+        """Start again after a leap of the ROS clock; a robot that moved must be enabled again."""
+        if self.switch and self.switch.safety.phase == "active":
+            self.switch.stop("fault: the clock jumped", disable=True)
+        self.reset("the clock jumped")
+
+    # What watches, in a thread of its own.
+
+    def _watch(self) -> None:
+        next_report = self._now() + REPORT_PERIOD
+        while not self._closing.wait(WATCH_PERIOD):
+            now = self._now()
+            if self.switch:
+                self._watch_inputs(self.switch, now)
+                self.switch.watch()
+            if now >= next_report:
+                next_report = now + REPORT_PERIOD
+                try:
+                    self._report(now)
+                except Exception as error:  # whatever is wrong with a report, the watch goes on
+                    self._log.error(f"no diagnostics: {error}")
+
+    def _watch_inputs(self, switch: Switch, now: float) -> None:
+        """Stop a robot whose inputs, or whose clock, have become old."""
+        stale = self._missing(now)
+        if stale and switch.safety.phase == "active":
+            self._waits = stale
+            switch.stop(stale)
+
+    def _report(self, now: float) -> None:
+        """Publish the diagnostics."""
+        problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self._feeds.values() if feed.refusal]
+        slow = self._messages.slow if self._messages else None
+        problems += [Problem(ERROR, why) for why in (slow, self._trouble) if why]
+        state = self.switch.safety.state if self.switch else (self._waits or "runs")
+        values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
+        for feed in self._feeds.values():
+            values |= feed.figures(now)
+        self._reporter.publish(problems, state, values)
+
+    def close(self) -> None:
+        """Stop the robot if it moves, wait until all that was published is heard, and destroy the node."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._watcher.join()
+        if self.switch:
+            self.switch.close()
+        self.outputs.flush()
+        self._ros_clock.close()
+        self.node.destroy_node()

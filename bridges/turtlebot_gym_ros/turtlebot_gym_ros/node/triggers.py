@@ -1,0 +1,138 @@
+"""When a block runs: rules on integer nanoseconds, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from turtlebot_gym_ros.node.block import Every, On
+
+SECOND = 1_000_000_000
+SLOW_AFTER = 5
+"""So many steps in a row that come too late are no drop-outs any more."""
+
+
+class Grid:
+    """Steps at exact multiples of a period after the first one; steps that are late are made up for.
+
+    A step counts as due from half a period before its stamp on. Were it refused because the first call was later in its period
+    than this one, it would come a whole period late, and the next one with it.
+
+    Args:
+        trigger: The declaration.
+    """
+
+    def __init__(self, trigger: Every) -> None:
+        self.period = trigger.period
+        self._period_ns = round(trigger.period * SECOND)
+        self._next: int | None = None
+
+    def due_until(self, now: int) -> Iterator[int]:
+        """Yield the stamps up to now, ns; one only where the clock has leaped or stood still."""
+        if self._next is None or not -SECOND < now - self._next < SECOND:
+            self._next = now
+        while self._next - now < self._period_ns // 2:
+            stamp = self._next
+            self._next += self._period_ns
+            yield stamp
+
+    def interval(self, stamp: int) -> float:
+        """Return the time that a step covers, s."""
+        return self.period
+
+    def pause(self) -> None:
+        """Note that a step was left out: the grid stays."""
+
+    def reset(self) -> None:
+        """Start again: the grid stays."""
+
+
+class SimulatedGrid(Grid):
+    """A grid of simulated time, which begins at one second and goes faster or slower than the steady clock.
+
+    Where the machine cannot keep up, the simulated time slows down: two steps are never closer than the speed asks for, so that
+    the others have their time to answer in between.
+
+    Args:
+        trigger: The declaration.
+    """
+
+    def __init__(self, trigger: Every) -> None:
+        super().__init__(trigger)
+        self.present = SECOND - self._period_ns
+        """The stamp of the last step, ns."""
+        self._least_ns = round(0.9 * self._period_ns / (trigger.speed or 1.0))
+        self._last: int | None = None
+
+    def due_until(self, now: int) -> Iterator[int]:
+        """Yield the next stamp, if a step is due by the steady clock, ns."""
+        if self._last is None or now - self._last >= self._least_ns:
+            self._last = now
+            self.present += self._period_ns
+            yield self.present
+
+
+class Messages:
+    """Steps on the messages of an input, decimated to a period.
+
+    Args:
+        trigger: The declaration.
+    """
+
+    def __init__(self, trigger: On) -> None:
+        self.input = trigger.input
+        self.period = trigger.period
+        self.slow: str | None = None
+        self._period_ns = round(trigger.period * SECOND)
+        self._gap_ns = round(trigger.max_gap * SECOND)
+        self._seen: int | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Let the next message be the first."""
+        self._due: int | None = None
+        self._stepped: int | None = None
+        self._late = 0
+        self.slow = None
+
+    def check(self, stamp: int) -> None:
+        """Refuse a stamp that is not after the last one, unless it is so far back that the clock must have been set.
+
+        Raises:
+            ValueError: If it is refused.
+        """
+        if self._seen is not None and 0 <= self._seen - stamp <= self._gap_ns:
+            raise ValueError(f"its stamp is {(self._seen - stamp) / SECOND:.3f} s before the last one's, or the same")
+
+    def due(self, stamp: int) -> tuple[bool, str | None]:
+        """Return whether a message at a stamp makes a step, and what to say of the gap where the block must be reset first."""
+        spacing = 0 if self._seen is None else stamp - self._seen
+        self._seen = stamp
+        gap = None
+        if not 0 <= spacing <= self._gap_ns:
+            gap = f"{spacing / SECOND:.2f} s between two messages"
+            self.reset()
+        if self._due is not None and stamp + spacing // 2 < self._due:
+            return False, gap
+        on_time = self._due is not None and stamp - self._due < self._period_ns
+        self._count_late(stamp)
+        self._due = (self._due if on_time and self._due is not None else stamp) + self._period_ns
+        return True, gap
+
+    def _count_late(self, stamp: int) -> None:
+        """Note where messages come more slowly than the steps should."""
+        last = None if self._due is None else self._due - self._period_ns
+        late = last is not None and self.period > 0.0 and stamp - last > 1.5 * self._period_ns
+        self._late = self._late + 1 if late else 0
+        self.slow = None
+        if self._late >= SLOW_AFTER and last is not None:
+            every = (stamp - last) / SECOND
+            self.slow = f"{self.input} comes every {every:.3f} s, but a step is due every {self.period} s"
+
+    def pause(self) -> None:
+        """Note that a step was left out: the next one is like the first."""
+        self._stepped = None
+
+    def interval(self, stamp: int) -> float:
+        """Return the time since the last step, s; 0 for the first one and after a pause."""
+        last, self._stepped = self._stepped, stamp
+        return 0.0 if last is None else (stamp - last) / SECOND

@@ -1,0 +1,1 @@
+"""Recording a graph to a bag that survives a kill."""

@@ -1,0 +1,221 @@
+"""Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
+
+It subscribes to whatever is published, as it appears, and needs nobody's consent. A ``kill -9`` loses at most the last second,
+see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+
+Parameters: see `Parameters`. Publishes nothing.
+"""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rosbags.interfaces import Connection
+
+from turtlebot_gym.values import Command, Pose, State
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.recording.bag import Bag
+from turtlebot_gym_ros.robot.standalone import declare, run
+
+SNAPSHOTS: dict[str, type] = {"odom": State, "true_state": State, "estimate": State, "reference": Pose, "cmd_vel": Command}
+"""Topics of a snapshot, and what is read from them: each component is a column, ``odom_x``, ``odom_y``, ..."""
+FRESH = 0.5
+"""Age from which the columns of a topic are empty, s."""
+COLLECT_PERIOD = 0.02
+"""Time between two looks at what has come, s."""
+IN_FLIGHT = 0.2
+"""How long messages that are on their way are awaited at the end, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """Parameters of ``data_logger``."""
+
+    output: str = ""
+    """Folder to make for the bag and ``snapshots.csv``; by default ``bags/`` and the time."""
+    storage: str = "sqlite3"
+    """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
+    snapshot_period: float = 0.1
+    """Time between two rows of the CSV file, s, by the ROS clock; 0 writes none."""
+    enable_stamped_cmd_vel: bool = True
+    """Which one is recorded where a topic has both TwistStamped (true) and Twist (false)."""
+
+    def __post_init__(self) -> None:
+        if self.storage not in ("sqlite3", "mcap"):
+            raise ValueError(f"parameter 'storage' must be sqlite3 or mcap, got {self.storage!r}")
+        if not 0.0 <= self.snapshot_period <= 3600.0:
+            raise ValueError(f"parameter 'snapshot_period' must be in [0, 3600] s, got {self.snapshot_period!r}")
+
+
+class Topic(NamedTuple):
+    """A topic that is recorded."""
+
+    kind: str
+    profile: QoSProfile
+    subscription: Subscription
+
+    def collect(self) -> None:
+        """Record what has come."""
+        subscription = self.subscription
+        with subscription.handle:
+            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                subscription.callback(*taken)
+
+
+class Collected(CallbackGroup):
+    """Subscriptions that no executor waits for: they are emptied by the clock.
+
+    rclpy looks at every entity of a node each time that it wakes; woken by each message, a recorder of 20 topics takes a tenth
+    of a core for it. DDS keeps the messages meanwhile, each with the time at which it came.
+    """
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether an executor may wait for a subscription."""
+        return False
+
+
+class DataLogger(Node):
+    """The recorder as a node."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
+        self._p = p = declare(self, Parameters)
+        folder = Path(p.output or time.strftime("bags/%Y-%m-%dT%H-%M-%S")).absolute()
+        if folder.exists():
+            raise ValueError(f"parameter 'output' must name a new folder, but {str(folder)!r} exists")
+        self._bag = Bag(folder)
+        self._recorded: dict[str, Topic] = {}
+        self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
+        self._refused: set[tuple[str, str]] = set()
+        self._latest: dict[str, tuple[float, type, bytes]] = {}
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._collected = Collected()
+        self.create_timer(COLLECT_PERIOD, self._collect, clock=steady)
+        self.create_timer(0.1, self._discover, clock=steady)
+        self.create_timer(1.0, self._commit, clock=steady)
+        self._csv = None
+        if p.snapshot_period > 0.0:
+            self._csv = (folder / "snapshots.csv").open("w", encoding="utf-8", newline="")
+            self._rows = csv.writer(self._csv)
+            self._rows.writerow(["time", *(f"{topic}_{name}" for topic, kind in SNAPSHOTS.items() for name in kind._fields)])
+            self._topics = {topic: self.resolve_topic_name(topic) for topic in SNAPSHOTS}
+            self.create_timer(p.snapshot_period, self._snapshot)
+        self.get_logger().info(f"recording to {folder}")
+
+    def _discover(self) -> None:
+        for topic, kinds in self.get_topic_names_and_types():
+            known = self._recorded.get(topic)
+            kind = kinds[0] if len(kinds) == 1 else self._choose(topic, known.kind if known else "")
+            if known is None or known.kind != kind:
+                self._record(topic, kind)
+
+    def _choose(self, topic: str, known: str) -> str:
+        """Return which type to record of a topic with several: a process can hear only one."""
+        kinds = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)})
+        wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
+        kind = next((each for each in (wanted, known, *kinds) if each in kinds), known)
+        if len(kinds) > 1 and (topic, "") not in self._refused:
+            self._refused.add((topic, ""))
+            self.get_logger().error(f"{topic} is published as {' and '.join(kinds)}: only {kind} is recorded")
+        return kind
+
+    def _record(self, topic: str, kind: str) -> None:
+        """Subscribe as reliably as all publishers of a topic allow; again where another one has come that allows less."""
+        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
+        if not profiles or (topic, kind) in self._refused:
+            return
+        reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+        latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+        profile = QoSProfile(
+            depth=1000,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        known = self._recorded.get(topic)
+        if known is not None and (known.kind, known.profile) == (kind, profile):
+            return
+        try:
+            if (topic, kind) not in self._opened:
+                package, folder, name = kind.split("/")
+                message = getattr(import_module(f"{package}.{folder}"), name)
+                self._opened[topic, kind] = message, self._bag.add(topic, kind, latched=latched)
+        except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
+            self._refused.add((topic, kind))
+            self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
+            return
+        if known is not None:
+            known.collect()
+            self.destroy_subscription(known.subscription)
+        write = self._writer_of(topic, *self._opened[topic, kind])
+        subscription = self.create_subscription(
+            self._opened[topic, kind][0], topic, write, profile, raw=True, callback_group=self._collected
+        )
+        self._recorded[topic] = Topic(kind, profile, subscription)
+
+    def _writer_of(self, topic: str, message: type, connection: Connection) -> Any:
+        def write(data: bytes, info: Any) -> None:
+            self._bag.write(connection, info["received_timestamp"] or time.time_ns(), data)
+            self._latest[topic] = time.monotonic(), message, data
+
+        return write
+
+    def _collect(self) -> None:
+        for topic in self._recorded.values():
+            topic.collect()
+
+    def _commit(self) -> None:
+        for topic, known in list(self._recorded.items()):
+            self._record(topic, known.kind)
+        self._bag.commit()
+        if self._csv is not None:
+            self._csv.flush()
+
+    def _snapshot(self) -> None:
+        row: list[Any] = [self.get_clock().now().nanoseconds * 1e-9]
+        for topic, kind in SNAPSHOTS.items():
+            row += self._read(self._topics[topic], kind) or [""] * len(kind._fields)
+        self._rows.writerow(row)
+
+    def _read(self, topic: str, kind: type) -> list[float] | None:
+        """Return the components of the latest value on a topic; nothing if it is old, or no such value."""
+        received, message, data = self._latest.get(topic, (0.0, object, b""))
+        known = conversion(kind, stamped=message is TwistStamped)
+        if time.monotonic() - received > FRESH or known.message is not message:
+            return None
+        try:
+            return list(known.read(deserialize_message(data, message)))
+        except ValueError:
+            return None
+
+    def close(self) -> None:
+        """Take in what is on its way, and finish the files."""
+        time.sleep(IN_FLIGHT)
+        self._collect()
+        if self._csv is not None:
+            self._csv.close()
+        self._bag.close(self._p.storage)
+        self.get_logger().info(f"recorded {len(self._recorded)} topics in {self._bag.folder}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``data_logger``."""
+    return run(DataLogger, argv)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

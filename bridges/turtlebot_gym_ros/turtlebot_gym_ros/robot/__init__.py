@@ -1,0 +1,1 @@
+"""What runs on the robot itself, between whoever commands and the wheels."""

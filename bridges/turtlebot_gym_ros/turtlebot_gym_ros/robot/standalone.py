@@ -1,0 +1,93 @@
+"""What the nodes beside the shell need: parameters that are checked, and an end that is clean. On rclpy alone.
+
+The guard and the logger must not fail by a fault that they share with the nodes they watch.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from turtlebot_gym_ros.node.discovery import leave
+
+P = TypeVar("P")
+
+
+def declare(node: Node, params: type[P]) -> P:
+    """Read a node's parameters, read-only from now on; refuse unknown names, wrong types and wrong values.
+
+    rclpy by itself ignores a misspelled name and refuses an integer for a float.
+
+    Args:
+        node: A node made with ``automatically_declare_parameters_from_overrides=True``.
+        params: Dataclass whose fields name the parameters; its defaults give the types.
+
+    Raises:
+        ValueError: With one line that names the parameter, the rule and the value.
+    """
+    known = {field.name: field.default for field in fields(params)}  # type: ignore[arg-type]
+    given = {
+        name: node.get_parameter(name).value
+        for name in node.list_parameters([], 0).names
+        if name not in ("use_sim_time", "start_type_description_service") and not name.startswith("qos_overrides.")
+    }
+    for name, value in given.items():
+        if name not in known:
+            raise ValueError(f"unknown parameter {name!r}; there are {', '.join(known)}")
+        default = known[name]
+        if isinstance(default, float) and type(value) is int:
+            given[name] = value = float(value)
+        if type(value) is not type(default):
+            raise ValueError(f"parameter {name!r} must be of type {type(default).__name__}, got {value!r}")
+    parameters = params(**given)
+    for name in known:
+        if name in given:
+            node.undeclare_parameter(name)
+        descriptor = ParameterDescriptor(read_only=True)
+        node.declare_parameter(name, getattr(parameters, name), descriptor, ignore_override=True)
+    return parameters
+
+
+def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> int:
+    """Run a node until SIGINT or SIGTERM, then close it.
+
+    rclpy's own handlers would invalidate the context before the last messages are out.
+
+    Args:
+        make: Makes the node in a context; a ValueError or OSError refuses the arguments.
+        argv: Arguments, those of the process by default.
+
+    Returns:
+        2 where the arguments are refused. Otherwise it ends the process, with 0.
+    """
+    stop, context = threading.Event(), Context()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        argv = list(sys.argv[1:] if argv is None else argv)
+        context.init(argv)
+        if rest := remove_ros_args(argv):
+            raise ValueError(f"unknown argument {rest[0]!r}; parameters are given as --ros-args -p NAME:=VALUE")
+        node = make(context)
+    except (ValueError, RuntimeError, OSError) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        context.try_shutdown()
+        return 2
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        while not stop.is_set():
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        node.close()
+    return leave(context, node.destroy_node)

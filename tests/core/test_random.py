@@ -1,0 +1,138 @@
+"""The counter-based draws: their distributions, and that neighbours share nothing.
+
+Every test states the rate at which perfect random numbers would fail it, and has a partner that shows that it can fail.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from turtlebot_gym.models import random
+from turtlebot_gym.models.random import MAX_SEED, episode_key, log_unit, mix, normals, uniforms
+
+N = 20_000
+FALSE_ALARM = 1e-6
+"""Of each test, for perfect random numbers. Some 60 are made here; the draws are fixed, so a pass stays one."""
+KEY = episode_key(0, 0)
+
+
+def along(what, draw=uniforms, *, seed=0):
+    """Return N draws (N, 2) that follow each other in one counter, all else being the same."""
+    draws = {
+        "seeds": lambda i: draw(episode_key(seed + i, 0), 3, 1),
+        "episodes": lambda i: draw(episode_key(seed, i), 3, 1),
+        "steps": lambda i: draw(episode_key(seed, 0), i, 1),
+        "streams": lambda i: draw(episode_key(seed, i // 7), 3, i % 7),
+    }
+    return np.array([draws[what](i) for i in range(N)])
+
+
+COUNTERS = ["seeds", "episodes", "steps", "streams"]
+
+
+@pytest.mark.parametrize("counter", COUNTERS)
+def test_uniforms_are_uniform(counter):
+    for column in along(counter).T:
+        assert column.min() > 0.0
+        assert column.max() < 1.0
+        assert stats.kstest(column, "uniform").pvalue > FALSE_ALARM
+
+
+@pytest.mark.parametrize("counter", COUNTERS)
+def test_normals_are_normal(counter):
+    for column in along(counter, normals).T:
+        assert stats.kstest(column, "norm").pvalue > FALSE_ALARM
+        tail = stats.binomtest(int((np.abs(column) > 3.0).sum()), N, 2.0 * stats.norm.sf(3.0))
+        assert tail.pvalue > FALSE_ALARM
+
+
+@pytest.mark.parametrize("wrong", [lambda u: u**1.1, lambda u: 0.97 * u, lambda u: np.floor(u * 20.0) / 20.0])
+def test_uniformity_notices_what_is_not_uniform(wrong):
+    assert stats.kstest(wrong(along("steps")[:, 0]), "uniform").pvalue < FALSE_ALARM
+
+
+def correlations(first, second):
+    """Return p-values of all four correlations between two sets of pairs of draws: normal with variance 1 / N."""
+    first, second = (stats.zscore(draws) for draws in (first, second))
+    return 2.0 * stats.norm.sf(np.abs(first.T @ second).ravel() / math.sqrt(len(first)))
+
+
+@pytest.mark.parametrize("lag", [1, 2, 7, 16])
+@pytest.mark.parametrize("counter", COUNTERS)
+def test_neighbours_are_uncorrelated(counter, lag):
+    draws = along(counter, normals)
+    assert correlations(draws[:-lag], draws[lag:]).min() > FALSE_ALARM / 4.0
+    # The sizes too: draws may be uncorrelated and yet share their radius.
+    sizes = np.abs(draws)
+    assert correlations(sizes[:-lag], sizes[lag:]).min() > FALSE_ALARM / 4.0
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda i: (1, 0, i, 1),
+        lambda i: (0, 1, i, 1),
+        lambda i: (0, 0, i + 1, 1),
+        lambda i: (0, 0, i, 2),
+        lambda i: (16, 0, i, 0),
+    ],
+    ids=["next seed", "next episode", "next step", "next stream", "seed 16, stream before"],
+)
+def test_neighbouring_trajectories_are_uncorrelated(other):
+    def draw(seed, episode, step, stream):
+        return normals(episode_key(seed, episode), step, stream)
+
+    one, two = np.array([draw(0, 0, i, 1) for i in range(N)]), np.array([draw(*other(i)) for i in range(N)])
+    same = (other(0) == (0, 0, 1, 1)) * 1.0  # a step later the trajectory holds the same draws, moved by one
+    assert correlations(one[: N - 1] if same else one, two[1:] if same else two).min() > FALSE_ALARM / 4.0
+
+
+def test_the_two_draws_of_a_stream_are_uncorrelated():
+    draws = along("steps", normals)
+    assert stats.pearsonr(*draws.T).pvalue > FALSE_ALARM
+    assert stats.pearsonr(*np.abs(draws).T).pvalue > FALSE_ALARM
+
+
+def test_correlation_notices_a_hash_that_adds_seed_and_stream(monkeypatch):
+    """With a sum the next seed's stream is this seed's next one, so neighbours share their noise."""
+    monkeypatch.setattr(random, "episode_key", lambda seed, episode: seed + 1000 * episode)
+    monkeypatch.setattr(random, "_WEYL", 1)
+    one = np.array([normals(random.episode_key(0, 0), i, 2) for i in range(2000)])
+    two = np.array([normals(random.episode_key(1, 0), i, 1) for i in range(2000)])
+    assert correlations(one, two).min() < FALSE_ALARM / 4.0
+
+
+def test_correlation_notices_a_weak_link():
+    one, two = along("seeds", normals), along("episodes", normals, seed=9)
+    assert correlations(one, two).min() > FALSE_ALARM / 4.0
+    assert correlations(one, two + 0.06 * one).min() < FALSE_ALARM / 4.0
+
+
+def test_every_bit_of_the_input_changes_half_of_the_output():
+    # Flips of 64 output bits over n inputs: binomial(64 n, 1/2); 64 tests at FALSE_ALARM / 64.
+    n = 500
+    for bit in range(64):
+        flips = sum((mix(i * 7919) ^ mix(i * 7919 ^ (1 << bit))).bit_count() for i in range(n))
+        assert stats.binomtest(flips, 64 * n).pvalue > FALSE_ALARM / 64.0
+
+
+def test_keys_are_63_bits_and_all_different():
+    keys = [episode_key(seed, episode) for seed in range(200) for episode in range(200)]
+    assert len(set(keys)) == len(keys)
+    assert 0 <= min(keys) <= max(keys) <= MAX_SEED
+    assert episode_key(MAX_SEED, 10**9) <= MAX_SEED
+
+
+def test_log_unit_is_accurate():
+    rng = np.random.default_rng(0)
+    numbers = [*(2.0 ** rng.uniform(-63.0, 0.0, 20_000)).tolist(), *(1.0 - 2.0 ** rng.uniform(-52.0, 0.0, 5000)).tolist(), 1.0]
+    numbers = [x for x in numbers if x > 0.0]
+    np.testing.assert_allclose([log_unit(x) for x in numbers], np.log(numbers), rtol=1e-15, atol=0.0)
+
+
+def test_the_largest_normal_is_finite():
+    assert math.sqrt(-2.0 * log_unit(0.5 * 2.0**-32)) == pytest.approx(6.76, abs=0.01)

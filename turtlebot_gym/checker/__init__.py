@@ -1,0 +1,5 @@
+"""A test of native vector environments against Gymnasium's contract; it knows no robot and serves any of them."""
+
+from turtlebot_gym.checker.contract import ContractError, Violation, check_vector_env
+
+__all__ = ["ContractError", "Violation", "check_vector_env"]

@@ -1,0 +1,91 @@
+"""A test of native vector environments: does one keep Gymnasium's contract?
+
+Gymnasium tests scalar environments with ``check_env`` and has nothing for `VectorEnv`. `check_vector_env` makes a few small
+environments, drives them, and compares: with themselves, with batches of one, with the other autoreset modes.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from turtlebot_gym.checker.rules import RULES
+from turtlebot_gym.checker.runs import LIMIT, Case, difference
+
+
+class Violation(NamedTuple):
+    """A rule that an environment breaks."""
+
+    rule: str
+    """Its name."""
+    mode: AutoresetMode
+    """The mode in which it was seen."""
+    text: str
+    """What the rule is."""
+    seen: str
+    """What was seen instead."""
+
+
+class ContractError(AssertionError):
+    """Raised by `check_vector_env` when an environment breaks rules of the contract; all of them are in ``violations``."""
+
+    def __init__(self, violations: list[Violation]) -> None:
+        self.violations = violations
+        lines = [f"- {one.rule} ({one.mode.name}): {one.text}\n  Seen: {one.seen}" for one in violations]
+        super().__init__("\n".join([f"{len(violations)} rules of the vector environment's contract are broken:", *lines]))
+
+
+def check_vector_env(
+    make: Callable[..., VectorEnv],
+    *,
+    modes: Iterable[AutoresetMode] | None = None,
+    num_envs: int = 3,
+    steps: int = 40,
+) -> tuple[AutoresetMode, ...]:
+    """Test a native vector environment against Gymnasium's contract.
+
+    Args:
+        make: Called as ``make(num_envs=..., autoreset_mode=...)``, and with ``max_episode_steps`` where it has a parameter of
+            that name or ``**kwargs``, as ``functools.partial(gymnasium.make_vec, "turtlebot_gym/TurtleBotNav-v0")``.
+        modes: The autoreset modes that it must support; None for those with which ``make`` raises no error (TypeError,
+            ValueError, NotImplementedError or one of Gymnasium's).
+        num_envs: Size of the batches, at least 2.
+        steps: Length of the runs. Without ``max_episode_steps`` they must be long enough for an episode to end.
+
+    Returns:
+        The modes that were tested.
+
+    Raises:
+        ContractError: If a rule is broken; it lists all that are.
+        ValueError: If no mode is left to be tested, or there are fewer than 2 environments.
+    """
+    if num_envs < 2:
+        raise ValueError(f"num_envs must be at least 2, got {num_envs!r}.")
+    kinds = inspect.signature(make).parameters
+    limited = "max_episode_steps" in kinds or any(kind.kind is kind.VAR_KEYWORD for kind in kinds.values())
+    wanted = tuple(AutoresetMode) if modes is None else tuple(modes)
+    cases = [Case(make, mode, num_envs, steps, LIMIT if limited else None) for mode in wanted]
+    if modes is None:
+        cases = [case for case in cases if case.supported()]
+    if not cases:
+        raise ValueError(f"modes must name at least one that make supports, got {wanted!r}.")
+    violations = []
+    for case in cases:
+        for rule in (*RULES[None], *RULES[case.mode]):
+            try:
+                seen = next(rule(case), None)
+            except Exception as error:  # whatever it is, the environment has not kept the rule
+                seen = f"it raised {error!r}."
+            if seen is not None:
+                violations.append(Violation(rule.__name__, case.mode, " ".join((rule.__doc__ or "").split()), seen))
+    if not violations:
+        first, *others = ((case.mode, case.play(1)) for case in cases)
+        text = "Episodes are the same in every autoreset mode."
+        seen = ((mode, difference(first[1], events)) for mode, events in others)
+        violations = [Violation("modes_agree", mode, text, one) for mode, one in seen if one is not None]
+    if violations:
+        raise ContractError(violations)
+    return tuple(case.mode for case in cases)

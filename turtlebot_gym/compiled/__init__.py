@@ -1,0 +1,1 @@
+"""A system as a compiled loop over many environments."""
