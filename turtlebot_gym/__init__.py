@@ -10,7 +10,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.simulation import Parameters, World, make_parameters
+from turtlebot_gym.systems import Episode, Parameters, System, World, make_parameters
 from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 
@@ -28,6 +28,7 @@ __all__ = [
     "Belief",
     "Command",
     "Covariance",
+    "Episode",
     "Estimate",
     "FilterTuning",
     "Noise",
@@ -39,6 +40,7 @@ __all__ = [
     "Reward",
     "Robot",
     "State",
+    "System",
     "Task",
     "World",
     "make_filter",

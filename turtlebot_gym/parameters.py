@@ -36,8 +36,8 @@ class ProcessNoise:
     alpha4: float = 0.0
     """Variance of the turning rate per squared turning rate, 1."""
     scale: float = 1.0
-    """What the robot makes of a commanded speed, as a share of it: a wheel's radius that is off by 2 % is 1.02 or 0.98. The
-    filter never knows it."""
+    """What the robot makes of a commanded twist, as a share of it: wheels whose radius is off by 2 % have 1.02 or 0.98. Neither
+    the wheels' own odometry nor the filter sees it."""
     slip: float = 0.0
     """Share of the motion that is lost during a burst of slip, 0 to 1."""
     slip_start: float = 0.0

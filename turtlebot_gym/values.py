@@ -39,6 +39,17 @@ class State(NamedTuple):
     omega: float
 
 
+class Senses(NamedTuple):
+    """What the robot's odometry says."""
+
+    odometry: Pose
+    """The last measured pose that arrived."""
+    twist: Command
+    """The twist that was executed: what the wheels were made to do, or on a robot what they measured."""
+    measured: bool
+    """Whether a pose arrived in this step."""
+
+
 class Covariance(NamedTuple):
     """The 15 independent entries of the symmetric 5 x 5 covariance of a `State`, row by row from the diagonal on."""
 

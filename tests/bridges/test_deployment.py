@@ -12,8 +12,8 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Header
 
-from turtlebot_gym.compiled.loop import OUTCOME, Batch
-from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import make_task
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros import Shell
@@ -70,7 +70,7 @@ def test_the_blocks_are_the_compiled_environment(environment):
     task, waypoints = make_task("square", waypoints=[GOAL], max_steps=10**6)
     batch = Batch(1, make_parameters(task, noise=noise, robot=robot, filter=filter), waypoints)
     batch.seeds[0] = SEED
-    observation, outcome = np.zeros((1, 13), np.float32), np.zeros((OUTCOME.size, 1))
+    observation, outcome = batch.empty()
     batch.reset(np.ones(1, np.bool_), observation, outcome)
     heard = 0
     for odometry, _, estimate, seen, action in drive(noise, robot, filter):

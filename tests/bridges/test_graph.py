@@ -10,8 +10,8 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from turtlebot_gym.compiled.loop import OUTCOME, Batch
-from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS, make_task
 from turtlebot_gym.trajectory import heading_error, position_error
 from turtlebot_gym_agents.policies import make_policy
@@ -93,13 +93,13 @@ def environment_figures(n):
     task, waypoints = make_task("square", switch="time")
     batch = Batch(n, make_parameters(task, robot="tutorial"), waypoints)
     batch.seeds[:] = np.arange(n)
-    observation, outcome = np.zeros((n, 13), np.float32), np.zeros((OUTCOME.size, n))
+    observation, outcome = batch.empty()
     batch.reset(np.ones(n, np.bool_), observation, outcome)
     policy, errors = make_policy("proportional", robot="tutorial"), []
     for _ in range(600):
         observation, outcome = batch.step(policy(observation))
-        truth = batch.numbers("true_state")
-        poses = batch.numbers("estimate.belief.mean"), batch.numbers("odometry")
+        truth = batch.numbers("body.true_state")
+        poses = batch.numbers("estimate.belief.mean"), batch.numbers("senses.odometry")
         errors.append([error(pose, truth) for pose in poses for error in (position_error, heading_error)])
     return np.mean(errors, axis=0)
 

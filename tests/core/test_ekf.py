@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.loop import Batch
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.consistency import mean_bounds, nees
 from turtlebot_gym.estimation.filters import entries, jacobian, matrix, reference_filter
+from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import DOCUMENTED, NOISES, ROUGH, TUTORIAL_FILTER, matched
-from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 DT = 0.1
 NOWHERE = Covariance(*[0.0] * 15)
@@ -32,6 +33,12 @@ TUNINGS = {
         Q=(1e-3, 2e-3, 3e-3, 1e-4, 2e-4), R=(0.01, 0.02, 0.03), process=EXECUTION, remember_velocity=True
     ),
 }
+
+
+def step(estimate, command, before, z, measured, tuning, dt, middle):
+    """Run the filter that the tuning is for: the odometry said ``before``, and then ``z``."""
+    senses = Senses(before, command, True), Senses(z, command, measured)
+    return filter_of(tuning).step(estimate, *senses, tuning, dt, middle)
 
 
 def random_belief(rng: np.random.Generator, *, scale: float = 1.0, rank: int = 5) -> Belief:
@@ -52,24 +59,24 @@ def test_filter_equals_filterpy(name, integrator):
     reference.x, reference.P = np.array(estimate.belief.mean), matrix(estimate.belief.covariance)
     truth, twist, before = Pose(0.0, 0.0, 3.0), Command(0.0, 0.0), Pose(0.0, 0.0, 3.0)
     deviation = np.sqrt(tuning.R)
-    for step in range(10_000 if name in ("tutorial", "documented") else 2_000):
+    for k in range(10_000 if name in ("tutorial", "documented") else 2_000):
         command = Command(*rng.uniform([-0.3, -2.0], [0.3, 2.0]).tolist())
         truth, twist = advance(truth, *twist, DT, middle), command
         spike = rng.choice([0.0, 0.3, -0.3], p=[0.9, 0.05, 0.05])
         error = rng.normal(0.0, deviation)
         z = Pose(truth.x + error[0], truth.y + error[1], wrap(truth.theta + error[2] + spike))
         measured = bool(rng.random() > 0.1)
-        estimate = ekf.step(estimate, command, before, z if measured else before, measured, tuning, DT, middle)
+        estimate = step(estimate, command, before, z if measured else before, measured, tuning, DT, middle)
         before = z if measured else before
         reference.predict(command)
         reference.update(z if measured else None)
 
         difference = np.array(estimate.belief.mean) - reference.x
         difference[2] = wrap(difference[2])
-        assert np.abs(difference).max() < 1e-9, f"mean, step {step}"
+        assert np.abs(difference).max() < 1e-9, f"mean, step {k}"
         deviations = np.sqrt(np.diag(reference.P))
         allowed = 1e-8 * np.outer(deviations, deviations) + 1e-300
-        assert (np.abs(matrix(estimate.belief.covariance) - reference.P) <= allowed).all(), f"covariance, step {step}"
+        assert (np.abs(matrix(estimate.belief.covariance) - reference.P) <= allowed).all(), f"covariance, step {k}"
         if measured:
             assert estimate.nis == pytest.approx(reference.mahalanobis**2, rel=1e-7, abs=1e-12)
     assert np.abs(reference.x[:2]).max() > 0.1, "the drive went nowhere: the test saw too little"
@@ -132,7 +139,7 @@ def test_update_is_the_textbook_one():
         nu = np.array(z) - H @ belief.mean
         nu[2] = wrap(nu[2])
         I_KH = np.eye(5) - K @ H
-        posterior, nis = ekf.update(belief, z, tuning)
+        posterior, nis = ekf.correct(belief, z, tuning)
         change = np.array(posterior.mean) - belief.mean
         change[2] -= (K @ nu)[2]
         assert abs(wrap(change[2])) < 1e-9
@@ -145,7 +152,7 @@ def test_known_component_measured_without_noise():
     """P = 0 and R = 0 make S = 0: nothing is learned, and nothing divides by zero."""
     belief = Belief(State(1.0, 2.0, 0.5, 0.1, 0.2), NOWHERE)
     tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3)
-    assert ekf.update(belief, Pose(1.5, 2.0, 0.5), tuning) == (belief, 0.0)
+    assert ekf.correct(belief, Pose(1.5, 2.0, 0.5), tuning) == (belief, 0.0)
 
 
 def test_innovation_wraps_unless_told_otherwise():
@@ -179,7 +186,7 @@ def test_covariance_stays_positive_under_fuzzing(integrator):
             measured = bool(rng.random() < 0.8)
             prior = ekf.predict(estimate.belief, command, tuning, dt, INTEGRATORS[integrator])
             largest = max(largest, *prior.covariance)
-            estimate = ekf.step(estimate, command, z, z, measured, tuning, dt, INTEGRATORS[integrator])
+            estimate = step(estimate, command, z, z, measured, tuning, dt, INTEGRATORS[integrator])
             P = matrix(estimate.belief.covariance)
             assert np.isfinite(P).all()
             assert np.isfinite(estimate.belief.mean).all()
@@ -195,7 +202,7 @@ def test_prediction_only_when_a_measurement_drops_out():
     tuning = TUNINGS["documented"]
     estimate = ekf.initialize(Pose(1.0, 2.0, 0.3), tuning)._replace(nis=4.0)
     z, command = Pose(9.0, 9.0, 2.0), Command(0.2, 0.5)
-    after = ekf.step(estimate, command, z, z, False, tuning, DT, 0.0)
+    after = step(estimate, command, z, z, False, tuning, DT, 0.0)
     assert after.belief == ekf.predict(estimate.belief, command, tuning, DT, 0.0)
     assert after.nis == 4.0  # still that of the last one
 
@@ -209,10 +216,10 @@ def test_gate_refuses_outliers_and_nothing_else():
     command = Command(0.0, 0.0)
     prior = ekf.predict(estimate.belief, command, GATED, DT, 0.0)
     near, far = Pose(0.1, 0.0, 0.0), Pose(2.0, 0.0, 0.0)
-    refused = ekf.step(estimate, command, near, far, True, GATED, DT, 0.0)
-    assert refused == ekf.Estimate(prior, ekf.update(prior, far, GATED)[1], 1.0)
+    refused = step(estimate, command, near, far, True, GATED, DT, 0.0)
+    assert refused == ekf.Estimate(prior, ekf.correct(prior, far, GATED)[1], 1.0)
     assert refused.nis > GATED.gate
-    taken = ekf.step(refused, command, far, near, True, GATED, DT, 0.0)
+    taken = step(refused, command, far, near, True, GATED, DT, 0.0)
     assert taken.rejections == 0.0
     assert taken.belief.mean.x > 0.0
 
@@ -221,12 +228,12 @@ def test_a_lost_filter_recovers_from_a_locked_gate():
     estimate = ekf.initialize(Pose(0.0, 0.0, 0.0), GATED)
     there, command = Pose(5.0, -3.0, 2.0), Command(0.1, 0.2)
     for count in (1.0, 2.0, 3.0):
-        estimate = ekf.step(estimate, command, there, there, True, GATED, DT, 0.0)
+        estimate = step(estimate, command, there, there, True, GATED, DT, 0.0)
         assert estimate.rejections == count
         assert estimate.belief.mean.x < 1.0
-        dropped = ekf.step(estimate, command, there, there, False, GATED, DT, 0.0)
+        dropped = step(estimate, command, there, there, False, GATED, DT, 0.0)
         assert dropped.rejections == count  # a lost measurement says nothing
-    estimate = ekf.step(estimate, command, there, there, True, GATED, DT, 0.0)
+    estimate = step(estimate, command, there, there, True, GATED, DT, 0.0)
     assert estimate.rejections == 0.0
     assert estimate.belief.mean == State(*there, *command)
     assert np.diag(matrix(estimate.belief.covariance))[:3].tolist() == list(GATED.R)
@@ -237,12 +244,12 @@ def test_odometry_as_input_moves_the_belief_and_does_not_correct_it():
     estimate = ekf.initialize(Pose(1.0, 1.0, math.pi / 2.0), tuning)
     command = Command(0.2, 0.1)
     # The odometry's frame is turned against the belief's by 90 degrees, and moves 0.5 m ahead, turning by 0.2.
-    after = ekf.step(estimate, command, Pose(0.0, 0.0, 0.0), Pose(0.5, 0.0, 0.2), True, tuning, DT, 0.0)
+    after = step(estimate, command, Pose(0.0, 0.0, 0.0), Pose(0.5, 0.0, 0.2), True, tuning, DT, 0.0)
     assert after.belief.mean[:3] == pytest.approx((1.0, 1.5, math.pi / 2.0 + 0.2))
     assert after.belief.covariance == ekf.predict(estimate.belief, command, tuning, DT, 0.0).covariance
     later = after
     for _ in range(20):
-        later = ekf.step(later, command, Pose(0.5, 0.0, 0.2), Pose(0.5, 0.0, 0.2), True, tuning, DT, 0.0)
+        later = step(later, command, Pose(0.5, 0.0, 0.2), Pose(0.5, 0.0, 0.2), True, tuning, DT, 0.0)
     assert later.belief.covariance.xx + later.belief.covariance.yy > 1.01 * (
         after.belief.covariance.xx + after.belief.covariance.yy
     )
@@ -265,7 +272,7 @@ def simulate(tuning, *, noise=TRUE_NOISE, steps=60, integrator="midpoint", seed=
     for _ in range(steps):
         batch.step(rng.uniform([0.5, -0.3], [1.0, 0.3], (RUNS, 2)).astype(np.float32))
     worlds = [batch.world(i) for i in range(RUNS)]
-    truth = np.array([world.true_state for world in worlds])
+    truth = np.array([world.body.true_state for world in worlds])
     estimate = np.array([world.estimate.belief.mean for world in worlds])
     P = np.array([matrix(world.estimate.belief.covariance) for world in worlds])
     return nees(estimate, truth, P), np.array([world.estimate.nis for world in worlds]), estimate, truth

@@ -13,10 +13,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym
-from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.simulation import begin, look, make_parameters, retarget, transition
-from turtlebot_gym.tasks import distance_to, draw_goal, make_task
-from turtlebot_gym.values import Command
+from turtlebot_gym.systems import Episode, make_parameters
+from turtlebot_gym.tasks import make_task
 
 STEPS, SEED, LIMIT = 1000, 7, 150
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -56,43 +54,36 @@ IDS = {
 }
 
 
-class Plain:
-    """An environment in plain Python: no arrays, no compiled code."""
+def plain_episode(*, limit, seed, task, arrival=None, switch=None, laps=None, **options):
+    """Return the case as an environment in plain Python: no arrays, no compiled code."""
+    task, waypoints = make_task(task, arrival=arrival, switch=switch, laps=laps, max_steps=limit)
+    return Episode(make_parameters(task, **options), waypoints, seed=seed)
 
-    def __init__(self, *, limit, seed, task, arrival=None, switch=None, laps=None, **options):
-        task, self.waypoints = make_task(task, arrival=arrival, switch=switch, laps=laps, max_steps=limit)
-        self.p = make_parameters(task, **options)
-        self.seed, self.episode = seed, -1
 
-    def reset(self):
-        self.episode += 1
-        self.key = episode_key(self.seed, self.episode)
-        self.world = begin(self.key, self.p)
-        if self.p.task.random:
-            self.waypoints = (draw_goal(self.key, 0, self.world.reference, self.p.task),)
-        self.world = retarget(self.world, self.waypoints, self.p)
-        return self.row(0.0, False, False, False, distance_to(self.world.true_state, self.world.reference))
+def row_of(episode):
+    """Return all that there is to compare of an episode, as numbers in a fixed order."""
+    w, come = episode.world, episode.outcome
+    belief = w.estimate.belief
+    parts = (*w.body.true_state, *w.senses.odometry, *belief.mean, *belief.covariance, *w.course.reference, *w.body.command)
+    observation = np.array(episode.observe(), np.float32)
+    told = (come.reward, come.terminated, come.truncated, come.is_success, come.distance)
+    return np.array([*observation, *told, *parts], np.float64)
 
-    def step(self, action):
-        forward, turn = (min(max(float(share), -1.0), 1.0) for share in action)
-        command = Command(forward * self.p.robot.max_linear, turn * self.p.robot.max_angular)
-        self.world, come = transition(self.world, command, self.key, len(self.waypoints), self.p)
-        distance = come.distance
-        if come.reached:
-            self.world = retarget(self.world, self.waypoints, self.p)
-            distance = distance_to(self.world.true_state, self.world.reference)
-        return self.row(come.reward, come.terminated, come.truncated, come.is_success, distance)
 
-    def row(self, reward, terminated, truncated, success, distance):
-        """Return all that there is to compare, as numbers in a fixed order."""
-        w = self.world
-        parts = (*w.true_state, *w.odometry, *w.estimate.belief.mean, *w.estimate.belief.covariance, *w.reference, *w.command)
-        observation = np.array(look(w, self.p), np.float32)
-        return np.array([*observation, reward, terminated, truncated, success, distance, *parts], np.float64)
+def begun(episode):
+    """Begin the next episode, and return its first row."""
+    episode.reset()
+    return row_of(episode)
+
+
+def acted(episode, action):
+    """Advance by an action, and return the row that it leads to."""
+    episode.act(action)
+    return row_of(episode)
 
 
 def rows(observations, rewards, terminated, truncated, infos):
-    """Return what a vector environment gave, a row per environment, in the order of `Plain.row`."""
+    """Return what a vector environment gave, a row per environment, in the order of `row_of`."""
     upper = np.triu_indices(5)
     covariance = infos["covariance"][:, upper[0], upper[1]]
     parts = [infos["true_state"], infos["odometry"], infos["estimate"], covariance, infos["reference"], infos["command"]]
@@ -141,25 +132,25 @@ def compare(case, mode, watched, actions, log, finals, limit):
     """Replay the actions in plain Python and compare every number; return how often an episode ended in each way."""
     ends = np.zeros(2, int)
     for column, row in enumerate(watched):
-        plain = Plain(limit=limit, seed=SEED + int(row), **CASES[case])
-        expected = plain.reset()
+        plain = plain_episode(limit=limit, seed=SEED + int(row), **CASES[case])
+        expected = row_of(plain)
         done = False
         np.testing.assert_array_equal(log[0, column], expected)
         for t, action in enumerate(actions[:, column]):
             if mode is NEXT_STEP and done:
-                expected, done = plain.reset(), False
+                expected, done = begun(plain), False
             else:
-                expected = plain.step(action)
+                expected = acted(plain, action)
                 done = bool(expected[14] or expected[15])
                 ends += [expected[14] != 0, expected[15] != 0]
             if mode is SAME_STEP and done:
                 np.testing.assert_array_equal(finals[t, column], expected, err_msg=f"final, step {t}, row {row}")
                 reward_and_ends = expected[13:16]
-                expected = plain.reset()
+                expected = begun(plain)
                 expected[13:16] = reward_and_ends
             np.testing.assert_array_equal(log[t + 1, column], expected, err_msg=f"step {t}, row {row}")
             if mode is DISABLED and done:
-                np.testing.assert_array_equal(finals[t, column], plain.reset(), err_msg=f"reset, step {t}, row {row}")
+                np.testing.assert_array_equal(finals[t, column], begun(plain), err_msg=f"reset, step {t}, row {row}")
     return ends
 
 

@@ -11,10 +11,11 @@ import pytest
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import KalmanFilter, entries, matrix, reference_filter
+from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
-from turtlebot_gym.values import Command, Pose
+from turtlebot_gym.values import Command, Pose, Senses
 
 TUNING = matched(DOCUMENTED)
 GATED = replace(TUNING, gate=9.0, max_rejections=2)
@@ -39,7 +40,8 @@ def test_steps_are_those_of_the_function(tuning, integrator):
     for command, odometry in drive(0):
         kf.step(command, odometry)
         z = odometry or before
-        estimate = ekf.step(estimate, command, before, z, odometry is not None, tuning, 0.05, INTEGRATORS[integrator])
+        senses = Senses(before, command, True), Senses(z, command, odometry is not None)
+        estimate = filter_of(tuning).step(estimate, *senses, tuning, 0.05, INTEGRATORS[integrator])
         before = z
         assert kf.belief == estimate.belief
         assert (kf.nis, kf.rejections) == (estimate.nis, estimate.rejections)

@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
-from turtlebot_gym.compiled.loop import PARALLEL_FROM, TILE, Batch
+from turtlebot_gym.compiled.batch import PARALLEL_FROM, Batch
+from turtlebot_gym.compiled.loop import loops_of
+from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.presets import NOISES, matched
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
-from turtlebot_gym.values import Command, Pose
+from turtlebot_gym.systems import Episode, make_parameters, system_for
+from turtlebot_gym.values import Pose
 
 WAYPOINTS = turtlebot_gym.SQUARE_WAYPOINTS
 SQUARE = turtlebot_gym.SQUARE
@@ -33,11 +35,12 @@ def started(num_envs, parameters, *, seed=0):
 
 def test_each_environment_may_have_parameters_of_its_own():
     n = TILE + 5
-    noises, robots, rules = list(NOISES.values()), list(ROBOTS.values()), ("euler", "midpoint")
+    noises = [noise for name, noise in NOISES.items() if name != "wheel"]  # which has a filter of its own
+    robots, rules = list(ROBOTS.values()), ("euler", "midpoint")
 
     def parameters(i):
         dt = 0.05 * (1 + i % 3)
-        return make_parameters(SQUARE, robot=robots[i % 4], noise=noises[i % 5], dt=dt, integrator=rules[i % 2])
+        return make_parameters(SQUARE, robot=robots[i % 4], noise=noises[i % 4], dt=dt, integrator=rules[i % 2])
 
     rows = [parameters(i) for i in range(n)]
     batch = started(n, rows)
@@ -45,13 +48,10 @@ def test_each_environment_may_have_parameters_of_its_own():
     for action in actions:
         batch.step(action)
     for i in (0, 1, TILE - 1, TILE, n - 1):
-        p, key = rows[i], turtlebot_gym.models.random.episode_key(i, 0)
-        world = retarget(begin(key, p), WAYPOINTS, p)
-        for action in actions[:, i].astype(float).tolist():
-            command = Command(action[0] * p.robot.max_linear, action[1] * p.robot.max_angular)
-            world, come = transition(world, command, key, len(WAYPOINTS), p)
-            world = retarget(world, WAYPOINTS, p) if come.reached else world
-        assert batch.world(i) == world
+        plain = Episode(rows[i], WAYPOINTS, seed=i)
+        for action in actions[:, i].tolist():
+            plain.act(action)
+        assert batch.world(i) == plain.world
 
 
 def test_parameters_may_be_changed_on_the_way():
@@ -59,22 +59,25 @@ def test_parameters_may_be_changed_on_the_way():
     batch = started(3, calm)
     actions = np.zeros((3, 2), np.float32)
     batch.step(actions)
-    assert np.abs(batch.numbers("odometry")).max() == 0.0
+    assert np.abs(batch.numbers("senses.odometry")).max() == 0.0
     batch.set_parameters(shaky)
     batch.step(actions)
-    assert np.abs(batch.numbers("odometry")).min() > 0.0
+    assert np.abs(batch.numbers("senses.odometry")).min() > 0.0
     batch.set_parameters([calm, calm, shaky])
     batch.step(actions)
-    assert (np.abs(batch.numbers("odometry")).max(axis=1) > 0.0).tolist() == [False, False, True]
+    assert (np.abs(batch.numbers("senses.odometry")).max(axis=1) > 0.0).tolist() == [False, False, True]
     with pytest.raises(ValueError, match="parameters must be one or 3, got 2"):
         batch.set_parameters([calm, calm])
+    with pytest.raises(ValueError, match="odometry_input must be the same in all"):
+        batch.set_parameters([calm, calm, make_parameters(SQUARE, noise="wheel")])
+    assert batch.parameters == [calm, calm, shaky]
 
 
 @pytest.mark.parametrize("num_envs", [1, 7, TILE, TILE + 1, 3 * TILE])
 def test_what_is_read_is_a_copy(num_envs):
     batch = started(num_envs, make_parameters(SQUARE))
     before = [batch.world(i) for i in range(num_envs)]
-    for path in ("true_state", "odometry", "estimate.belief.covariance", "reference", "command"):
+    for path in ("body.true_state", "senses.odometry", "estimate.belief.covariance", "course.reference", "body.command"):
         batch.numbers(path)[...] = 7.0
     for array in (*batch.last(), batch.first_world()):
         array[...] = 7.0
@@ -106,8 +109,9 @@ def test_huge_seeds_and_episodes_are_fine():
     batch.episodes[:] = [10**12, 10**12]
     batch.reset(np.ones(2, np.bool_), *batch.empty())
     for i in range(2):
-        p, key = batch.parameters, turtlebot_gym.models.random.episode_key(int(batch.seeds[i]), 10**12)
-        assert batch.world(i) == retarget(begin(key, p), [Pose(1.0, 0.0, 0.0)], p)
+        plain = Episode(batch.parameters, [Pose(1.0, 0.0, 0.0)], seed=int(batch.seeds[i]))
+        plain.number = 10**12 - 1
+        assert batch.world(i) == plain.reset()
 
 
 # Other processes.
@@ -128,28 +132,32 @@ def run(script, *, path=None, **environment):
 CACHE = f"""
 import json
 import numpy as np
-import turtlebot_gym.compiled.loop as loop
-from turtlebot_gym.simulation import make_parameters
+import turtlebot_gym.compiled.batch as batch_module
+from turtlebot_gym.compiled.loop import loops_of
+from turtlebot_gym.systems import make_parameters, system_for
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
-report = {{"file": loop.__file__}}
+p = make_parameters(SQUARE, noise="clean")
+loops = loops_of(system_for(p.tuning))
+report = {{"file": batch_module.__file__}}
 for parallel, size in ((False, 1), (True, {PARALLEL_FROM})):
-    batch = loop.Batch(size, make_parameters(SQUARE, noise="clean"), SQUARE_WAYPOINTS)
+    batch = batch_module.Batch(size, p, SQUARE_WAYPOINTS)
     for _ in range(3):
         batch.step(np.full((size, 2), 0.5, np.float32))
-    stats = loop._compiled(loop._step_rows, parallel).stats
-    report[str(parallel)] = sum(stats.cache_misses.values()), sum(stats.cache_hits.values()), batch.world(size - 1).true_state.x
+    stats = (loops.step_parallel if parallel else loops.step).stats
+    x = batch.world(size - 1).body.true_state.x
+    report[str(parallel)] = sum(stats.cache_misses.values()), sum(stats.cache_hits.values()), x
 print(json.dumps(report))
 """
 
 
 def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
-    """numba keys its cache on neither: see `turtlebot_gym.compiled.loop`. The last process must see the new physics."""
+    """numba keys its cache on neither: see `turtlebot_gym.compiled.cache`. The last process must see the new physics."""
     package = tmp_path / "turtlebot_gym"
     shutil.copytree(Path(turtlebot_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     options = {"path": tmp_path, "NUMBA_CACHE_DIR": tmp_path / "cache"}
     first = run(CACHE, **options)
-    assert first["file"] == str(package / "loop.py")
+    assert first["file"] == str(package / "compiled" / "batch.py")
     assert first["False"][:2] == [1, 0]
     assert first["True"][:2] == [1, 0], "the parallel loop was loaded from the serial one's cache"
     second = run(CACHE, **options)
@@ -157,7 +165,7 @@ def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
     assert second["True"] == [0, 1, first["False"][2]]
 
     helper = package / "models" / "unicycle.py"
-    changed = helper.read_text().replace("pose.x + v * cosine * dt", "pose.x + 2.0 * v * cosine * dt")
+    changed = helper.read_text().replace("        v * cosine * dt, v", "        2.0 * v * cosine * dt, v")
     assert changed != helper.read_text()
     helper.write_text(changed)
     third = run(CACHE.replace(f", (True, {PARALLEL_FROM})", ","), **options)
@@ -166,22 +174,22 @@ def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
 
 
 def test_without_a_folder_for_the_cache_it_goes_on(monkeypatch):
-    from turtlebot_gym.compiled import loop
+    from turtlebot_gym.compiled import cache
 
     def njit(function, *, cache=False, **options):
         if cache:
             raise RuntimeError("cannot cache function: no locator available")
         return function
 
-    monkeypatch.setattr(loop, "njit", njit)
-    assert callable(loop._compiled.__wrapped__(loop._step_rows, False))
+    monkeypatch.setattr(cache, "njit", njit)
+    assert callable(cache.compiled(lambda: None, parallel=False))
 
 
 THREADS = f"""
 import json, threading
 import numpy as np
-from turtlebot_gym.compiled.loop import Batch
-from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 actions = np.full(({2 * PARALLEL_FROM}, 2), 0.5, np.float32)
@@ -212,8 +220,8 @@ def test_threads_of_python_may_step_batches_at_the_same_time(layer):
 FORK = f"""
 import json, os
 import numpy as np
-from turtlebot_gym.compiled.loop import Batch
-from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 def batch():
@@ -243,17 +251,11 @@ import json, math, sys
 for blocked in ("gymnasium", "numba", "filterpy", "scipy", "matplotlib", "pygame"):
     sys.modules[blocked] = None
 import turtlebot_gym as tb
-from turtlebot_gym.estimation import ekf
-from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.simulation import begin, look, retarget, transition
 
-p = tb.make_parameters(tb.SQUARE, noise="rough")
-key = episode_key(3, 0)
-world = retarget(begin(key, p), tb.SQUARE_WAYPOINTS, p)
+episode = tb.Episode(tb.make_parameters(tb.SQUARE, noise="rough"), tb.SQUARE_WAYPOINTS, seed=3)
 for _ in range(200):
-    world, come = transition(world, tb.Command(0.1, 0.2), key, 4, p)
-    world = retarget(world, tb.SQUARE_WAYPOINTS, p) if come.reached else world
-print(json.dumps(look(world, p)))
+    episode.step(tb.Command(0.1, 0.2))
+print(json.dumps(episode.observe()))
 """
 
 
@@ -299,13 +301,14 @@ def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bi
 
 def test_matched_tunings_have_a_loop_in_common():
     # All parameters are packed in one form, so changing noise, filter or robot compiles nothing anew.
-    from turtlebot_gym.compiled import loop
-
     p = make_parameters(SQUARE)
+    loop = loops_of(system_for(p.tuning)).step
     started(2, p).step(np.zeros((2, 2), np.float32))
-    compiled = len(loop._compiled(loop._step_rows, False).signatures)
-    for noise in NOISES.values():
+    compiled = len(loop.signatures)
+    for name, noise in NOISES.items():
+        if name == "wheel":
+            continue  # it has a filter, and so a system, of its own
         started(2, p._replace(noise=noise, tuning=replace(matched(noise), gate=9.0), robot=ROBOTS["waffle"])).step(
             np.zeros((2, 2), np.float32)
         )
-    assert len(loop._compiled(loop._step_rows, False).signatures) == compiled
+    assert len(loop.signatures) == compiled

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.loop import PARAMETERS, WORLD
+from turtlebot_gym.compiled.loop import layout_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, packing
-from turtlebot_gym.simulation import Parameters, make_parameters
+from turtlebot_gym.systems import Parameters, make_parameters, system_for
 
 
 class Inner(NamedTuple):
@@ -83,11 +83,14 @@ def test_dataclasses_become_tuples_with_the_same_attributes():
 
 def test_parameters_and_worlds_have_a_place_each():
     p = as_tuple(make_parameters(noise="rough"))
-    buffer = np.zeros(PARAMETERS.size * TILE)
-    PARAMETERS.store(buffer, 0, p)
-    assert PARAMETERS.load(buffer.tolist(), 0) == p
+    layout = layout_of(system_for(p.tuning))
+    buffer = np.zeros(layout.parameters.size * TILE)
+    layout.parameters.store(buffer, 0, p)
+    assert layout.parameters.load(buffer.tolist(), 0) == p
     assert isinstance(p, Parameters)
-    assert WORLD.slices["estimate.belief.covariance"].stop - WORLD.slices["estimate.belief.covariance"].start == 15
+    covariance = layout.world.slices["estimate.belief.covariance"]
+    assert covariance.stop - covariance.start == 15
+    assert layout.world.names[covariance.start] == "estimate.belief.covariance.xx"
 
 
 @pytest.mark.parametrize("preset", ["clean", "tutorial", "documented", "wheel", "rough"])

@@ -13,7 +13,7 @@ import turtlebot_gym
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.simulation import make_parameters
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Task, make_task
 
 NAN, INF = math.nan, math.inf

@@ -10,9 +10,9 @@ from gymnasium.error import DependencyNotInstalled
 from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.simulation import World
+from turtlebot_gym.systems import Body, Course, World
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS
-from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
+from turtlebot_gym.values import STOP, Belief, Covariance, Pose, Senses, State
 
 BODY, GREEN, BLACK, VERMILLION, SKY_BLUE = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0), (86, 180, 233)
 FAR = Pose(-1.8, -1.8, 0.0)
@@ -23,17 +23,11 @@ def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.0
     variance = deviation**2
     covariance = Covariance(variance, 0.0, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
     return World(
-        true_state=State(*truth, 0.0, 0.0),
-        odometry=odometry,
-        estimate=Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),
-        command=STOP,
-        asked=(STOP, STOP, STOP),
-        reference=reference,
-        following=reference,
-        wheels=Pose(*truth),
-        slipping=False,
-        visited=0.0,
-        steps=steps,
+        Body(State(*truth, 0.0, 0.0), STOP, (STOP, STOP, STOP), Pose(*truth), False),
+        Senses(odometry, STOP, True),
+        Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),
+        Course(reference, reference, 0.0),
+        steps,
     )
 
 

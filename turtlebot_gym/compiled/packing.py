@@ -7,9 +7,9 @@ proof that two arrays do not overlap.
 
 from __future__ import annotations
 
+import dataclasses
 from collections import namedtuple
 from collections.abc import Callable, Iterator
-from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -22,13 +22,13 @@ TILE = 32
 @cache
 def _tuple_type(dataclass_type: type) -> type:
     """Return the NamedTuple with a dataclass's fields: compiled code knows no dataclasses."""
-    return namedtuple(dataclass_type.__name__, [item.name for item in fields(dataclass_type)])  # type: ignore[return-value]  # noqa: PYI024
+    return namedtuple(dataclass_type.__name__, [item.name for item in dataclasses.fields(dataclass_type)])  # type: ignore[return-value]  # noqa: PYI024
 
 
 def as_tuple(value: Any) -> Any:
     """Return a parameter dataclass, or a tuple of them, as NamedTuples with the same attributes."""
-    if is_dataclass(value):
-        return _tuple_type(type(value))(*(as_tuple(getattr(value, item.name)) for item in fields(value)))
+    if dataclasses.is_dataclass(value):
+        return _tuple_type(type(value))(*(as_tuple(getattr(value, item.name)) for item in dataclasses.fields(value)))
     if isinstance(value, tuple):
         items = [as_tuple(item) for item in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
@@ -53,6 +53,8 @@ class Packing(NamedTuple):
     """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
     store: Callable[[Any, int, Any], None]
     """``store(buffer, at, value)`` writes it."""
+    names: tuple[str, ...]
+    """The dotted path of each number."""
     slices: dict[str, slice]
     """Where each tuple in the value is among its numbers, by its dotted path."""
 
@@ -65,6 +67,7 @@ def packing(example: Any) -> Packing:
     """
     types: dict[str, type] = {}
     places: list[str] = []
+    names: list[str] = []
     writes: list[str] = []
     slices: dict[str, slice] = {}
 
@@ -72,16 +75,17 @@ def packing(example: Any) -> Packing:
         """Return the expression that reads a value, and note how to write it."""
         if not isinstance(value, tuple):
             places.append(f"buffer[at + {len(places) * TILE}]")
+            names.append(path.partition(".")[2])
             writes.append(f"    {places[-1]} = {path}")
             return f"({places[-1]} != 0.0)" if isinstance(value, bool) else places[-1]
         start = len(places)
-        names = getattr(value, "_fields", None)
-        if names is None:
+        fields = getattr(value, "_fields", None)
+        if fields is None:
             expression = "(" + "".join(f"{read(item, f'{path}[{at}]')}, " for at, item in enumerate(value)) + ")"
         else:
             kind = f"T{len(types)}"
             types[kind] = type(value)
-            expression = f"{kind}({', '.join(read(getattr(value, name), f'{path}.{name}') for name in names)})"
+            expression = f"{kind}({', '.join(read(getattr(value, name), f'{path}.{name}') for name in fields)})"
         slices[path.partition(".")[2]] = slice(start, len(places))
         return expression
 
@@ -90,4 +94,4 @@ def packing(example: Any) -> Packing:
     )
     scope: dict[str, Any] = dict(types)
     exec(source, scope)  # made of field names only
-    return Packing(len(places), kernel(scope["load"]), kernel(scope["store"]), slices)
+    return Packing(len(places), kernel(scope["load"]), kernel(scope["store"]), tuple(names), slices)

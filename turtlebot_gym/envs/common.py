@@ -9,30 +9,35 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.loop import Batch
-from turtlebot_gym.simulation import make_parameters
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW, Task, make_task
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.systems import System, make_parameters
+from turtlebot_gym.tasks import Task, make_task
 from turtlebot_gym.values import Pose
 
-ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
-"""Forward speed and turning rate, as shares of the robot's limits."""
-OBSERVATION_SPACE = spaces.Box(np.array(OBSERVATION_LOW, np.float32), np.array(OBSERVATION_HIGH, np.float32))
-"""`turtlebot_gym.tasks.Observation`."""
-
 PARTS = {
-    "true_state": "true_state",
-    "odometry": "odometry",
+    "true_state": "body.true_state",
+    "odometry": "senses.odometry",
     "estimate": "estimate.belief.mean",
     "covariance": "estimate.belief.covariance",
-    "reference": "reference",
-    "command": "command",
+    "reference": "course.reference",
+    "command": "body.command",
 }
-"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.compiled.loop.WORLD`."""
+"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
 
 SYMMETRIC = np.zeros((5, 5), np.intp)
 """Which of the 15 independent entries of a covariance stands in each place of the matrix."""
 SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
+
+
+def action_space() -> spaces.Space[NDArray[np.float32]]:
+    """Return a new action space: forward speed and turning rate, as shares of the robot's limits."""
+    return spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
+def observation_space(system: System) -> spaces.Space[NDArray[np.float32]]:
+    """Return a new space of what a system shows the policy."""
+    return spaces.Box(np.array(system.low, np.float32), np.array(system.high, np.float32))
 
 
 def make_batch(
@@ -56,7 +61,7 @@ def make_batch(
         switch: See there.
         laps: See there.
         max_steps: See there.
-        **options: Passed to `turtlebot_gym.simulation.make_parameters`.
+        **options: Passed to `turtlebot_gym.systems.make_parameters`.
     """
     chosen, poses = make_task(task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps)
     return Batch(num_envs, make_parameters(chosen, **options), poses)

@@ -11,18 +11,14 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.loop import WORLD
-from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, SYMMETRIC, make_batch
+from turtlebot_gym.envs.common import PARTS, SYMMETRIC, action_space, make_batch, observation_space
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.simulation import Parameters
+from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Pose
-
-_SLICES = {key: WORLD.slices[path] for key, path in PARTS.items() if key != "covariance"}
-_COVARIANCE = SYMMETRIC + WORLD.slices[PARTS["covariance"]].start
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -143,8 +139,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         )
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
-        self.action_space = ACTION_SPACE
-        self.observation_space = OBSERVATION_SPACE
+        self.action_space = action_space()
+        self.observation_space = observation_space(self._batch.system)
+        slices = self._batch.layout.world.slices
+        self._slices = {key: slices[path] for key, path in PARTS.items() if key != "covariance"}
+        self._covariance = SYMMETRIC + slices[PARTS["covariance"]].start
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False
@@ -214,8 +213,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _info(self, distance: float, success: bool) -> dict[str, Any]:
         """Return what ``info`` holds, as views of a fresh copy of the world."""
         numbers = self._batch.first_world()
-        info: dict[str, Any] = {key: numbers[part] for key, part in _SLICES.items()}
-        info["covariance"] = numbers[_COVARIANCE]
+        info: dict[str, Any] = {key: numbers[part] for key, part in self._slices.items()}
+        info["covariance"] = numbers[self._covariance]
         info["distance"] = float(distance)
         info["is_success"] = success
         return info

@@ -11,11 +11,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import ACTION_SPACE, OBSERVATION_SPACE, PARTS, make_batch, matrices
+from turtlebot_gym.envs.common import PARTS, action_space, make_batch, matrices, observation_space
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.simulation import Outcome, Parameters
+from turtlebot_gym.systems import Outcome, Parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Pose
@@ -113,10 +113,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.num_envs = int(num_envs)
         self.render_mode = None
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self.single_action_space = ACTION_SPACE
-        self.single_observation_space = OBSERVATION_SPACE
-        self.action_space = batch_space(ACTION_SPACE, self.num_envs)
-        self.observation_space = batch_space(OBSERVATION_SPACE, self.num_envs)
+        self.single_action_space = action_space()
+        self.single_observation_space = observation_space(self._batch.system)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)
         self._begun = np.zeros(self.num_envs, np.bool_)
 

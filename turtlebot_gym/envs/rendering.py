@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.plotting import BLACK, ESTIMATE_WITHIN, GREEN, SKY_BLUE, VERMILLION, ellipse
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.simulation import World
+from turtlebot_gym.systems import World
 from turtlebot_gym.tasks import Task, distance_to
 from turtlebot_gym.values import Belief, Pose
 
@@ -127,7 +127,7 @@ class Renderer:
 
     def _widen(self, world: World) -> bool:
         """Widen the view until the robot is in it, and return whether that was necessary."""
-        x, y = world.true_state.x - self._centre[0], world.true_state.y - self._centre[1]
+        x, y = world.body.true_state.x - self._centre[0], world.body.true_state.y - self._centre[1]
         needed = max(abs(x), abs(y)) + self._robot.radius
         if needed <= self._half:
             return False
@@ -213,24 +213,25 @@ class Renderer:
         """Write the time and the distance to the waypoint above the legend."""
         row = 18 * _FINE
         self._write(surface, f"time {world.steps * self._dt:.1f} s", BLACK, midleft=(15 * _FINE, row))
-        to_go = distance_to(world.true_state, world.reference)
+        to_go = distance_to(world.body.true_state, world.course.reference)
         self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(163 * _FINE, row))
 
     def _draw_trails(self, before: World, after: World) -> None:
         """Add a step to the paper."""
-        z, truth, mean = after.odometry, after.true_state, after.estimate.belief.mean
+        z, truth, mean = after.senses.odometry, after.body.true_state, after.estimate.belief.mean
         self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
-        was, believed = before.true_state, before.estimate.belief.mean
+        was, believed = before.body.true_state, before.estimate.belief.mean
         self._line(self._paper, BLACK, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
         self._line(self._paper, VERMILLION, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
 
     def _draw_present(self, surface: Surface, world: World) -> None:
         """Draw what moves."""
-        self._draw_waypoint(surface, world.reference, GREEN, 3.0)
-        truth = world.true_state
+        self._draw_waypoint(surface, world.course.reference, GREEN, 3.0)
+        truth = world.body.true_state
         size = self._length(self._robot.radius)
         self._draw_robot(surface, self._at(truth.x, truth.y), truth.theta, size)
-        self._draw_measurement(surface, self._at(world.odometry.x, world.odometry.y), world.odometry.theta, size)
+        z = world.senses.odometry
+        self._draw_measurement(surface, self._at(z.x, z.y), z.theta, size)
         self._draw_belief(surface, world.estimate.belief, size)
 
     def _draw_waypoint(self, surface: Surface, waypoint: Pose, color: str, width: float) -> None:

@@ -135,6 +135,6 @@ def cramer_rao_bound(
         for k, (before, after, command) in enumerate(zip(run, run[1:], controls, strict=False)):
             prior = ekf.predict(Belief(State(*before), P), Command(*command), tuning, dt, middle)
             at_truth = Belief(State(*after), prior.covariance)
-            P = ekf.update(at_truth, Pose(*after[:3]), tuning)[0].covariance
+            P = ekf.correct(at_truth, Pose(*after[:3]), tuning)[0].covariance
             total[k + 1] += matrix(P)
     return total / len(states)

@@ -1,6 +1,6 @@
 """An extended Kalman filter for a unicycle whose pose is measured.
 
-State ``[x, y, theta, v, omega]``, input ``[v_cmd, omega_cmd]``, measurement ``[x, y, theta]``. The measured components are
+State ``[x, y, theta, v, omega]``, input the executed twist, measurement ``[x, y, theta]``. The measured components are
 independent, so the update takes them one after the other: three scalar updates, which equal the joint one, need no inverse,
 and leave a covariance that is symmetric by construction.
 
@@ -14,11 +14,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.models.unicycle import execution_variances
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.unicycle import execution_variances, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 
 class Estimate(NamedTuple):
@@ -43,29 +42,27 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
 
 
 @kernel
-def predict(belief: Belief, command: Command, tuning: FilterTuning, dt: float, middle: float) -> Belief:
-    """Move the belief by one control interval: the pose with the believed twist, and then the twist to the command.
+def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> Belief:
+    """Move the belief by one control interval: the pose with the believed twist, and then the twist to the executed one.
 
     Args:
         belief: Mean and covariance at the start of the interval.
-        command: The twist that the robot is asked for from now on.
+        twist: What the robot executes from now on, as far as it is known: what its odometry states, or the command.
         tuning: Process noise.
         dt: Interval, s.
         middle: The integrator, a value of `INTEGRATORS`.
 
     Returns:
-        ``f(mean, command)`` and ``F P F' + Q`` with F the true Jacobian of f: since the command *replaces* the twist, its rows
+        ``f(mean, twist)`` and ``F P F' + Q`` with F the true Jacobian of f: since the input *replaces* the twist, its rows
         for v and omega are zero (one, for a tuning with ``remember_velocity``).
     """
     mean, P = belief
-    sine, cosine = sincos(mean.theta + middle * mean.omega * dt)
-    pose = Pose(mean.x + mean.v * cosine * dt, mean.y + mean.v * sine * dt, wrap(mean.theta + mean.omega * dt))
+    moved = motion(mean.theta, mean.v, mean.omega, dt, middle)
     # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
-    a, c = -mean.v * sine * dt, cosine * dt
-    b, s = mean.v * cosine * dt, sine * dt
-    e, g = middle * dt * a, middle * dt * b
+    a, c, e = moved.x_theta, moved.x_v, moved.x_omega
+    b, s, g = moved.y_theta, moved.y_v, moved.y_omega
     keep = 1.0 if tuning.remember_velocity else 0.0
-    var_v, var_omega = execution_variances(command, tuning.process, dt)
+    var_v, var_omega = execution_variances(twist, tuning.process, dt)
     share = dt / REFERENCE_PERIOD
     Q = tuning.Q
 
@@ -100,11 +97,39 @@ def predict(belief: Belief, command: Command, tuning: FilterTuning, dt: float, m
         keep * P.vw,
         keep * P.ww + max(var_omega, Q[4] * share),
     )
-    return Belief(State(pose.x, pose.y, pose.theta, command.v, command.omega), covariance)
+    pose = State(mean.x + moved.x, mean.y + moved.y, wrap(mean.theta + moved.theta), twist.v, twist.omega)
+    return Belief(pose, covariance)
+
+
+class Projection(NamedTuple):
+    """What a scalar measurement ``h x`` sees of a covariance."""
+
+    column: State
+    """``P h'``: its covariance with each component of the state."""
+    variance: float
+    """``h P h'``."""
 
 
 @kernel
-def _condition(P: Covariance, column: tuple[float, float, float, float, float], inverse: float) -> Covariance:
+def of_x(P: Covariance) -> Projection:
+    """Project on x, ``h = [1 0 0 0 0]``."""
+    return Projection(State(P.xx, P.xy, P.xt, P.xv, P.xw), P.xx)
+
+
+@kernel
+def of_y(P: Covariance) -> Projection:
+    """Project on y, ``h = [0 1 0 0 0]``."""
+    return Projection(State(P.xy, P.yy, P.yt, P.yv, P.yw), P.yy)
+
+
+@kernel
+def of_heading(P: Covariance) -> Projection:
+    """Project on the heading, ``h = [0 0 1 0 0]``."""
+    return Projection(State(P.xt, P.yt, P.tt, P.tv, P.tw), P.tt)
+
+
+@kernel
+def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
     """Take out of P what a scalar measurement tells: ``P - column column' / S``, with ``inverse`` for 1 / S."""
     x, y, t, v, w = column
     i, j, k, m, n = x * inverse, y * inverse, t * inverse, v * inverse, w * inverse
@@ -125,14 +150,28 @@ def _inverse(S: float) -> float:
 
 
 @kernel
-def innovation(mean: State, z: Pose, tuning: FilterTuning) -> Pose:
-    """Return measured minus predicted pose, the heading wrapped unless the tuning says otherwise."""
-    turn = z.theta - mean.theta
-    return Pose(z.x - mean.x, z.y - mean.y, wrap(turn) if tuning.wrap_innovation else turn)
+def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[Belief, float]:
+    """Condition a belief on one scalar measurement, of whatever sensor.
+
+    Args:
+        belief: Prior mean and covariance.
+        h: What the measurement sees of the covariance.
+        innovation: Measured minus predicted value, an angle's wrapped.
+        r: Variance of the measurement.
+
+    Returns:
+        The posterior, whose heading is not wrapped yet, and the normalized innovation squared ``innovation^2 / (h P h' + r)``.
+    """
+    (x, y, theta, v, omega), P = belief
+    inverse = _inverse(h.variance + r)
+    gain = innovation * inverse
+    c = h.column
+    mean = State(x + gain * c.x, y + gain * c.y, theta + gain * c.theta, v + gain * c.v, omega + gain * c.omega)
+    return Belief(mean, _condition(P, c, inverse)), gain * innovation
 
 
 @kernel
-def update(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, float]:
+def correct(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, float]:
     """Condition the belief on a measured pose.
 
     Args:
@@ -141,82 +180,43 @@ def update(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, float
         tuning: Measurement variances, and whether the heading's innovation is wrapped.
 
     Returns:
-        The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R``.
+        The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
     """
-    mean, P = belief
     R = tuning.R
-    nu = innovation(mean, z, tuning)
-
-    inverse_x = _inverse(P.xx + R[0])
-    gain_x = nu.x * inverse_x
-    x, y, t, v, w = gain_x * P.xx, gain_x * P.xy, gain_x * P.xt, gain_x * P.xv, gain_x * P.xw
-    nis = gain_x * nu.x
-    P = _condition(P, (P.xx, P.xy, P.xt, P.xv, P.xw), inverse_x)
-
-    nu_y = nu.y - y  # what the corrections so far have not yet explained
-    inverse_y = _inverse(P.yy + R[1])
-    gain_y = nu_y * inverse_y
-    x, y, t = x + gain_y * P.xy, y + gain_y * P.yy, t + gain_y * P.yt
-    v, w = v + gain_y * P.yv, w + gain_y * P.yw
-    nis += gain_y * nu_y
-    P = _condition(P, (P.xy, P.yy, P.yt, P.yv, P.yw), inverse_y)
-
-    nu_t = nu.theta - t
-    inverse_t = _inverse(P.tt + R[2])
-    gain_t = nu_t * inverse_t
-    x, y, t = x + gain_t * P.xt, y + gain_t * P.yt, t + gain_t * P.tt
-    v, w = v + gain_t * P.tv, w + gain_t * P.tw
-    nis += gain_t * nu_t
-    P = _condition(P, (P.xt, P.yt, P.tt, P.tv, P.tw), inverse_t)
-
-    return Belief(State(mean.x + x, mean.y + y, wrap(mean.theta + t), mean.v + v, mean.omega + w), P), nis
+    turn = innovation(belief.mean, z, tuning).theta
+    prior = belief.mean.theta
+    belief, nis_x = update(belief, of_x(belief.covariance), z.x - belief.mean.x, R[0])
+    belief, nis_y = update(belief, of_y(belief.covariance), z.y - belief.mean.y, R[1])
+    # What x and y have already explained of the turn is taken off it, instead of wrapping a second time.
+    belief, nis_theta = update(belief, of_heading(belief.covariance), turn - (belief.mean.theta - prior), R[2])
+    x, y, theta, v, omega = belief.mean
+    return Belief(State(x, y, wrap(theta), v, omega), belief.covariance), nis_x + nis_y + nis_theta
 
 
 @kernel
-def step(
-    estimate: Estimate,
-    command: Command,
-    before: Pose,
-    odometry: Pose,
-    measured: bool,
-    tuning: FilterTuning,
-    dt: float,
-    middle: float,
-) -> Estimate:
-    """Predict with the command, and correct by the odometry where there is one.
+def innovation(mean: State, z: Pose, tuning: FilterTuning) -> Pose:
+    """Return measured minus predicted pose, the heading wrapped unless the tuning says otherwise."""
+    turn = z.theta - mean.theta
+    return Pose(z.x - mean.x, z.y - mean.y, wrap(turn) if tuning.wrap_innovation else turn)
 
-    Args:
-        estimate: What the filter remembers.
-        command: The twist that the robot is asked for from now on.
-        before: The last odometry before; where the odometry is the filter's input, the pose moves as it did since then.
-        odometry: The odometry; the one before where none arrived.
-        measured: Whether it arrived; where it did not, the filter only predicts.
-        tuning: Noise, gate and mode.
-        dt: Interval, s.
-        middle: The integrator, a value of `INTEGRATORS`.
-    """
-    belief = estimate.belief
-    prior = predict(belief, command, tuning, dt, middle)
-    mean = prior.mean
 
-    if tuning.odometry_input:
-        pose = Pose(belief.mean.x, belief.mean.y, belief.mean.theta)
-        moved = increment(pose, before, odometry, sincos(pose.theta - before.theta))
-        driven = State(moved.x, moved.y, moved.theta, mean.v, mean.omega)
-        return Estimate(Belief(driven, prior.covariance), 0.0, 0.0)
-
-    posterior, nis = update(prior, odometry, tuning)
+@kernel
+def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
+    """Predict with the executed twist, and correct by the measured pose where one arrived: see `interface.Filter`."""
+    prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
+    posterior, nis = correct(prior, senses.odometry, tuning)
+    measured = senses.measured
     refused = measured and nis > tuning.gate
     rejections = estimate.rejections + 1.0 if refused else (0.0 if measured else estimate.rejections)
     lost = rejections >= tuning.max_rejections
-    refused_belief = _restart(prior, odometry, tuning) if lost else prior
+    refused_belief = _restart(prior, senses.odometry, tuning) if lost else prior
     belief = refused_belief if refused else (posterior if measured else prior)
     return Estimate(belief, nis if measured else estimate.nis, 0.0 if lost else rejections)
 
 
 @kernel
 def _restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
-    """Forget the believed pose and take the measured one; the twist stays as commanded."""
+    """Forget the believed pose and take the measured one; the twist stays as executed."""
     R, P = tuning.R, prior.covariance
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, P.vv, P.vw, P.ww)
     return Belief(State(z.x, z.y, z.theta, prior.mean.v, prior.mean.omega), covariance)

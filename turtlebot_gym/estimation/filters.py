@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.models.angles import sincos
-from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 if TYPE_CHECKING:
     from filterpy.kalman import ExtendedKalmanFilter
@@ -88,6 +88,7 @@ class KalmanFilter:
         self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
+        self._filter = filter_of(tuning)
         self._odometry: Pose | None = None
         self._innovation = np.full(3, np.nan)
         self._innovation_covariance = np.full((3, 3), np.nan)
@@ -130,7 +131,7 @@ class KalmanFilter:
     def start(self, odometry: Pose) -> None:
         """Begin anew from a first measurement, as an episode does (or from the origin, where the tuning says so)."""
         self._odometry = Pose(*odometry)
-        self._estimate = ekf.initialize(self._odometry, self.tuning)
+        self._estimate = self._filter.start(self._odometry, self.tuning)
 
     def predict(self, command: Command) -> None:
         """Move the belief by one control interval, with the twist that is commanded from now on."""
@@ -141,7 +142,7 @@ class KalmanFilter:
         """Condition the belief on a measured pose."""
         z = Pose(*odometry)
         self._note(self.belief, z)
-        belief, nis = ekf.update(self.belief, z, self.tuning)
+        belief, nis = ekf.correct(self.belief, z, self.tuning)
         self._estimate = Estimate(belief, nis, self._estimate.rejections)
 
     def step(self, command: Command, odometry: Pose | None = None) -> None:
@@ -152,8 +153,8 @@ class KalmanFilter:
         z = Pose(*odometry) if measured else (self._odometry or Pose(mean.x, mean.y, mean.theta))
         if measured and not self.tuning.odometry_input:
             self._note(ekf.predict(self.belief, command, self.tuning, self.dt, self._middle), z)
-        before = self._odometry or z
-        self._estimate = ekf.step(self._estimate, command, before, z, measured, self.tuning, self.dt, self._middle)
+        before, senses = Senses(self._odometry or z, command, True), Senses(z, command, measured)
+        self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._middle)
         self._odometry = z
 
     def _note(self, prior: Belief, z: Pose) -> None:
@@ -222,12 +223,11 @@ def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[n
     Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` has the products with it written out.
     """
     middle = choose("integrator", integrator, INTEGRATORS)
-    sine, cosine = sincos(state.theta + middle * state.omega * dt)
+    moved = motion(state.theta, state.v, state.omega, dt, middle)
     F = np.zeros((5, 5))
     F[:3, :3] = np.eye(3)
-    F[:2, 2] = -state.v * sine * dt, state.v * cosine * dt
-    F[:2, 3] = cosine * dt, sine * dt
-    F[:2, 4] = middle * dt * F[:2, 2]
+    F[0, 2:] = moved.x_theta, moved.x_v, moved.x_omega
+    F[1, 2:] = moved.y_theta, moved.y_v, moved.y_omega
     F[2, 4] = dt
     return F
 

@@ -6,8 +6,9 @@ import math
 
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.random import EVENTS, HEADING, POSITION, normals, uniforms
 from turtlebot_gym.parameters import OdometryNoise
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import Command, Pose, Senses
 
 
 @kernel
@@ -44,6 +45,28 @@ def measure(
         quantize(y + noise.bias[1] + sqrt(noise.R[1]) * position[1], noise.quantization[0]),
         wrap(quantize(theta + noise.bias[2] + sqrt(noise.R[2]) * heading + spike, noise.quantization[1])),
     )
+
+
+@kernel
+def sense(pose: Pose, wheels: Pose, twist: Command, before: Senses, noise: OdometryNoise, key: int, at: int) -> Senses:
+    """Return what the odometry says at a step: where a measurement is lost, the last pose that arrived stands.
+
+    Args:
+        pose: The true pose.
+        wheels: The pose that the wheels have integrated.
+        twist: The executed twist.
+        before: What the odometry said a step before.
+        noise: Its errors.
+        key: The episode's key, from `models.random.episode_key`.
+        at: The step's number; the measurement of step 0 always arrives.
+    """
+    heading, _ = normals(key, at, HEADING)
+    event, dropout = uniforms(key, at, EVENTS)
+    z = measure(pose, wheels, noise, normals(key, at, POSITION), heading, event)
+    measured = (dropout >= noise.dropout_probability) | (at == 0)  # without the branch of an `or`
+    last = before.odometry
+    odometry = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
+    return Senses(odometry, twist, measured)
 
 
 @kernel

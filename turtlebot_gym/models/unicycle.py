@@ -6,6 +6,8 @@ a command acts one step late, as in the reference system.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.parameters import REFERENCE_PERIOD, ProcessNoise
@@ -14,6 +16,12 @@ from turtlebot_gym.values import Command, Pose
 
 INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
 """At which share of the interval the heading of the motion is taken: at its start (the tutorial's) or in its middle."""
+
+
+@kernel
+def command_of(forward: float, turn: float, robot: Robot) -> Command:
+    """Return the command that an action asks for: shares of the speed limits, clipped to [-1, 1]."""
+    return Command(min(max(forward, -1.0), 1.0) * robot.max_linear, min(max(turn, -1.0), 1.0) * robot.max_angular)
 
 
 @kernel
@@ -38,11 +46,52 @@ def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Co
     )
 
 
+class Motion(NamedTuple):
+    """A displacement in one control interval, and its derivatives that are neither 0 nor 1."""
+
+    x: float
+    """m"""
+    y: float
+    """m"""
+    theta: float
+    """rad"""
+    x_theta: float
+    """Derivative of x by the heading."""
+    x_v: float
+    """Derivative of x by the speed."""
+    x_omega: float
+    """Derivative of x by the turning rate."""
+    y_theta: float
+    y_v: float
+    y_omega: float
+
+
+@kernel
+def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> Motion:
+    """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `INTEGRATORS`.
+
+    Args:
+        theta: Heading at the start of the interval, rad.
+        v: Speed, m/s.
+        omega: Turning rate, rad/s.
+        dt: Interval, s.
+        middle: The rule, a value of `INTEGRATORS`.
+    """
+    sine, cosine = sincos(theta + middle * omega * dt)
+    x_theta, y_theta = -v * sine * dt, v * cosine * dt
+    share = middle * dt
+    return Motion(
+        v * cosine * dt, v * sine * dt, omega * dt,
+        x_theta, cosine * dt, share * x_theta,
+        y_theta, sine * dt, share * y_theta,
+    )  # fmt: skip
+
+
 @kernel
 def advance(pose: Pose, v: float, omega: float, dt: float, middle: float) -> Pose:
-    """Move a pose with a twist for one interval, by the rule of `INTEGRATORS` whose value is ``middle``."""
-    sine, cosine = sincos(pose.theta + middle * omega * dt)
-    return Pose(pose.x + v * cosine * dt, pose.y + v * sine * dt, wrap(pose.theta + omega * dt))
+    """Move a pose with a twist for one interval: see `motion`."""
+    moved = motion(pose.theta, v, omega, dt, middle)
+    return Pose(pose.x + moved.x, pose.y + moved.y, wrap(pose.theta + moved.theta))
 
 
 @kernel
@@ -69,8 +118,8 @@ def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[
         dt: Control interval, s.
     """
     var_v, var_omega = execution_variances(command, noise, dt)
-    grip = 1.0 - noise.slip if slipping else 1.0
-    return Command((command.v + sqrt(var_v) * draws[0]) * grip, (command.omega + sqrt(var_omega) * draws[1]) * grip)
+    share = noise.scale * (1.0 - noise.slip if slipping else 1.0)
+    return Command((command.v + sqrt(var_v) * draws[0]) * share, (command.omega + sqrt(var_omega) * draws[1]) * share)
 
 
 @kernel

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE
-from turtlebot_gym.simulation import Parameters
+from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.files import replacing

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.simulation import OBSERVED, Parameters
+from turtlebot_gym.systems import OBSERVED, Parameters
 from turtlebot_gym.tasks import Task, arrived
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose, State

@@ -16,7 +16,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from turtlebot_gym.simulation import Parameters
+from turtlebot_gym.systems import Parameters
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation import metrics

@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.models.odometry import sense
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
-from turtlebot_gym.simulation import measurement
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import Command, Pose
+from turtlebot_gym.values import Command, Pose, Senses
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
 if TYPE_CHECKING:
@@ -185,18 +185,20 @@ def replay(
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
     due = np.diff(ticks, prepend=-1.0) > 0.0
 
-    z, _ = measurement(key, 0, true[0], wheels[0], in_force.odometry)
-    estimate = ekf.initialize(z, tuning)
+    filter_start, filter_step = filter_of(tuning)
+    senses = sense(true[0], wheels[0], commands[0], Senses(true[0], commands[0], True), in_force.odometry, key, 0)
+    estimate = filter_start(senses.odometry, tuning)
     mean = estimate.belief.mean._replace(v=commands[0].v, omega=commands[0].omega)
     estimate = estimate._replace(belief=estimate.belief._replace(mean=mean))
-    odometry, beliefs = [z], [estimate.belief]
+    odometry, beliefs = [senses.odometry], [estimate.belief]
     for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
-        last = z
+        before = senses
+        senses = Senses(before.odometry, commands[row], False)
         if due[row]:
-            measured, due[row] = measurement(key, row, true[row], wheels[row], in_force.odometry)
-            z = measured if due[row] else last
-        estimate = ekf.step(estimate, commands[row], last, z, bool(due[row]), tuning, dt, middle)
-        odometry.append(z)
+            senses = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
+            due[row] = senses.measured
+        estimate = filter_step(estimate, before, senses, tuning, dt, middle)
+        odometry.append(senses.odometry)
         beliefs.append(estimate.belief)
 
     unknown = np.full((elapsed.size, 3), np.nan)

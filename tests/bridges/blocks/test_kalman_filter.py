@@ -3,9 +3,8 @@
 import pytest
 
 from turtlebot_gym.estimation.ekf import initialize
-from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.presets import NOISES, make_filter
-from turtlebot_gym.simulation import begin, make_parameters, transition
+from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
@@ -26,16 +25,15 @@ def seen(odometry):
 def test_its_estimates_are_the_environments(noise, filter):
     """To the bit, also over drop-outs, where the node hears nothing and the environment predicts step by step."""
     plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=3, random_start=True))
-    key, p = episode_key(3, 0), make_parameters(NAV, noise=noise, filter=filter)
-    world, node = begin(key, p), estimator(noise=noise, filter=filter)
-    assert node.step(0.0, plant.step(0.1, None)["odometry"], None)["estimate"] == world.estimate
+    episode, node = Episode(make_parameters(NAV, noise=noise, filter=filter), seed=3), estimator(noise=noise, filter=filter)
+    assert node.step(0.0, plant.step(0.1, None)["odometry"], None)["estimate"] == episode.world.estimate
     silent = 0
     for _ in range(300):
-        world, _ = transition(world, COMMAND, key, 1, p)
+        episode.step(COMMAND)
         out = plant.step(0.1, COMMAND)
         silent += 1
         if "odometry" in out:
-            assert node.step(round(silent * 0.1, 9), out["odometry"], COMMAND)["estimate"] == world.estimate
+            assert node.step(round(silent * 0.1, 9), out["odometry"], COMMAND)["estimate"] == episode.world.estimate
             silent = 0
 
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.simulation import begin, make_parameters, transition
+from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
@@ -26,15 +25,16 @@ def simulator(**parameters):
 def test_its_steps_are_the_environments_to_the_bit(noise, robot):
     plant = simulator(noise=noise, robot=robot, seed=7)
     plant.reset()  # the second episode
-    key, p = episode_key(7, 1), make_parameters(replace(NAV, random=False), noise=noise, robot=robot)
-    world, lost = begin(key, p), 0
-    assert plant.step(0.1, None) == {"truth": world.true_state, "odometry": (*world.odometry, *STOP)}
+    p = make_parameters(replace(NAV, random=False), noise=noise, robot=robot)
+    episode, lost = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=7), 0
+    world = episode.reset()
+    assert plant.step(0.1, None) == {"truth": world.body.true_state, "odometry": (*world.senses.odometry, *STOP)}
     for command in COMMANDS:
-        world, _ = transition(world, command, key, 1, p)
-        out = plant.step(0.1, command)
-        assert out["truth"] == world.true_state
+        episode.step(command)
+        world, out = episode.world, plant.step(0.1, command)
+        assert out["truth"] == world.body.true_state
         if "odometry" in out:
-            assert out["odometry"] == (*world.odometry, *world.command)
+            assert out["odometry"] == (*world.senses.odometry, *world.body.command)
         lost += "odometry" not in out
     assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.0)
 
@@ -71,7 +71,7 @@ def test_episodes_differ_and_can_be_had_again():
 
 def test_it_starts_where_the_navigation_task_draws_it():
     p = make_parameters(NAV)
-    start = begin(episode_key(5, 0), p).true_state
+    start = Episode(p, seed=5).world.body.true_state
     assert simulator(seed=5, random_start=True).step(0.1, None)["truth"] == start
     assert Pose(*start[:3]) != Pose(0.0, 0.0, 0.0)
 

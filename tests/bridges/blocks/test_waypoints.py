@@ -5,8 +5,7 @@ import math
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.simulation import begin, make_parameters, retarget, transition
+from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS, make_task
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import WaypointGenerator
@@ -41,15 +40,14 @@ def test_waypoints_are_taken_in_order_on_arrival():
 
 def test_by_time_it_switches_at_the_environments_steps():
     task, waypoints = make_task("square", switch="time")
-    key, p = episode_key(0, 0), make_parameters(task)
-    world, node = retarget(begin(key, p), waypoints, p), generator(switch="time")
+    episode, node = Episode(make_parameters(task), waypoints), generator(switch="time")
     for _ in range(30):
         assert reference(node) == SQUARE_WAYPOINTS[0]  # the time does not run before there is a robot
     for _ in range(600):
         out = node.step(0.1, at(0.0, 0.0), None)
-        assert (out["reference"], out["following"]) == (world.reference, world.following)
-        world, _ = transition(world, STOP, key, len(waypoints), p)
-        world = retarget(world, waypoints, p)
+        course = episode.world.course
+        assert (out["reference"], out["following"]) == (course.reference, course.following)
+        episode.step(STOP)
 
 
 def test_by_time_a_lost_estimate_does_not_stop_the_clock():

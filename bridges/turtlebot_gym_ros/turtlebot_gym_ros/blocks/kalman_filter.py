@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from turtlebot_gym.estimation.ekf import Estimate, initialize, step
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import STOP, Command, Pose, State
+from turtlebot_gym.values import STOP, Command, Pose, Senses, State
 from turtlebot_gym_ros.node.block import Input, On, Output
 
 
@@ -59,26 +60,29 @@ class KalmanFilter:
         self._period = params.period
         self._robot = make_robot(params.robot)
         self._tuning = make_filter(params.filter, make_noise(params.noise))
+        self._start, self._step = filter_of(self._tuning)
         self._middle = choose("integrator", params.integrator, INTEGRATORS)
         self.reset()
 
     def reset(self) -> None:
         """Begin again with the next odometry."""
         self._estimate: Estimate | None = None
-        self._odometry = Pose(0.0, 0.0, 0.0)
+        self._senses = Senses(Pose(0.0, 0.0, 0.0), STOP, False)
 
     def step(self, dt: float, odometry: State, command: Command | None) -> dict[str, Any]:
         """Return the estimate after an odometry message that came ``dt`` after the one before."""
         z = Pose(odometry.x, odometry.y, odometry.theta)
         if self._estimate is None:
-            estimate = initialize(z, self._tuning)
+            senses = Senses(z, STOP, True)
+            estimate = self._start(z, self._tuning)
         else:
-            estimate, before = self._estimate, self._odometry
+            estimate, before = self._estimate, self._senses
             u = limit(command or STOP, self._robot)
             n = max(1, round(dt / self._period))
             share = round(dt / n, 9)  # stamps are whole nanoseconds, and so 0.3 s are three times exactly 0.1 s
+            nothing, senses = Senses(before.odometry, u, False), Senses(z, u, True)
             for _ in range(n - 1):
-                estimate = step(estimate, u, before, before, False, self._tuning, share, self._middle)
-            estimate = step(estimate, u, before, z, True, self._tuning, share, self._middle)
-        self._estimate, self._odometry = estimate, z
+                estimate = self._step(estimate, before, nothing, self._tuning, share, self._middle)
+            estimate = self._step(estimate, before, senses, self._tuning, share, self._middle)
+        self._estimate, self._senses = estimate, senses
         return {"estimate": estimate}

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from turtlebot_gym.models.random import MAX_SEED, episode_key
-from turtlebot_gym.simulation import begin, make_parameters, measurement, transition
+from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros.node.block import Every, Input, Output
@@ -53,27 +53,21 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         task = replace(NAV, random=params.random_start, max_steps=math.inf)
-        self._p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
+        p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
         self.trigger = Every(params.period, params.speed)
-        self._seed = params.seed
-        self._episode = -1
-        self.reset()
+        self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed)  # it has no waypoints: others drive
+        self._begun = False
 
     def reset(self) -> None:
         """Begin the next episode."""
-        self._episode += 1
-        self._key = episode_key(self._seed, self._episode)
-        self._world = None
+        self._episode.reset()
+        self._begun = False
 
     def step(self, dt: float, command: Command | None) -> dict[str, Any]:
         """Return the first measurement, and from then on what a control interval has come to."""
-        before = self._world
-        if before is None:
-            world, measured = begin(self._key, self._p), True  # the first measurement always arrives
-        else:
-            world, _ = transition(before, command or STOP, self._key, 1, self._p)
-            pose = Pose(*world.true_state[:3])
-            _, measured = measurement(self._key, int(world.steps), pose, world.wheels, self._p.noise.odometry)
-        self._world = world
-        truth = {"truth": world.true_state}
-        return {**truth, "odometry": State(*world.odometry, *world.command)} if measured else truth
+        if self._begun:
+            self._episode.step(command or STOP)
+        self._begun = True
+        body, senses = self._episode.world.body, self._episode.world.senses
+        truth = {"truth": body.true_state}
+        return {**truth, "odometry": State(*senses.odometry, *senses.twist)} if senses.measured else truth

@@ -1,0 +1,126 @@
+"""A batch of environments: its buffers, and the compiled loops that work on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.compiled.loop import loops_of
+from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
+from turtlebot_gym.compiled.threads import Threads
+from turtlebot_gym.systems import Parameters, System, World, system_for
+from turtlebot_gym.values import Pose
+
+PARALLEL_FROM = 8 * TILE
+"""Batches below this run on one thread: sharing them out would cost more than it saves."""
+
+
+class Batch:
+    """Environments that are stepped together; one or ten thousand.
+
+    Args:
+        num_envs: How many.
+        parameters: One for all of them, or one for each.
+        waypoints: The poses to visit, the same for all; where the task draws its goal, it takes the place of the first.
+        system: The kernels of a step; None for open ground with the filter that the parameters' tuning is for.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        parameters: Parameters | Sequence[Parameters],
+        waypoints: Sequence[Pose],
+        *,
+        system: System | None = None,
+    ) -> None:
+        n_tiles = -(-num_envs // TILE)
+        first = parameters if isinstance(parameters, Parameters) else parameters[0]
+        self.system = system or system_for(first.tuning)
+        self._by_tuning = system is None
+        self._loops = loops_of(self.system)
+        self.layout = layout = self._loops.layout
+        self.num_envs = num_envs
+        self.seeds = np.zeros(num_envs, np.int64)
+        self.episodes = np.zeros(num_envs, np.int64)
+        self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
+        self._keys = np.zeros((n_tiles, TILE), np.int64)
+        self._tiles = np.zeros((n_tiles, layout.size))
+        self._parallel = num_envs >= PARALLEL_FROM
+        self.set_parameters(parameters)
+
+    def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
+        """Use other parameters from the next step on: one for all environments, or one for each."""
+        same = isinstance(parameters, Parameters)
+        rows = [parameters] * TILE if same else list(parameters)
+        if self._by_tuning and any(system_for(row.tuning) != self.system for row in rows):
+            raise ValueError("parameters must have tunings for one filter: odometry_input must be the same in all.")
+        if not same and len(rows) != self.num_envs:
+            raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
+        self.parameters = parameters
+        rows += rows[-1:] * (-len(rows) % TILE)
+        table = np.array([list(flatten(as_tuple(row))) for row in (rows[:1] if same else rows)], np.float64)
+        if same:
+            table = np.repeat(table, TILE, axis=0)
+        tiles = table.reshape(-1, TILE, self.layout.parameters.size).transpose(0, 2, 1)
+        self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
+
+    def reset(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
+        """Start the episodes of ``seeds`` and ``episodes`` where the mask is true, and write their first observations.
+
+        Args:
+            mask: Shape (N,).
+            observations: Shape (N, K); rows outside the mask are left as they are.
+            outcomes: Shape (6, N); likewise.
+        """
+        state = self._tiles, self._keys, self._parameters, self.waypoints
+        self._loops.reset(mask, self.seeds, self.episodes, *state, observations, outcomes)
+
+    def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return uninitialized observations and outcomes, in the shapes of `step`."""
+        n_observation, n_outcome = self.layout.observation.size, self.layout.outcome.size
+        return np.empty((self.num_envs, n_observation), np.float32), np.empty((n_outcome, self.num_envs))
+
+    def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return fresh observations and outcomes of the last step or reset, in the shapes of `step`."""
+        n = self.layout.outcome.size
+        rows = self._rows(self.layout.at_outcome, n + self.layout.observation.size)
+        return rows[:, n:].astype(np.float32), np.ascontiguousarray(rows[:, :n].T)
+
+    def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Advance all environments by one step.
+
+        Args:
+            actions: Shape (N, 2), finite; clipped to [-1, 1].
+
+        Returns:
+            Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are fresh.
+        """
+        observations, outcomes = self.empty()
+        parallel = self._parallel and Threads.acquire()
+        loop = self._loops.step_parallel if parallel else self._loops.step
+        try:
+            loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes)
+        finally:
+            if parallel:
+                Threads.lock.release()
+        return observations, outcomes
+
+    def numbers(self, path: str) -> NDArray[np.float64]:
+        """Return a copy of a part of all worlds, by its dotted path, such as "body.true_state"; (N, k)."""
+        part = self.layout.world.slices[path]
+        return self._rows(part.start * TILE, part.stop - part.start)
+
+    def first_world(self) -> NDArray[np.float64]:
+        """Return a copy of the first environment's world, one number after the other, as the layout has them."""
+        return self._tiles[0, : self.layout.at_outcome : TILE].copy()
+
+    def world(self, index: int) -> World:
+        """Return one environment's world, in Python's own numbers."""
+        return self.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
+
+    def _rows(self, start: int, size: int) -> NDArray[np.float64]:
+        """Return ``size`` numbers of each environment, from a place in the tiles on; (N, size)."""
+        part = self._tiles[:, start : start + size * TILE].reshape(len(self._tiles), size, TILE)
+        return part.transpose(0, 2, 1).reshape(-1, size)[: self.num_envs].copy()  # of a single tile it would be a view

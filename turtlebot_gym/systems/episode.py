@@ -1,0 +1,73 @@
+"""An environment in plain Python: no arrays, no compiled code, and the same numbers to the last bit.
+
+The ROS simulator runs it, tests compare the compiled loop with it, and another plant is plugged in here::
+
+    system = system_for(parameters.tuning)._replace(move=my_plant)
+    episode = Episode(parameters, waypoints, system=system)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.systems.open_ground import system_for
+from turtlebot_gym.systems.parameters import Parameters
+from turtlebot_gym.systems.system import System, step_of
+from turtlebot_gym.systems.world import Outcome, World
+from turtlebot_gym.tasks import distance_to, draw_goal, start_pose
+from turtlebot_gym.values import Command, Pose
+
+
+class Episode:
+    """One environment, episode by episode; like the others it ends on `Outcome`, and goes on until it is reset.
+
+    Args:
+        parameters: All the numbers of a step.
+        waypoints: The poses to visit; where the task draws its goal, they are not used.
+        seed: Seed of the noise, and of what the task draws.
+        system: The kernels of a step; None for open ground with the filter that the tuning is for.
+    """
+
+    def __init__(
+        self, parameters: Parameters, waypoints: Sequence[Pose] = (), *, seed: int = 0, system: System | None = None
+    ) -> None:
+        self.parameters, self.seed, self.number = parameters, seed, -1
+        self.system = system or system_for(parameters.tuning)
+        self._step = step_of(self.system)
+        self._given = tuple(waypoints)
+        self.reset()
+
+    def reset(self) -> World:
+        """Begin the next episode of the seed, and return the world at its start."""
+        p = self.parameters
+        self.number += 1
+        self.key = episode_key(self.seed, self.number)
+        self.waypoints = (draw_goal(self.key, start_pose(self.key, p.task), p.task),) if p.task.random else self._given
+        self.world: World = self._step.begin(self.key, self.waypoints, p)
+        self.outcome = start_outcome(self.world)
+        return self.world
+
+    def step(self, command: Command) -> Outcome:
+        """Advance by one control interval with the twist that the policy asks for."""
+        transition = self._step.transition
+        self.world, self.outcome = transition(self.world, command, self.key, self.waypoints, self.parameters)
+        return self.outcome
+
+    def act(self, action: Sequence[float]) -> Outcome:
+        """Advance with an action: shares of the robot's speed and turning rate limits, clipped to [-1, 1]."""
+        forward, turn = action
+        return self.step(command_of(float(forward), float(turn), self.parameters.robot))
+
+    def observe(self) -> Any:
+        """Return what the policy is given: for open ground a `turtlebot_gym.tasks.Observation`, in double precision."""
+        return self._step.observe(self.world, self.parameters)
+
+
+@kernel
+def start_outcome(world: World) -> Outcome:
+    """Return the outcome that stands for the start of an episode."""
+    return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False)

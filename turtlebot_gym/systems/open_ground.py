@@ -1,0 +1,157 @@
+"""Open ground: a unicycle on an empty floor, odometry, a filter of the pose, and waypoints to reach.
+
+The kernels of a step, in the order in which they run; `systems.system` says what each of them takes and returns.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from turtlebot_gym.estimation.interface import Filter, filter_of
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models import odometry
+from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
+from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.systems.parameters import BELIEVED, MEASURED
+from turtlebot_gym.systems.system import System
+from turtlebot_gym.systems.world import Body, Outcome
+from turtlebot_gym.tasks import (
+    OBSERVATION_HIGH,
+    OBSERVATION_LAYOUT,
+    OBSERVATION_LOW,
+    arrived,
+    by_time,
+    distance_to,
+    due,
+    observe,
+    remaining,
+    reward_of,
+    start_pose,
+    stated_deviations,
+)
+from turtlebot_gym.values import Command, Pose, Senses, State
+
+
+@kernel
+def start(key, p):
+    """Return the body at rest at the start pose."""
+    pose = start_pose(key, p.task)
+    rest = Command(0.0, 0.0)
+    return Body(State(pose.x, pose.y, pose.theta, 0.0, 0.0), rest, (rest, rest, rest), pose, False)
+
+
+@kernel
+def move(body, command, key, at, p):
+    """Return the body after an interval: the pose moves with the twist in force, and then the twist follows the command.
+
+    Commands that come late are taken from those asked before; then they are brought within the robot's limits.
+    """
+    dt, noise = p.dt, p.noise.process
+    first, second, third = body.asked
+    late = third if p.delay >= 3.0 else (second if p.delay >= 2.0 else first)
+    due_command = Command(late.v if p.delay >= 1.0 else command.v, late.omega if p.delay >= 1.0 else command.omega)
+    now = accelerate(body.command, limit(due_command, p.robot), p.robot, dt)
+
+    truth = body.true_state
+    pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.middle)
+    wheels = advance(body.wheels, body.command.v, body.command.omega, dt, p.middle)
+    slip_draw, _ = uniforms(key, at, SLIP)
+    slipping = slips(body.slipping, noise, slip_draw, dt)
+    twist = execute(now, noise, slipping, normals(key, at, PROCESS), dt)
+    return Body(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), now, (command, first, second), wheels, slipping)
+
+
+@kernel
+def sense(body, before, key, at, p):
+    """Return what the odometry says: a measured pose, unless it is lost, and the twist that the wheels were made to do."""
+    truth = body.true_state
+    pose = Pose(truth.x, truth.y, truth.theta)
+    return odometry.sense(pose, body.wheels, body.command, before, p.noise.odometry, key, at)
+
+
+@kernel
+def first_sense(body, key, p):
+    """Return what the odometry says at the start, where a measurement always arrives."""
+    return sense(body, Senses(body.wheels, body.command, True), key, 0, p)
+
+
+@kernel
+def shown(body, senses, estimate, p):
+    """Return the state that the policy is shown: the believed, the measured or the true one."""
+    mean, z, u, truth = estimate.belief.mean, senses.odometry, senses.twist, body.true_state
+    believed, measured = p.observed == BELIEVED, p.observed == MEASURED
+    return State(
+        mean.x if believed else (z.x if measured else truth.x),
+        mean.y if believed else (z.y if measured else truth.y),
+        mean.theta if believed else (z.theta if measured else truth.theta),
+        mean.v if believed else (u.v if measured else truth.v),
+        mean.omega if believed else (u.omega if measured else truth.omega),
+    )
+
+
+@kernel
+def judge(world, body, senses, estimate, waypoints, p):
+    """Return the waypoints visited, and the outcome of the step: arrival, reward, end."""
+    task, reference, truth = p.task, world.course.reference, body.true_state
+    steps, visited = world.steps + 1.0, world.course.visited
+    there = arrived(truth, reference, task)
+    reached = arrived(shown(body, senses, estimate, p), reference, task) if task.on_belief else there
+    timed, is_due = by_time(task), due(steps, visited, task, p.dt)
+    done_with = is_due if timed else reached
+    visited = visited + (1.0 if done_with else 0.0)
+    terminated = visited >= waypoints * task.laps and not timed
+    success = terminated and there
+    before = distance_to(world.body.true_state, reference)
+    ahead = remaining(truth, reference, world.course.following, done_with and not timed)
+    reward = reward_of(before, ahead, body.command, success, p.reward, p.robot, p.dt)
+    truncated = steps >= task.max_steps and not terminated
+    return visited, Outcome(reward, distance_to(truth, reference), success, terminated, truncated, done_with)
+
+
+@kernel
+def look(world, p):
+    """Return what the policy observes, layout 1."""
+    position, heading = stated_deviations(world.estimate.belief.covariance)
+    believed, measured = p.observed == BELIEVED, p.observed == MEASURED
+    R = p.tuning.R
+    std = (
+        position if believed else (sqrt(R[0] + R[1]) if measured else 0.0),
+        heading if believed else (sqrt(R[2]) if measured else 0.0),
+    )
+    nis = world.estimate.nis if believed else 0.0
+    state = shown(world.body, world.senses, world.estimate, p)
+    return observe(state, std, nis, world.course.reference, world.course.following, p.robot)
+
+
+@cache
+def open_ground(filter: Filter) -> System:
+    """Return the system of open ground with a filter."""
+    begin, step = filter
+
+    @kernel
+    def first_estimate(senses, p):
+        return begin(senses.odometry, p.tuning)
+
+    @kernel
+    def estimate(estimate, before, senses, p):
+        return step(estimate, before, senses, p.tuning, p.dt, p.middle)
+
+    return System(
+        start=start,
+        move=move,
+        sense=sense,
+        first_sense=first_sense,
+        first_estimate=first_estimate,
+        estimate=estimate,
+        judge=judge,
+        observe=look,
+        layout=OBSERVATION_LAYOUT,
+        low=OBSERVATION_LOW,
+        high=OBSERVATION_HIGH,
+    )
+
+
+def system_for(tuning: FilterTuning) -> System:
+    """Return the system of open ground with the filter that a tuning is for."""
+    return open_ground(filter_of(tuning))

@@ -1,0 +1,84 @@
+"""All the numbers that a step depends on, gathered from presets' names or values."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, Reward
+from turtlebot_gym.presets import make_filter, make_noise, make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.tasks import NAV, Task
+from turtlebot_gym.validation import choose
+
+BELIEVED, MEASURED, TRUE = 0.0, 1.0, 2.0
+OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
+"""What the policy is shown as the robot's pose."""
+
+MAX_DELAY = 3
+"""Longest delay of a command, steps."""
+
+
+class Parameters(NamedTuple):
+    """All that an environment's step depends on, besides its state and its key."""
+
+    robot: Robot
+    noise: Noise
+    tuning: FilterTuning
+    task: Task
+    reward: Reward
+    dt: float
+    """Control interval, s."""
+    middle: float
+    """The integrator, a value of `models.unicycle.INTEGRATORS`."""
+    observed: float
+    """A value of `OBSERVED`."""
+    delay: float
+    """Steps by which a command comes late, a whole number from 0 to `MAX_DELAY`."""
+
+
+def make_parameters(
+    task: Task = NAV,
+    *,
+    robot: str | Robot = "burger",
+    noise: str | Noise = "tutorial",
+    filter: str | FilterTuning = "matched",
+    integrator: str = "euler",
+    observation: str = "ekf",
+    reward: Reward | None = None,
+    dt: float = REFERENCE_PERIOD,
+    delay: int = 0,
+) -> Parameters:
+    """Return the parameters of an environment, checked, from presets' names or values.
+
+    Args:
+        task: When waypoints count as reached, and when an episode ends.
+        robot: A name in `robots.ROBOTS`, or a robot.
+        noise: A name in `presets.NOISES`, or a noise model.
+        filter: "matched", "tutorial" or a tuning.
+        integrator: "euler" or "midpoint".
+        observation: What the policy is shown as the robot's pose: "ekf", "odometry" or "truth".
+        reward: Weights; None for the default ones.
+        dt: Control interval, s.
+        delay: Steps by which a command comes late, 0 to 3.
+
+    Raises:
+        ValueError: If a name is unknown, dt is not positive, or the delay is out of its range.
+    """
+    if delay not in range(MAX_DELAY + 1):
+        raise ValueError(f"delay must be a whole number from 0 to {MAX_DELAY}, got {delay!r}.")
+    if not 0.0 < dt < math.inf:
+        raise ValueError(f"dt must be positive and finite, got {dt!r}.")
+    model = make_noise(noise)
+    return Parameters(
+        make_robot(robot),
+        model,
+        make_filter(filter, model),
+        task,
+        reward or Reward(),
+        float(dt),
+        choose("integrator", integrator, INTEGRATORS),
+        choose("observation", observation, OBSERVED),
+        float(delay),
+    )

@@ -1,0 +1,47 @@
+"""Tasks, as pure functions: starts and goals, arrival, reward, and what a policy observes."""
+
+from turtlebot_gym.tasks.observation import (
+    OBSERVATION_HIGH,
+    OBSERVATION_LAYOUT,
+    OBSERVATION_LOW,
+    Observation,
+    observe,
+    stated_deviations,
+)
+from turtlebot_gym.tasks.rules import arrived, by_time, distance_to, due, remaining, reward_of
+from turtlebot_gym.tasks.starts import draw_goal, start_pose
+from turtlebot_gym.tasks.task import (
+    NAV,
+    POSE,
+    SQUARE,
+    SQUARE_PERIOD,
+    SQUARE_WAYPOINTS,
+    TASKS,
+    Task,
+    make_task,
+)
+
+__all__ = [
+    "NAV",
+    "OBSERVATION_HIGH",
+    "OBSERVATION_LAYOUT",
+    "OBSERVATION_LOW",
+    "POSE",
+    "SQUARE",
+    "SQUARE_PERIOD",
+    "SQUARE_WAYPOINTS",
+    "TASKS",
+    "Observation",
+    "Task",
+    "arrived",
+    "by_time",
+    "distance_to",
+    "draw_goal",
+    "due",
+    "make_task",
+    "observe",
+    "remaining",
+    "reward_of",
+    "start_pose",
+    "stated_deviations",
+]

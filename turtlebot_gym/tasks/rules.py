@@ -1,0 +1,79 @@
+"""The rules of a task: arrival, the switch to the next waypoint, and the reward."""
+
+from __future__ import annotations
+
+import math
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.parameters import Reward
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.tasks.task import Task
+from turtlebot_gym.values import Command, Pose, State
+
+
+@kernel
+def distance_to(state: State, to: Pose) -> float:
+    """Return the distance from a state to a point, m."""
+    dx, dy = to.x - state.x, to.y - state.y
+    return sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def arrived(state: State, reference: Pose, task: Task) -> bool:
+    """Return whether a (true or believed) state satisfies the task at a waypoint."""
+    turn = abs(wrap(reference.theta - state.theta))
+    close = distance_to(state, reference) < task.radius
+    return close and turn <= task.heading_tolerance and abs(state.omega) <= task.turn_tolerance
+
+
+@kernel
+def by_time(task: Task) -> bool:
+    """Return whether waypoints are taken by time instead of on arrival."""
+    return task.switch_period < math.inf
+
+
+@kernel
+def due(steps: float, visited: float, task: Task, dt: float) -> bool:
+    """Return whether the next waypoint is taken by time, reached or not.
+
+    Args:
+        steps: Steps since the start.
+        visited: Waypoints done with.
+        task: Its switch period.
+        dt: Control interval, s.
+    """
+    # Half a step off the exact time, so that rounding decides nothing.
+    return steps * dt > (visited + 1.0) * task.switch_period - 0.5 * dt
+
+
+@kernel
+def remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -> float:
+    """Return the way that is left, counted as far as the reference, m; below zero beyond it.
+
+    Once the reference is done with, the robot is on its way to the one that follows. A corner that is cut then counts as
+    progress, and the progress of a whole course is its length whichever way it was driven: only time and effort differ.
+    """
+    dx, dy = following.x - reference.x, following.y - reference.y
+    leg = sqrt(dx * dx + dy * dy)
+    return distance_to(truth, following) - leg if done_with else distance_to(truth, reference)
+
+
+@kernel
+def reward_of(before: float, after: float, command: Command, success: bool, weights: Reward, robot: Robot, dt: float) -> float:
+    """Return the reward of a step.
+
+    Args:
+        before: True way left before the step, m.
+        after: And after it, m.
+        command: The limited command of the step.
+        success: Whether the episode ends in success.
+        weights: What counts how much.
+        robot: Its limits scale progress and effort.
+        dt: Control interval, s.
+    """
+    progress = (before - after) / (robot.max_linear * dt)
+    v, omega = command.v / robot.max_linear, command.omega / robot.max_angular
+    effort = v * v + omega * omega
+    bonus = weights.success if success else 0.0
+    return weights.progress * progress - weights.time - weights.effort * effort + bonus

@@ -1,0 +1,113 @@
+"""Tasks: which waypoints a robot has to reach, when they count as reached, and when an episode ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from turtlebot_gym.models.angles import PI, wrap
+from turtlebot_gym.validation import choose, require
+from turtlebot_gym.values import Pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """When waypoints count as reached, and when an episode ends."""
+
+    random: bool = True
+    """Whether start pose and goal are drawn in the arena; else the robot starts at the origin and has given waypoints."""
+    arena: float = 2.0
+    """Half the side of the square in which starts and goals are drawn, m."""
+    min_distance: float = 0.5
+    """Least distance between a drawn start and its goal, m."""
+    radius: float = 0.15
+    """A waypoint is reached within this distance, m ..."""
+    heading_tolerance: float = math.inf
+    """... this heading error, rad ..."""
+    turn_tolerance: float = math.inf
+    """... and at most this turning rate, rad/s."""
+    on_belief: bool = False
+    """Whether the pose that the policy observes decides on arrival, as in a node, instead of the true one."""
+    switch_period: float = math.inf
+    """Time after which the next waypoint is taken, reached or not, s; infinite to switch on arrival."""
+    laps: float = 1.0
+    """How often the waypoints are to be visited in turn."""
+    max_steps: float = 300.0
+    """Steps after which an episode is truncated."""
+
+    def __post_init__(self) -> None:
+        positive = ("arena", "radius", "heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps")
+        require(self, "positive", *positive)
+        require(self, "non-negative", "min_distance")
+        if not self.min_distance <= self.arena:
+            raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
+
+
+NAV = Task()
+"""A goal point: its heading is observed, not judged."""
+POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5)
+"""A goal pose: reached with the right heading and without spinning."""
+SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
+"""Waypoints that are given, to be reached in order."""
+
+SQUARE_WAYPOINTS = (
+    Pose(2.0, 0.0, 0.0),
+    Pose(2.0, 2.0, PI / 2.0),
+    Pose(0.0, 2.0, wrap(PI)),
+    Pose(0.0, 0.0, -PI / 2.0),
+)
+"""The tutorial's square of 2 m."""
+SQUARE_PERIOD = 15.0
+"""The tutorial's time for each of its waypoints, s."""
+
+
+TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE}
+"""Tasks by name."""
+
+
+def make_task(
+    task: str | Task,
+    *,
+    waypoints: Sequence[Pose] | None = None,
+    arrival: str | None = None,
+    switch: str | None = None,
+    laps: int | None = None,
+    max_steps: float | None = None,
+) -> tuple[Task, tuple[Pose, ...]]:
+    """Return a task and its waypoints, changed as asked.
+
+    Args:
+        task: A name in `TASKS`, or a task.
+        waypoints: The poses to visit; None for the tutorial's square, or for what the task draws.
+        arrival: Who says that a waypoint is reached: "truth", or "belief", the pose that the policy observes.
+        switch: When the next waypoint is taken: on "arrival", or after a "time" of 15 s, reached or not.
+        laps: How often the waypoints are visited in turn.
+        max_steps: Steps after which an episode is truncated.
+
+    Raises:
+        ValueError: If a name is unknown, or waypoints, ``switch`` or ``laps`` are given for a task that draws its goal.
+    """
+    chosen = task if isinstance(task, Task) else choose("task", task, TASKS)
+    if chosen.random and (waypoints is not None or switch == "time" or laps not in (None, 1)):
+        raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
+    changes: dict[str, Any] = {}
+    if arrival is not None:
+        changes["on_belief"] = choose("arrival", arrival, {"truth": False, "belief": True})
+    if switch is not None:
+        changes["switch_period"] = choose("switch", switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
+    if laps is not None:
+        if not (isinstance(laps, int) and laps > 0):
+            raise ValueError(f"laps must be a positive whole number, got {laps!r}.")
+        changes["laps"] = float(laps)
+    if max_steps is not None:
+        changes["max_steps"] = float(max_steps)
+    try:
+        given = tuple(Pose(*map(float, waypoint)) for waypoint in (SQUARE_WAYPOINTS if waypoints is None else waypoints))
+    except (TypeError, ValueError):
+        given = ()
+    if not given or not all(math.isfinite(number) for waypoint in given for number in waypoint):
+        raise ValueError(f"waypoints must be one or more finite poses (x, y, theta), got {waypoints!r}.")
+    poses = tuple(Pose(waypoint.x, waypoint.y, wrap(waypoint.theta)) for waypoint in given)
+    return replace(chosen, **changes), poses[:1] if chosen.random else poses
