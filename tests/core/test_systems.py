@@ -1,0 +1,305 @@
+"""Systems: another plant, sensor, filter or observation is a kernel put in, and still the same in plain Python and compiled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import turtlebot_gym
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import Projection, update
+from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.estimation.interface import DEAD_RECKONING, EXTENDED_KALMAN
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models import odometry
+from turtlebot_gym.models.random import normals
+from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.systems import Body, Episode, make_parameters, open_ground, system_for
+from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due, make_task
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, Senses, State
+
+BASE = open_ground(EXTENDED_KALMAN)
+BEACONS = ((2.0, 2.0), (-2.0, 2.0), (0.0, -3.0))
+
+
+class Ranged(NamedTuple):
+    """Odometry, and a range to each beacon."""
+
+    odometry: Pose
+    twist: Command
+    measured: bool
+    ranges: tuple[float, float, float]
+
+
+class Seen(NamedTuple):
+    """What a policy is given that sees ranges instead of a belief."""
+
+    distance: float
+    nearest: float
+    v: float
+
+
+@kernel
+def ranges_of(body, key, at):
+    x, y = body.true_state.x, body.true_state.y
+    noise, _ = normals(key, at, 9)
+    return (
+        sqrt((BEACONS[0][0] - x) ** 2 + (BEACONS[0][1] - y) ** 2) + 0.01 * noise,
+        sqrt((BEACONS[1][0] - x) ** 2 + (BEACONS[1][1] - y) ** 2) + 0.01 * noise,
+        sqrt((BEACONS[2][0] - x) ** 2 + (BEACONS[2][1] - y) ** 2) + 0.01 * noise,
+    )
+
+
+@kernel
+def sense_ranges(body, before, key, at, p):
+    truth = body.true_state
+    last = Senses(before.odometry, before.twist, before.measured)
+    pose = Pose(truth.x, truth.y, truth.theta)
+    now = odometry.sense(pose, body.wheels, body.command, last, p.noise.odometry, key, at)
+    return Ranged(now.odometry, now.twist, now.measured, ranges_of(body, key, at))
+
+
+@kernel
+def first_ranges(body, key, p):
+    return sense_ranges(body, Ranged(body.wheels, body.command, True, (0.0, 0.0, 0.0)), key, 0, p)
+
+
+@kernel
+def range_update(belief, beacon_x, beacon_y, z):
+    """Condition a belief on a range: a second sensor is a call of `update`, not an edit of the filter."""
+    mean, P = belief
+    dx, dy = mean.x - beacon_x, mean.y - beacon_y
+    predicted = sqrt(dx * dx + dy * dy)
+    hx, hy = dx / predicted, dy / predicted
+    column = State(
+        hx * P.xx + hy * P.xy, hx * P.xy + hy * P.yy, hx * P.xt + hy * P.yt, hx * P.xv + hy * P.yv, hx * P.xw + hy * P.yw
+    )
+    after, _ = update(belief, Projection(column, hx * column.x + hy * column.y), z - predicted, 1e-4)
+    return after
+
+
+@kernel
+def estimate_with_ranges(estimate, before, senses, p):
+    estimate = ekf.step(estimate, before, senses, p.tuning, p.dt, p.middle)
+    belief = range_update(estimate.belief, BEACONS[0][0], BEACONS[0][1], senses.ranges[0])
+    belief = range_update(belief, BEACONS[1][0], BEACONS[1][1], senses.ranges[1])
+    belief = range_update(belief, BEACONS[2][0], BEACONS[2][1], senses.ranges[2])
+    return ekf.Estimate(belief, estimate.nis, estimate.rejections)
+
+
+@kernel
+def see(world, p):
+    near = min(min(world.senses.ranges[0], world.senses.ranges[1]), world.senses.ranges[2])
+    x, y = world.course.reference.x - world.estimate.belief.mean.x, world.course.reference.y - world.estimate.belief.mean.y
+    return Seen(sqrt(x * x + y * y), near, world.senses.twist.v)
+
+
+@kernel
+def slide(body, command, key, at, p):
+    """A sledge that moves sideways as well: nothing that a unicycle can do."""
+    s = body.true_state
+    truth = State(s.x + command.v * p.dt, s.y + command.omega * p.dt, s.theta, command.v, command.omega)
+    return Body(truth, command, (command, body.asked[0], body.asked[1]), body.wheels, False)
+
+
+RANGES = BASE._replace(
+    sense=sense_ranges, first_sense=first_ranges, estimate=estimate_with_ranges, observe=see, layout=99,
+    low=Seen(0.0, 0.0, -1.0), high=Seen(20.0, 20.0, 1.0),
+)  # fmt: skip
+SYSTEMS = {
+    "kalman": BASE,
+    "dead reckoning": open_ground(DEAD_RECKONING),
+    "another sensor, filter, observation and plant": RANGES._replace(move=slide),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_every_system_is_the_same_compiled_and_in_plain_python(name):
+    task, waypoints = make_task(replace(SQUARE, radius=1.5))
+    noise = "wheel" if name == "dead reckoning" else "rough"
+    p = make_parameters(task, noise=noise, integrator="midpoint", delay=1)
+    batch = Batch(35, p, waypoints, system=SYSTEMS[name])
+    batch.seeds[:] = np.arange(35)
+    observations, outcomes = batch.empty()
+    batch.reset(np.ones(35, np.bool_), observations, outcomes)
+    plain = {i: Episode(p, waypoints, seed=i, system=SYSTEMS[name]) for i in (0, 1, 31, 32, 34)}
+    assert observations.shape[1] == len(plain[0].observe()) == len(SYSTEMS[name].low) == len(SYSTEMS[name].high)
+    rng, reached = np.random.default_rng(0), 0
+    for _ in range(150):
+        actions = rng.uniform([0.2, -0.2], [1.2, 0.2], (35, 2)).astype(np.float32)
+        observations, outcomes = batch.step(actions)
+        for i, episode in plain.items():
+            told = episode.act(actions[i].tolist())
+            assert batch.world(i) == episode.world
+            assert outcomes[:, i].tolist() == [float(number) for number in told]
+            np.testing.assert_array_equal(observations[i], np.array(episode.observe(), np.float32))
+            reached += told.reached
+    assert reached > 0, "no waypoint was reached: the test saw too little"
+
+
+def test_ranges_make_the_filter_better_and_its_update_is_the_textbooks():
+    task, waypoints = make_task("nav")
+    p = make_parameters(task, noise="tutorial")
+    errors = []
+    for system in (BASE, RANGES):
+        episode = Episode(p, waypoints, seed=1, system=system)
+        off = []
+        for _ in range(100):
+            episode.act((0.5, 0.2))
+            mean, truth = episode.world.estimate.belief.mean, episode.world.body.true_state
+            off.append(math.dist(mean[:2], truth[:2]))
+        errors.append(np.mean(off[20:]))
+    assert errors[1] < 0.3 * errors[0]
+    belief = Belief(
+        State(0.3, -0.4, 0.2, 0.1, 0.0), Covariance(0.2, 0.05, 0.01, 0.0, 0.0, 0.1, 0.02, 0.0, 0.0, 0.3, 0, 0, 0, 0, 0)
+    )
+    P, beacon = matrix(belief.covariance), np.array(BEACONS[0])
+    away = np.array(belief.mean[:2]) - beacon
+    h = np.zeros(5)
+    h[:2] = away / np.linalg.norm(away)
+    S = h @ P @ h + 1e-4
+    after = range_update(belief, *BEACONS[0], 3.0)
+    np.testing.assert_allclose(after.mean, np.array(belief.mean) + P @ h / S * (3.0 - np.linalg.norm(away)), rtol=1e-12)
+    np.testing.assert_allclose(matrix(after.covariance), P - np.outer(P @ h, P @ h) / S, atol=1e-14)
+
+
+def test_an_episode_takes_another_plant_that_is_no_kernel():
+    """A physics engine, say: it keeps its state to itself."""
+    where = [0.0]
+
+    def engine(body, command, key, at, p):
+        where[0] += 0.25
+        return body._replace(true_state=State(where[0], 0.0, 0.0, 2.5, 0.0), command=command)
+
+    p = make_parameters(SQUARE, noise="clean")
+    episode = Episode(p, SQUARE_WAYPOINTS, system=system_for(p.tuning)._replace(move=engine))
+    reached = []
+    for k in range(1, 8):
+        reached.append(episode.step(STOP).reached)
+        assert episode.world.senses.odometry == (0.25 * k, 0.0, 0.0)
+    assert reached == [False] * 6 + [True]  # at 1.75 m, within 0.3 m of the first waypoint
+
+
+# The parts, by numbers that were worked out by hand.
+
+BURGER = ROBOTS["burger"]
+
+
+def test_actions_are_shares_of_the_limits_and_clipped():
+    assert command_of(0.5, -0.5, BURGER) == (0.1054, -1.3175)
+    assert command_of(7.0, -7.0, BURGER) == (0.2108, -2.635)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2, 3])
+def test_a_command_comes_as_many_steps_late_as_asked_for(delay):
+    """Speeds 0.01, 0.02, ... are asked for; the command in force after step k is that of step k - delay."""
+    episode = Episode(make_parameters(SQUARE, noise="clean", delay=delay), SQUARE_WAYPOINTS)
+    for k in range(1, 9):
+        episode.step(Command(0.01 * k, 0.0))
+        assert episode.world.body.command.v == (0.01 * (k - delay) if k > delay else 0.0)
+        assert episode.world.senses.twist == episode.world.body.command
+
+
+def test_the_pose_moves_with_the_twist_of_the_step_before():
+    episode = Episode(make_parameters(SQUARE, noise="clean"), SQUARE_WAYPOINTS)
+    xs = []
+    for v in (0.1, 0.2, 0.0, 0.0):
+        episode.step(Command(v, 0.0))
+        xs.append(episode.world.body.true_state.x)
+    assert xs == pytest.approx([0.0, 0.01, 0.03, 0.03], abs=1e-15)
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.1])
+def test_the_scale_acts_on_the_robot_and_neither_on_its_wheels_nor_on_the_filter(scale):
+    noise = turtlebot_gym.Noise(
+        process=turtlebot_gym.ProcessNoise(scale=scale), odometry=turtlebot_gym.OdometryNoise(wheel=True)
+    )
+    episode = Episode(make_parameters(SQUARE, noise=noise), SQUARE_WAYPOINTS)
+    for _ in range(11):
+        episode.step(Command(0.1, 0.5))
+    world = episode.world
+    assert world.body.true_state.v == pytest.approx(0.1 * scale, abs=1e-15)
+    assert world.body.true_state.theta == pytest.approx(0.5 * scale, abs=1e-12)  # ten steps of 0.1 s at 0.5 rad/s
+    assert world.body.wheels.theta == pytest.approx(0.5, abs=1e-12)
+    assert world.senses.twist == (0.1, 0.5)
+    assert world.estimate.belief.mean.theta == pytest.approx(0.5, abs=1e-12)
+
+
+def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts():
+    noise = turtlebot_gym.Noise(odometry=turtlebot_gym.OdometryNoise(dropout_probability=1.0, R=(0.01, 0.01, 0.01)))
+    p = make_parameters(SQUARE, noise=noise)
+    episode = Episode(p, SQUARE_WAYPOINTS, seed=3)
+    first = episode.world.senses
+    assert first.measured  # the first one always arrives
+    estimate = episode.world.estimate
+    for _ in range(30):
+        episode.step(Command(0.2, 0.7))
+        assert episode.world.senses == (first.odometry, (0.2, 0.7), False) or not episode.world.senses.measured
+        assert episode.world.senses.odometry == first.odometry
+        estimate = estimate._replace(belief=ekf.predict(estimate.belief, episode.world.body.command, p.tuning, 0.1, 0.0))
+        assert episode.world.estimate == estimate
+
+
+def test_a_measurement_that_arrives_takes_the_place_of_all_of_the_last_pose():
+    noise = turtlebot_gym.Noise(odometry=turtlebot_gym.OdometryNoise(dropout_probability=0.5, R=(0.01, 0.01, 0.01)))
+    episode, kinds = Episode(make_parameters(SQUARE, noise=noise), SQUARE_WAYPOINTS, seed=3), set()
+    before = episode.world.senses.odometry
+    for _ in range(50):
+        episode.step(STOP)
+        now = episode.world.senses
+        same = [a == b for a, b in zip(now.odometry, before, strict=True)]
+        assert same == [not now.measured] * 3
+        kinds.add(now.measured)
+        before = now.odometry
+    assert kinds == {True, False}
+
+
+def shown_after(observation, **changes):
+    """Return what a robot sees that believes, measures and is in three different places: belief (1, 0), odometry (0, 1), truth
+    at the origin, all heading along x; the goal is at (2, 0)."""
+    task, waypoints = make_task("square", waypoints=[Pose(2.0, 0.0, 0.0)])
+    p = make_parameters(task, noise="clean", observation=observation)
+    p = p._replace(tuning=replace(p.tuning, R=(0.03, 0.01, 0.25)))
+    episode = Episode(p, waypoints)
+    covariance = Covariance(0.09, 0.0, 0.0, 0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
+    believed = ekf.Estimate(Belief(State(1.0, 0.0, 0.0, 0.1054, 0.0), covariance), 4.0, 0.0)
+    body = episode.world.body._replace(true_state=State(0.0, 0.0, 0.0, 0.0, 1.3175))
+    senses = Senses(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True)
+    episode.world = episode.world._replace(body=body, senses=senses, estimate=believed)
+    return episode.observe()
+
+
+def test_what_each_observation_shows_and_states():
+    believed, measured, true = (shown_after(name) for name in ("ekf", "odometry", "truth"))
+    assert (believed.distance, measured.distance, true.distance) == pytest.approx((1.0, math.sqrt(5.0), 2.0))
+    assert (believed.sin_bearing, measured.sin_bearing, true.sin_bearing) == pytest.approx((0.0, -1.0 / math.sqrt(5.0), 0.0))
+    assert (believed.v, measured.v, true.v) == pytest.approx((0.5, 1.0, 0.0))
+    assert (believed.omega, measured.omega, true.omega) == pytest.approx((0.0, -1.0, 0.5))
+    assert (believed.std_position, measured.std_position, true.std_position) == pytest.approx((0.5, 0.2, 0.0))
+    assert (believed.std_heading, measured.std_heading, true.std_heading) == pytest.approx((0.1, 0.5, 0.0))
+    assert (believed.nis, measured.nis, true.nis) == (4.0, 0.0, 0.0)
+
+
+def test_waypoints_are_due_by_time_half_a_step_before_it_is_up():
+    task = replace(SQUARE, switch_period=1.5)
+    # 1.5 s at 0.1 s: after 15 steps, and not after 14; the second one after 30.
+    assert [due(float(k), 0.0, task, 0.1) for k in (13, 14, 15, 16)] == [False, False, True, True]
+    assert [due(float(k), 1.0, task, 0.1) for k in (15, 29, 30)] == [False, False, True]
+    # 1.5 s at 0.07 s: 21.43 steps, so after 21.
+    assert [due(float(k), 0.0, task, 0.07) for k in (20, 21, 22)] == [False, True, True]
+    assert not due(1e9, 0.0, NAV, 0.1)
+
+
+def test_an_episode_counts_its_episodes_and_can_be_repeated():
+    one, other = (Episode(make_parameters(NAV), seed=5) for _ in range(2))
+    first = one.world
+    assert other.world == first
+    assert one.reset() != first
+    assert other.reset() == one.world
+    assert (one.number, one.outcome.reward, one.outcome.terminated) == (1, 0.0, False)
