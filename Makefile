@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check bench bench-ros docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -43,6 +43,9 @@ check: $(READY)  ## style, types and the direction of imports
 	$(RUN)ruff format --check
 	$(RUN)pyright --pythonpath $(RUN)python
 	$(RUN)lint-imports
+
+mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (20 minutes)
+	$(RUN)python benchmarks/mutants.py --json benchmarks/mutants.json
 
 bench: $(READY)  ## speed, as ratios in one run
 	@mkdir -p $(OUT)

@@ -6,7 +6,7 @@ from pkgutil import walk_packages
 import mkdocs_gen_files
 
 PACKAGES = {
-    "turtlebot_gym": "The core: models, filters, tasks, the step as a system of kernels, the compiled loop and the environments.",
+    "turtlebot_gym": "The core: models, filters, tasks, the step as a system, the compiled loop and the environments.",
     "turtlebot_gym_agents": "Policies, evaluation, training and the command line.",
     "turtlebot_gym_ros": "The blocks of the loop, and the shell that makes ROS 2 nodes of them.",
 }

@@ -1,7 +1,10 @@
 """The policy bundle: what it says, what it refuses, and that it needs neither torch nor Stable-Baselines3."""
 
+import hashlib
 import json
+import os
 import pickle
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -171,3 +174,119 @@ def test_code_in_a_pickled_file_would_have_run(trap):
     model, sprung = trap
     load_model(model, allow_pickle=True)
     assert sprung.exists()
+
+
+# What stands in the file, word for word: a robot of today must refuse the bundles of tomorrow, and the other way round.
+
+
+def metadata(path):
+    """Return what a bundle's metadata say, read by ONNX."""
+    [entry] = onnx.load(path).metadata_props
+    assert entry.key == "turtlebot_gym"
+    return json.loads(entry.value)
+
+
+def test_the_card_in_the_file_word_for_word(bundle):
+    burger = {
+        "name": "burger",
+        "max_linear": 0.2108,
+        "max_angular": 2.635,
+        "wheel_separation": 0.16,
+        "max_wheel": 0.2097,
+        "max_linear_acceleration": None,
+        "max_angular_acceleration": None,
+        "reverse": True,
+        "radius": 0.105,
+    }
+    assert metadata(bundle)["card"] == {
+        "env": "turtlebot_gym/TurtleBotNav-v0",
+        "robot": burger,
+        "dt": 0.1,
+        "noise": "tutorial",
+        "filter": "matched",
+        "observation": "ekf",
+        "training": {"seed": 3, "sha256": "0" * 64},
+        "format": "turtlebot-gym-policy/1",
+        "layout": 1,
+        "action": "forward speed and turning rate as shares of the robot's limits, in [-1, 1]",
+    }
+    assert describe_robot("burger") == burger
+    assert describe_robot(ROBOTS["burger"]) == burger | {"name": "custom"}
+
+
+def test_the_hash_is_that_of_the_file_with_zeros_in_its_place(bundle):
+    told = metadata(bundle)["sha256"]
+    content = bundle.read_bytes()
+    assert content.count(told.encode()) == 1
+    assert hashlib.sha256(content.replace(told.encode(), b"0" * 64)).hexdigest() == told
+    assert BundlePolicy(bundle).sha256 == told
+
+
+def test_a_bundle_tells_nothing_of_the_machine_that_it_was_made_on(tmp_path):
+    model = linear_model()
+    graph = model.graph
+    graph.value_info.append(helper.make_tensor_value_info("product", TensorProto.FLOAT, ["n", 2]))
+    for part in (model, graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        part.metadata_props.add(key="source", value="/home/somebody/export.py")
+        part.doc_string = "/home/somebody/export.py"
+    write_bundle(tmp_path / "policy.onnx", model, CARD)
+    assert b"somebody" not in (tmp_path / "policy.onnx").read_bytes()
+    BundlePolicy(tmp_path / "policy.onnx")
+
+
+@pytest.mark.parametrize(("dt", "same"), [(0.1 + 9e-10, True), (0.1 - 9e-10, True), (0.1 + 2e-9, False), (0.1 - 2e-9, False)])
+def test_periods_are_the_same_up_to_rounding(bundle, dt, same):
+    if same:
+        BundlePolicy(bundle, dt=dt)
+    else:
+        with pytest.raises(ValueError, match="trained at 10 Hz for burger, asked for 10 Hz burger"):
+            BundlePolicy(bundle, dt=dt)
+
+
+def test_the_refusal_names_every_difference_and_nothing_else(bundle):
+    with pytest.raises(ValueError, match="trained") as caught:
+        BundlePolicy(bundle, robot=replace(ROBOTS["burger"], max_linear=0.1, radius=1.0), dt=0.25)
+    assert str(caught.value) == (
+        f"{bundle}: trained at 10 Hz for burger, asked for 4 Hz custom (max_linear 0.2108 there, 0.1 here)."
+    )
+    with pytest.raises(ValueError, match="trained") as caught:
+        BundlePolicy(bundle, robot="waffle")
+    details = re.search(r"\((.*)\)", str(caught.value))
+    assert details is not None
+    assert details[1].split("; ") == [
+        "max_linear 0.2108 there, 0.26 here",
+        "max_angular 2.635 there, 1.82 here",
+        "wheel_separation 0.16 there, 0.287 here",
+        "max_wheel 0.2097 there, 0.26 here",
+    ]
+
+
+def sealed(path, model, **changes):
+    """Write a model with any metadata and the hash that fits them."""
+    content = {"sha256": "0" * 64, "card": {"env": "e", "dt": 0.1}} | changes
+    model.metadata_props.add(key="turtlebot_gym", value=json.dumps(content))
+    blank = model.SerializeToString()
+    path.write_bytes(blank.replace(b"0" * 64, hashlib.sha256(blank).hexdigest().encode(), 1))
+
+
+def test_a_sealed_file_that_is_no_model_is_refused_without_a_word_on_standard_error(tmp_path, capfd):
+    model = linear_model()
+    model.graph.node[0].op_type = "NoSuchOperator"
+    sealed(tmp_path / "policy.onnx", model)
+    with pytest.raises(ValueError, match=r"policy\.onnx is not a policy bundle"):
+        BundlePolicy(tmp_path / "policy.onnx")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="counts threads as Linux does")
+def test_a_policy_takes_no_threads_of_its_own(bundle):
+    program = f"""
+import os, onnxruntime, numpy as np
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+before = len(os.listdir("/proc/self/task"))
+policy = BundlePolicy({str(bundle)!r})
+policy(np.zeros((8, 13)))
+print(len(os.listdir("/proc/self/task")) - before)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert int(done.stdout) == 0

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from turtlebot_gym.models import angles
 from turtlebot_gym.models.angles import sincos, wrap
 
 EDGES = [k * math.pi / 4.0 for k in range(-16, 17)]
@@ -49,3 +50,48 @@ def test_sincos_is_odd_and_even():
     for angle in RANDOM[:2000]:
         if abs(abs(angle) * 2.0 / math.pi % 1.0 - 0.5) > 1e-9:  # on the border of two quadrants rounding may choose either
             assert sincos(-angle) == (-sincos(angle)[0], sincos(angle)[1])
+
+
+@pytest.mark.parametrize(
+    ("angle", "wrapped"),
+    [
+        (0.0, 0.0),
+        (3.0, 3.0),
+        (-3.0, -3.0),
+        (4.0, 4.0 - 6.283185307179586),
+        (-4.0, 6.283185307179586 - 4.0),
+        (7.0, 7.0 - 6.283185307179586),
+        (-7.0, 6.283185307179586 - 7.0),
+        (100.0, 100.0 - 16 * 6.283185307179586),
+        (3.141592653589793, -3.141592653589793),
+        (-3.141592653589793, -3.141592653589793),
+    ],
+)
+def test_wrap_takes_whole_turns_away(angle, wrapped):
+    assert wrap(angle) == pytest.approx(wrapped, rel=0.0, abs=1e-14)
+
+
+def test_a_turn_is_360_degrees():
+    assert (angles.PI, angles.TWO_PI) == (3.141592653589793, 6.283185307179586)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "sine", "cosine"),
+    [
+        (0, 0.0, 1.0),
+        (30, 0.5, 0.8660254037844386),
+        (60, 0.8660254037844386, 0.5),
+        (90, 1.0, 0.0),
+        (120, 0.8660254037844386, -0.5),
+        (180, 0.0, -1.0),
+        (210, -0.5, -0.8660254037844386),
+        (270, -1.0, 0.0),
+        (300, -0.8660254037844386, 0.5),
+        (360, 0.0, 1.0),
+        (-30, -0.5, 0.8660254037844386),
+        (-150, -0.5, -0.8660254037844386),
+        (3600 + 60, 0.8660254037844386, 0.5),
+    ],
+)
+def test_sincos_of_well_known_angles(degrees, sine, cosine):
+    assert sincos(degrees * 3.141592653589793 / 180.0) == pytest.approx((sine, cosine), rel=0.0, abs=1e-14)

@@ -113,6 +113,52 @@ def test_heading_information_needs_white_noise():
         heading_information(OdometryNoise())
 
 
+def test_bounds_of_a_mean_are_those_of_the_tables():
+    # Tables of chi-square, 2.5 % on each side, for 5, 10 and 12 degrees of freedom; then 5 % on each side for 1.
+    assert mean_bounds(5, 1, false_alarm=0.05) == pytest.approx((0.831212, 12.832502), rel=1e-6)
+    assert mean_bounds(5, 2, false_alarm=0.05) == pytest.approx((3.246973 / 2.0, 20.483177 / 2.0), rel=1e-6)
+    assert mean_bounds(3, 4, false_alarm=0.05) == pytest.approx((4.403789 / 4.0, 23.336664 / 4.0), rel=1e-6)
+    assert mean_bounds(1, 1, false_alarm=0.1) == pytest.approx((0.003932, 3.841459), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "runs", "false_alarm", "message"),
+    [
+        (0, 5, 0.1, "degrees and runs must be at least 1, got 0 and 5."),
+        (5, 0, 0.1, "degrees and runs must be at least 1, got 5 and 0."),
+        (5, 5, 0.0, "false_alarm must be between 0 and 1, got 0.0."),
+        (5, 5, 1.0, "false_alarm must be between 0 and 1, got 1.0."),
+        (5, 5, math.nan, "false_alarm must be between 0 and 1, got nan."),
+    ],
+)
+def test_bounds_refuse_nonsense(degrees, runs, false_alarm, message):
+    with pytest.raises(ValueError, match="must be") as caught:
+        mean_bounds(degrees, runs, false_alarm=false_alarm)
+    assert str(caught.value) == message
+
+
+def test_quadratic_forms_by_hand():
+    # [[2, 1], [1, 2]]^-1 = [[2, -1], [-1, 2]] / 3: (2 * 9 - 2 * 3 * 5 + 2 * 25) / 3
+    assert normalized([3.0, 5.0], [[2.0, 1.0], [1.0, 2.0]]) == pytest.approx(38.0 / 3.0)
+    truth, estimate = np.zeros(5), np.array([1.0, 2.0, -4.0, 0.5, 0.25])  # -4 rad is 2.2832 rad
+    assert nees(estimate, truth, np.eye(5)) == pytest.approx(1.0 + 4.0 + (2.0 * math.pi - 4.0) ** 2 + 0.25 + 0.0625)
+    assert nees(estimate, truth, np.eye(5), components=2) == pytest.approx(5.0)
+
+
+def test_heading_information_by_hand():
+    # Spikes of half a standard deviation a at either side, and nothing in between: of p = (N(a) + N(-a)) / 2 the score is
+    # a tanh(a x) - x, so the information is 1 - a^2 E[1 / cosh(a x)^2], here by Simpson's rule.
+    a, x = 0.5, np.linspace(-12.0, 12.0, 200_001)
+    p = (np.exp(-0.5 * (x - a) ** 2) + np.exp(-0.5 * (x + a) ** 2)) / (2.0 * math.sqrt(2.0 * math.pi))
+    weights = np.ones_like(x)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    expected = 1.0 - a**2 * float((weights * p / np.cosh(a * x) ** 2).sum() * (x[1] - x[0]) / 3.0)
+    noise = OdometryNoise(R=(0.0, 0.0, 1.0), spike_probability=1.0, spike=0.5)
+    assert heading_information(noise) == pytest.approx(expected, rel=1e-9)
+    with pytest.raises(ValueError, match=r"OdometryNoise\.R must have a positive heading variance for this, got 0\.0\."):
+        heading_information(OdometryNoise(R=(1.0, 1.0, 0.0)))
+
+
 # The bound, against filters on simulated drives.
 
 RUNS, STEPS, DT = 250, 30, 0.1

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.filters import KalmanFilter, entries, matrix, reference_filter
+from turtlebot_gym.estimation.filters import KalmanFilter, entries, jacobian, matrix, reference_filter
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
-from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym.values import Command, Covariance, Pose, Senses, State
 
 TUNING = matched(DOCUMENTED)
 GATED = replace(TUNING, gate=9.0, max_rejections=2)
@@ -170,3 +170,51 @@ def test_a_singular_tuning_is_no_trouble():
         kf.step(command, odometry)
     assert np.isfinite(kf.state).all()
     assert kf.covariance.tolist() == np.zeros((5, 5)).tolist()
+
+
+def test_a_covariance_lies_row_by_row():
+    P = Covariance(*range(1, 16))
+    full = [[1, 2, 3, 4, 5], [2, 6, 7, 8, 9], [3, 7, 10, 11, 12], [4, 8, 11, 13, 14], [5, 9, 12, 14, 15]]
+    assert matrix(P).tolist() == full
+    diagonal = np.diag([100.0] * 5) + np.array(full)
+    assert entries(diagonal) == (101, 2, 3, 4, 5, 106, 7, 8, 9, 110, 11, 12, 113, 14, 115)
+    assert Covariance._fields == (
+        "xx", "xy", "xt", "xv", "xw", "yy", "yt", "yv", "yw", "tt", "tv", "tw", "vv", "vw", "ww",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_is_forgiven_and_no_more(scale):
+    P = scale * np.eye(5)
+    P[0, 1] = 5e-13 * scale
+    entries(P)
+    P[0, 1] = 2e-12 * scale
+    with pytest.raises(ValueError, match="symmetric"):
+        entries(P)
+    singular = scale * np.ones((5, 5))
+    singular[0, 1] = singular[1, 0] = (1.0 + 3e-13) * scale
+    entries(singular)
+    singular[0, 1] = singular[1, 0] = (1.0 + 3e-12) * scale
+    with pytest.raises(ValueError, match="positive semidefinite, got one with the eigenvalue -"):
+        entries(singular)
+    for least in (-1e-300, -1e-13 * scale):
+        with pytest.raises(ValueError, match="positive semidefinite"):
+            entries(np.diag([scale, scale, scale, scale, least]))
+
+
+def test_a_jacobian_by_hand():
+    # The heading in the middle of the interval is 30 degrees: sine 1/2, cosine 0.8660254.
+    state = State(9.0, 9.0, math.pi / 6.0 - 0.5 * 0.8 * 0.25, 2.0, 0.8)
+    expected = np.array(
+        [
+            [1.0, 0.0, -0.25, 0.21650635094611, -0.03125],
+            [0.0, 1.0, 0.43301270189222, 0.125, 0.0541265877365274],
+            [0.0, 0.0, 1.0, 0.0, 0.25],
+            [0.0] * 5,
+            [0.0] * 5,
+        ]
+    )
+    np.testing.assert_allclose(jacobian(state, dt=0.25, integrator="midpoint"), expected, atol=1e-13)
+    expected[:, 4] = [0.0, 0.0, 0.25, 0.0, 0.0]
+    state = state._replace(theta=math.pi / 6.0)
+    np.testing.assert_allclose(jacobian(state, dt=0.25), expected, atol=1e-13)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from scipy import stats
 
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment, measure, quantize
-from turtlebot_gym.parameters import OdometryNoise
+from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.values import Pose
 
 POSE, WHEELS = Pose(1.0, -2.0, 3.0), Pose(0.5, -1.5, 2.5)
@@ -75,3 +77,90 @@ def test_increments_carry_a_pose_along_whatever_the_frame():
         expected = placed(after)
         assert pose[:2] == pytest.approx(expected[:2], abs=1e-12)
         assert math.remainder(pose.theta - expected.theta, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+
+
+# Each of the three numbers on its own, with numbers worked out by hand; nothing is symmetric in x, y and theta.
+
+EACH = OdometryNoise(R=(0.04, 0.09, 0.16), bias=(0.1, 0.2, 0.3))
+
+
+def test_each_number_has_its_own_variance_bias_and_draw():
+    got = measure(Pose(1.0, 2.0, 0.5), Pose(9.0, 9.0, 9.0), EACH, (0.5, -2.0), 0.25, 0.7)
+    # 1 + 0.1 + 0.2 * 0.5; 2 + 0.2 - 0.3 * 2; 0.5 + 0.3 + 0.4 * 0.25
+    assert got == pytest.approx((1.2, 1.6, 0.9), rel=1e-12)
+
+
+def test_each_number_is_rounded_to_its_own_resolution():
+    noise = OdometryNoise(quantization=(0.25, 0.1))
+    got = measure(Pose(1.3, -0.7, 0.44), Pose(9.0, 9.0, 9.0), noise, (0.0, 0.0), 0.0, 0.7)
+    assert got == pytest.approx((1.25, -0.75, 0.4), rel=1e-12)
+
+
+def test_noise_bias_and_spike_come_before_the_rounding():
+    noise = OdometryNoise(R=(0.04, 0.04, 0.04), bias=(0.3, 0.3, 0.0), spike_probability=0.4, spike=0.6, quantization=(0.5, 0.5))
+    got = measure(Pose(1.0, 1.0, 1.0), Pose(9.0, 9.0, 9.0), noise, (1.0, -1.0), 0.0, 0.1)
+    assert got == pytest.approx((1.5, 1.0, 1.5))  # 1.5 -> 1.5, 1.1 -> 1.0, 1.6 -> 1.5
+
+
+@pytest.mark.parametrize(
+    ("value", "resolution", "rounded"),
+    [
+        (0.74, 0.5, 0.5),
+        (0.76, 0.5, 1.0),
+        (-0.74, 0.5, -0.5),
+        (-0.76, 0.5, -1.0),
+        (0.24, 0.5, 0.0),
+        (7.3, 2.0, 8.0),
+        (0.3, 0.0, 0.3),
+    ],
+)
+def test_quantization_by_hand(value, resolution, rounded):
+    assert quantize(value, resolution) == rounded
+
+
+def test_half_of_the_spikes_go_each_way():
+    # With 0.4 in all: below 0.2 up, from 0.2 to below 0.4 down.
+    noise = OdometryNoise(spike_probability=0.4, spike=0.7)
+    turns = [read(noise, pose=Pose(0.0, 0.0, 0.0), event=event).theta for event in (0.01, 0.19, 0.2, 0.21, 0.39, 0.4, 0.41)]
+    assert turns == [0.7, 0.7, -0.7, -0.7, -0.7, 0.0, 0.0]
+
+
+def test_an_increment_by_hand():
+    # The odometry goes 2 ahead and 1 to its left and turns by 0.3; the pose's frame is turned by 90 degrees against it.
+    got = increment(Pose(5.0, 6.0, 2.0), Pose(1.0, 1.0, 0.4), Pose(3.0, 2.0, 0.7), (1.0, 0.0))
+    assert got == pytest.approx((4.0, 8.0, 2.3), rel=1e-12)
+    wrapped = increment(Pose(0.0, 0.0, 3.0), Pose(0.0, 0.0, 3.0), Pose(0.0, 0.0, 3.5), (0.0, 1.0))
+    assert wrapped.theta == pytest.approx(3.5 - 6.283185307179586)
+
+
+# Drop-outs, in the environment: whoever reads the odometry then has the last one, all of it.
+
+
+def drive(noise, *, steps=40):
+    """Return what the odometry was after each step, and the true poses, of a robot that drives in a circle."""
+    world = gym.make("turtlebot_gym/TurtleBotSquare-v0", noise=noise)
+    _, info = world.reset(seed=3)
+    measured, true = [info["odometry"]], [info["true_state"]]
+    for _ in range(steps):
+        *_, info = world.step(np.array([0.5, 0.3], np.float32))
+        measured.append(info["odometry"])
+        true.append(info["true_state"])
+    world.close()
+    return np.array(measured), np.array(true)[:, :3]
+
+
+def test_a_lost_measurement_leaves_the_last_one_whole():
+    measured, _ = drive(Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.01), dropout_probability=1.0)))
+    np.testing.assert_array_equal(measured, np.tile(measured[0], (41, 1)))  # the first always arrives
+
+
+def test_measurements_are_lost_whole_or_not_at_all_and_as_often_as_stated():
+    # Without other noise what arrives is the true pose, and what does not is the one of the step before.
+    measured, true = drive(Noise(odometry=OdometryNoise(dropout_probability=0.3)), steps=500)
+    measured, true = measured[1:], true[1:]  # in the first step the robot has not moved yet
+    kept = (measured[1:] == measured[:-1]).all(axis=1)
+    np.testing.assert_array_equal(measured[1:][~kept], true[1:][~kept])
+    assert (np.ptp(true, axis=0) > 0.1).all()  # else keeping and measuring were the same
+    # binomial(499, 0.3): this fails for one seed in 10^4
+    assert stats.binomtest(int(kept.sum()), 499, 0.3).pvalue > 1e-4
+    assert stats.binomtest(int(kept.sum()), 499, 0.45).pvalue < 1e-4

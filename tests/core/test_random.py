@@ -136,3 +136,72 @@ def test_log_unit_is_accurate():
 
 def test_the_largest_normal_is_finite():
     assert math.sqrt(-2.0 * log_unit(0.5 * 2.0**-32)) == pytest.approx(6.76, abs=0.01)
+
+
+# The draws are frozen: a seed gives the same episode in every later version. Two oracles that share nothing with the code: the
+# mixer as it was published, in NumPy's wrapping 64-bit integers; and literal numbers that it gave once.
+
+
+def moremur(x):
+    """Evensen's Moremur (2019), as published."""
+    x = np.uint64(x)
+    with np.errstate(over="ignore"):
+        x ^= x >> np.uint64(27)
+        x *= np.uint64(0x3C79AC492BA7B653)
+        x ^= x >> np.uint64(33)
+        x *= np.uint64(0x1C69B3F74AC4AE35)
+        x ^= x >> np.uint64(27)
+    return int(x)
+
+
+@pytest.mark.parametrize("x", [0, 1, 2**31, 2**63, 2**64 - 1, 0x0123456789ABCDEF, 0xFEDCBA9876543210])
+def test_the_mixer_is_the_published_one(x):
+    assert mix(x) == moremur(x)
+
+
+def test_the_mixer_is_the_published_one_anywhere():
+    for x in np.random.default_rng(0).integers(0, 2**64, 1000, dtype=np.uint64).tolist():
+        assert mix(x) == moremur(x)
+
+
+WEYL = 0x1E3779B97F4A7C15
+
+
+@pytest.mark.parametrize(("seed", "episode"), [(0, 0), (0, 1), (1, 0), (7, 3), (2**63 - 1, 0), (123_456_789, 10**12)])
+def test_keys_are_frozen(seed, episode):
+    expected = moremur(moremur((seed + WEYL) % 2**64) ^ ((episode + 1) * WEYL % 2**64)) % 2**63
+    assert episode_key(seed, episode) == expected
+
+
+def test_the_first_draws_of_all_are_frozen():
+    assert episode_key(0, 0) == 4258668631600825077
+    assert uniforms(4258668631600825077, 0, 0) == (0.16548430838156492, 0.8458544864552096)
+
+
+@pytest.mark.parametrize(("key", "step", "stream"), [(0, 0, 0), (1, 0, 0), (5, 1, 0), (5, 0, 15), (2**63 - 1, 599, 6)])
+def test_uniforms_are_the_two_halves_of_a_scrambled_counter(key, step, stream):
+    bits = moremur((key + (16 * step + stream + 1) * WEYL) % 2**64)
+    high, low = bits // 2**32, bits % 2**32
+    assert uniforms(key, step, stream) == ((high + 0.5) / 2**32, (low + 0.5) / 2**32)
+
+
+@pytest.mark.parametrize(("key", "step", "stream"), [(0, 0, 0), (9, 1, 3), (12345, 300, 2), (2**63 - 1, 7, 1)])
+def test_normals_are_box_and_mullers(key, step, stream):
+    u1, u2 = uniforms(key, step, stream)
+    radius, angle = math.sqrt(-2.0 * math.log(u1)), 2.0 * math.pi * u2 - math.pi
+    assert normals(key, step, stream) == pytest.approx((radius * math.cos(angle), radius * math.sin(angle)), rel=1e-13)
+
+
+def test_each_purpose_has_a_stream_of_its_own():
+    names = ("PROCESS", "POSITION", "HEADING", "EVENTS", "SLIP", "START", "GOAL")
+    assert [getattr(random, name) for name in names] == [0, 1, 2, 3, 4, 5, 6]
+    assert random.MAX_SEED == 2**63 - 1
+    # A step's streams end before the next step's begin.
+    draws = {uniforms(KEY, step, stream) for step in range(40) for stream in range(16)}
+    assert len(draws) == 640
+
+
+@pytest.mark.parametrize("x", [1.0, 0.5, 0.25, 2.0**-31, 2.0**-32, 2.0**-33, 2.0**-62, 0.7071067811865476, 0.7071067811865475])
+def test_log_unit_at_the_edges_of_its_halvings(x):
+    for near in (x, math.nextafter(x, 0.0), min(math.nextafter(x, 1.0), 1.0)):
+        assert log_unit(near) == pytest.approx(math.log(near), rel=1e-15, abs=0.0)

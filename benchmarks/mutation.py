@@ -1,0 +1,227 @@
+"""Mutants: small changes to a module's code, drawn at random, that its tests should notice.
+
+cosmic-ray finds the places and makes the changes. Exchanges of operators that any test would notice, because Python answers
+most of them with a TypeError (``*`` for ``<<``, ``<`` for ``is``), are left out: they would only flatter the score. Four
+operators are added: a number doubled or halved, a lost statement, a name taken for its counterpart, and two arguments
+exchanged. A change that touches annotations or docstrings only is no mutant.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import random
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import parso
+from cosmic_ray.ast import ast_nodes, get_ast, is_number
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.operators.operator import Operator
+from cosmic_ray.plugins import get_operator, operator_names
+
+ALIKE = (
+    {"Add", "Sub", "Mul", "Div"},
+    {"Mul", "Pow"},
+    {"Mul", "FloorDiv", "Mod"},
+    {"RShift", "LShift"},
+    {"BitOr", "BitAnd", "BitXor"},
+    {"Eq", "NotEq", "Lt", "LtE", "Gt", "GtE"},
+    {"Is", "IsNot"},
+)
+"""Operators are exchanged within each of these sets."""
+NO_EFFECT = ("kernel",)
+"""Decorators whose loss changes nothing where nothing is compiled."""
+
+
+class Mutant(NamedTuple):
+    """One change to one module."""
+
+    path: str
+    """The module, from the root of the project."""
+    operator: str
+    line: int
+    function: str
+    """Where it stands, by its qualified name; "" at the top of the module."""
+    was: str
+    """The changed lines as they were, without indentation."""
+    now: str
+    """The changed lines as they are."""
+    code: str
+    """The whole module, changed."""
+
+
+class ScaleNumber(Operator):
+    """Double or halve a number."""
+
+    def mutation_positions(self, node: Any) -> Iterator[Any]:
+        if is_number(node):
+            yield from [(node.start_pos, node.end_pos)] * 2
+
+    def mutate(self, node: Any, index: int) -> Any:
+        value = ast.literal_eval(node.value)
+        scaled = (value * 2 if index == 0 else value // 2) if isinstance(value, int) else value * (2.0, 0.5)[index]
+        return parso.python.tree.Number(f"{node.prefix}{scaled!r}", node.start_pos)
+
+    @classmethod
+    def examples(cls) -> tuple[()]:
+        return ()
+
+
+class DeleteStatement(Operator):
+    """Leave out an assignment, a call or a ``raise``."""
+
+    def mutation_positions(self, node: Any) -> Iterator[Any]:
+        if node.type == "simple_stmt" and node.children[0].type in ("expr_stmt", "atom_expr", "raise_stmt"):
+            yield (node.start_pos, node.end_pos)
+
+    def mutate(self, node: Any, index: int) -> Any:
+        statement = node.children[0]
+        node.children[0] = parso.python.tree.Keyword("pass", statement.start_pos, statement.get_first_leaf().prefix)
+        return node
+
+    @classmethod
+    def examples(cls) -> tuple[()]:
+        return ()
+
+
+class SwapName(Operator):
+    """Take a function or a name for its counterpart: the smaller for the larger, the sine for the cosine, y for x."""
+
+    pairs = (("min", "max"), ("minimum", "maximum"), ("any", "all"), ("sin", "cos"), ("sine", "cosine"), ("floor", "ceil"))
+    counterparts = dict(pairs) | {other: one for one, other in pairs} | {"x": "y", "y": "x", "v": "omega", "omega": "v"}
+
+    def mutation_positions(self, node: Any) -> Iterator[Any]:
+        if node.type == "name" and node.value in self.counterparts and not node.is_definition():
+            keyword = node.parent.type == "argument" and node is node.parent.children[0]
+            if not keyword and node.parent.type != "param":
+                yield (node.start_pos, node.end_pos)
+
+    def mutate(self, node: Any, index: int) -> Any:
+        node.value = self.counterparts[node.value]
+        return node
+
+    @classmethod
+    def examples(cls) -> tuple[()]:
+        return ()
+
+
+class SwapArguments(Operator):
+    """Exchange a call's first two positional arguments, unless their order does not matter."""
+
+    symmetric = ("min", "max", "minimum", "maximum", "hypot", "array_equal")
+
+    def mutation_positions(self, node: Any) -> Iterator[Any]:
+        if node.type == "arglist" and all(child.type not in ("argument", "operator") for child in node.children[0:3:2]):
+            callee = node.get_previous_leaf().get_previous_leaf()
+            if callee.value not in self.symmetric:
+                yield (node.start_pos, node.end_pos)
+
+    def mutate(self, node: Any, index: int) -> Any:
+        one, other = node.children[0], node.children[2]
+        prefixes = one.get_first_leaf().prefix, other.get_first_leaf().prefix
+        node.children[0], node.children[2] = other, one
+        other.get_first_leaf().prefix, one.get_first_leaf().prefix = prefixes
+        return node
+
+    @classmethod
+    def examples(cls) -> tuple[()]:
+        return ()
+
+
+def operators() -> dict[str, Operator]:
+    """Return the operators by name."""
+    found: dict[str, Operator] = {one.__name__: one() for one in (ScaleNumber, DeleteStatement, SwapName, SwapArguments)}
+    for full in operator_names():
+        name = full.rpartition("/")[2]
+        kind, *exchanged = name.split("_")
+        if kind in ("ReplaceBinaryOperator", "ReplaceComparisonOperator"):
+            if any(set(exchanged) <= group for group in ALIKE):
+                found[name] = get_operator(full)()
+        elif kind not in ("VariableReplacer", "VariableInserter"):  # they want arguments
+            found[name] = get_operator(full)()
+    return found
+
+
+def draw(path: str, code: str, count: int, *, seed: int) -> list[Mutant]:
+    """Draw mutants of a module: places at random, each with one operator that applies there; then, if needed, with another.
+
+    Args:
+        path: What the module is called.
+        code: Its source.
+        count: How many; fewer where there are no more.
+        seed: The same seed draws the same mutants of the same code.
+    """
+    known, tree = operators(), get_ast(code)
+    nodes = list(ast_nodes(tree))
+    places: dict[tuple[int, int], list[tuple[str, int]]] = {}
+    for name, operator in known.items():
+        occurrence = 0
+        for node in nodes:
+            for start, _ in operator.mutation_positions(node):
+                places.setdefault(start, []).append((name, occurrence))
+                occurrence += 1
+    rng = random.Random(f"{seed} {path}")
+    queue = [rng.sample(choices, len(choices)) for _, choices in sorted(places.items())]
+    rng.shuffle(queue)
+    original = _meaning(code)
+    seen, drawn = {original}, []
+    while queue and len(drawn) < count:
+        choices = queue.pop(0)
+        name, occurrence = choices.pop()
+        if choices:
+            queue.append(choices)
+        changed = mutate_code(code, known[name], occurrence)
+        meaning = None if changed is None else _meaning(changed)
+        if changed is not None and meaning is not None and meaning not in seen:
+            seen.add(meaning)
+            drawn.append(_mutant(path, name, code, changed))
+    return drawn
+
+
+def _meaning(code: str) -> str | None:
+    """Return what of a module has an effect, or None if it is no Python."""
+    try:
+        tree = ast.parse(code)
+    except (SyntaxError, ValueError):
+        return None
+    return ast.dump(_WithoutWords().visit(tree))
+
+
+class _WithoutWords(ast.NodeTransformer):
+    """Take out docstrings, annotations, and decorators without effect."""
+
+    def visit_Expr(self, node: ast.Expr) -> Any:
+        return None if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str) else self.generic_visit(node)
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> Any:
+        node.annotation = ast.Constant(None)
+        return self.generic_visit(node)
+
+    def visit_arg(self, node: ast.arg) -> Any:
+        node.annotation = None
+        return node
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> Any:
+        node.returns = None
+        node.decorator_list = [one for one in node.decorator_list if getattr(one, "id", "") not in NO_EFFECT]
+        return self.generic_visit(node)
+
+
+def _mutant(path: str, operator: str, before: str, after: str) -> Mutant:
+    was, now, first = [], [], 0
+    one, other = before.splitlines(), after.splitlines()
+    for tag, i, end_i, j, end_j in difflib.SequenceMatcher(None, one, other, autojunk=False).get_opcodes():
+        if tag != "equal":
+            first = first or i + 1
+            was += [line.strip() for line in one[i:end_i]]
+            now += [line.strip() for line in other[j:end_j]]
+    return Mutant(path, operator, first, _function_at(ast.parse(before), first), "\n".join(was), "\n".join(now), after)
+
+
+def _function_at(tree: ast.AST, line: int) -> str:
+    names = []
+    for node in ast.walk(tree):  # outer ones come first
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.lineno <= line <= (node.end_lineno or line):
+            names.append(node.name)
+    return ".".join(names)

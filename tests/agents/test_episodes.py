@@ -1,0 +1,265 @@
+"""Episodes from records: a record written down by hand, and every number of its episodes worked out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from turtlebot_gym.systems import make_parameters
+
+from turtlebot_gym import Robot, Task
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.episodes import Record, concatenate, measure
+from turtlebot_gym_agents.evaluation.evaluate import BATCH, evaluate, paired
+
+NAN = math.nan
+ROBOT = Robot(max_linear=0.5, max_angular=2.0, max_wheel=0.4)
+TASK = Task(random=False, radius=0.3)
+FAR = 9.0
+"""What a record holds after an episode's end is another episode's, and must not count."""
+
+
+def rows(*poses, twist=(0.0, 0.0)):
+    return np.array([[*pose, *twist] if len(pose) == 3 else pose for pose in poses], np.float64)
+
+
+def record():
+    """Return four steps of three environments.
+
+    The first has two waypoints, (1, 0) and (1, 1), and comes to its time limit. The second reaches (0, 1) in two steps, and
+    the third is cut off after one.
+    """
+    ended = (FAR, FAR, FAR)
+    true = np.stack(
+        [
+            rows((0.0, 0.0, 0.0), (0.4, 0.0, -3.1), (0.8, 0.0, 0.1), (1.0, 0.1, 0.2), (1.0, 0.5, 0.3)),
+            rows((0.0, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.8, 0.0), ended, ended),
+            rows((0.0, 0.0, 0.0), (0.0, -0.1, 0.0), ended, ended, ended),
+        ],
+        axis=1,
+    )
+    believed = np.stack(
+        [
+            rows((0.05, 0.0, 0.0), (0.45, 0.0, 3.1), (0.75, 0.0, 0.3), (0.9, 0.0, 0.2), (1.0, 0.9, 0.2)),
+            true[:, 1],
+            true[:, 2],
+        ],
+        axis=1,
+    )
+    odometry = true[..., :3] + (0.3, 0.4, 0.0)
+    reference = np.array(
+        [
+            [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 2.0, 0.0)],
+            [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 2.0, 0.0)],
+            [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (FAR, FAR, 0.0)],
+            [(1.0, 1.0, 0.0), (FAR, FAR, 0.0), (FAR, FAR, 0.0)],
+            [(1.0, 1.0, 0.0), (FAR, FAR, 0.0), (FAR, FAR, 0.0)],
+        ]
+    )
+    command = np.array(
+        [
+            [(FAR, FAR), (FAR, FAR), (FAR, FAR)],
+            [(0.5, 0.0), (0.5, 0.0), (0.0, 1.0)],
+            [(0.25, 1.0), (-0.5, -2.0), (FAR, FAR)],
+            [(0.0, 0.0), (FAR, FAR), (FAR, FAR)],
+            [(0.25, 0.0), (FAR, FAR), (FAR, FAR)],
+        ]
+    )
+    yes, no = True, False
+    return Record(
+        true_state=true,
+        odometry=odometry,
+        estimate=believed,
+        reference=reference,
+        command=command,
+        is_success=np.array([[no, no, no], [no, no, no], [no, yes, yes], [no, no, yes], [no, no, yes]]),
+        running=np.array([[yes, yes, yes], [yes, yes, yes], [yes, yes, no], [yes, no, no], [yes, no, no]]),
+        covariance=np.arange(5.0)[:, None, None] * np.eye(5),
+    )
+
+
+def measured(observation="ekf"):
+    return measure(record(), make_parameters(TASK, robot=ROBOT, dt=0.25, observation=observation), 70)
+
+
+def test_what_became_of_each_episode():
+    e = measured()
+    assert e.seed.tolist() == [70, 71, 72]
+    assert e.success.tolist() == [False, True, False]
+    assert e.time.tolist() == [1.0, 0.5, 0.25]
+    # to the first waypoint, from there to the next, and not the last 0.3 m; at 0.4 m/s, which the wheels allow
+    np.testing.assert_allclose(e.ideal, [1.7 / 0.4, 0.7 / 0.4, 1.7 / 0.4])
+    np.testing.assert_allclose(e.path, [0.4 + 0.4 + math.sqrt(0.05) + 0.4, 0.8, 0.1])
+    np.testing.assert_allclose(e.effort, [(1.0 + 0.5 + 0.0 + 0.25) / 4.0, (1.0 + 2.0) / 2.0, 0.25])
+    assert e.reached.tolist() == [1, 1, 0]
+    np.testing.assert_allclose(e.miss, [(0.1 + 0.5) / 2.0, 0.2, 2.1])
+
+
+@pytest.mark.parametrize(
+    ("observation", "distances", "false"),
+    [
+        # Believed at the first waypoint 0.2 m away from it, which is near enough, and at the second 0.5 m away, which is not.
+        ("ekf", [(0.2 + 0.5) / 2.0, 0.2, NAN], [True, False, False]),
+        ("truth", [0.2, 0.2, NAN], [False, False, False]),
+        # 0.5 m off: the second robot seems to be at (0.3, 0.9) after its first step, 0.316 m away; then at (0.3, 1.2).
+        ("odometry", [NAN, NAN, NAN], [False, False, False]),
+    ],
+)
+def test_arrivals_are_those_of_the_pose_that_the_policy_sees(observation, distances, false):
+    e = measured(observation)
+    np.testing.assert_allclose(e.arrival_distance, distances)
+    assert e.false_arrival.tolist() == false
+
+
+def test_errors_are_counted_over_the_steps_of_the_episode():
+    e = measured()
+    first = math.sqrt(0.02)
+    np.testing.assert_allclose(e.estimate.position_mean, [(0.05 + 0.05 + first + 0.4) / 4.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(e.estimate.position_max, [0.4, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(e.estimate.position_final, [0.4, 0.0, 0.0], atol=1e-15)
+    turn = 2.0 * math.pi - 6.2  # from 3.1 to -3.1 rad
+    np.testing.assert_allclose(e.estimate.heading_mean, [(turn + 0.2 + 0.0 + 0.1) / 4.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(e.estimate.heading_max, [0.2, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(e.estimate.heading_final, [0.1, 0.0, 0.0], atol=1e-15)
+    for name in ("position_mean", "position_max", "position_final"):
+        np.testing.assert_allclose(getattr(e.odometry, name), 0.5)
+    for name in ("heading_mean", "heading_max", "heading_final"):
+        np.testing.assert_allclose(getattr(e.odometry, name), 0.0, atol=1e-15)
+
+
+def test_a_waypoint_is_reached_strictly_within_its_radius():
+    r = record()
+    r.true_state[2, 1] = (0.0, 0.7, 0.0, 0.0, 0.0)  # 1 - 0.7 is a little more than 0.3
+    e = measure(r, make_parameters(TASK, robot=ROBOT, dt=0.25), 0)
+    assert e.reached.tolist() == [1, 0, 0]
+
+
+def test_the_trajectory_is_the_first_environments():
+    drive = record().trajectory(dt=0.25)
+    np.testing.assert_array_equal(drive.time, [0.0, 0.25, 0.5, 0.75, 1.0])
+    np.testing.assert_array_equal(drive.true_state, record().true_state[:, 0])
+    np.testing.assert_array_equal(drive.covariance[:, 0, 0], [0.0, 1.0, 2.0, 3.0, 4.0])
+    short = record()
+    short.running[3:, 0] = False
+    assert short.trajectory(dt=0.25).time.tolist() == [0.0, 0.25, 0.5]
+    assert short.trajectory(dt=0.25).covariance.shape == (3, 5, 5)
+
+
+def test_batches_follow_each_other():
+    one, other = measured(), measured("odometry")
+    both = concatenate([one, other])
+    assert both.seed.tolist() == [70, 71, 72, 70, 71, 72]
+    np.testing.assert_array_equal(both.arrival_distance, [*one.arrival_distance, *other.arrival_distance])
+    np.testing.assert_array_equal(both.estimate.heading_max, [*one.estimate.heading_max, *other.estimate.heading_max])
+
+
+# The numbers over many episodes.
+
+
+def test_students_interval_by_hand():
+    # mean 2.5, standard deviation 1.2910 / sqrt(4); Student's t with 3 degrees of freedom, 97.5 %: 3.182446
+    got = metrics.mean([1.0, 2.0, 3.0, 4.0, NAN, math.inf])
+    margin = 3.182446 * math.sqrt(5.0 / 3.0) / 2.0
+    np.testing.assert_allclose(got, (2.5, 2.5 - margin, 2.5 + margin), rtol=1e-6)
+
+
+def test_one_number_has_no_interval_and_none_has_no_mean():
+    assert metrics.mean([2.0])[0] == 2.0
+    assert np.isnan(metrics.mean([2.0])[1:]).all()
+    assert np.isnan(metrics.mean([])).all()
+    two = metrics.mean([1.0, 3.0])  # t with 1 degree of freedom: 12.7062
+    np.testing.assert_allclose(two, (2.0, 2.0 - 12.7062047, 2.0 + 12.7062047), rtol=1e-7)
+
+
+def test_errors_of_several_drives_at_once():
+    truth = np.zeros((3, 2, 3))
+    poses = np.array([[(3.0, 4.0, 0.1), (0.0, 1.0, -0.2)], [(0.0, 2.0, 0.4), (NAN,) * 3], [(0.0, 1.0, -0.1), (NAN,) * 3]])
+    got = metrics.errors(poses, truth)
+    np.testing.assert_allclose(got.position_mean, [8.0 / 3.0, 1.0])
+    np.testing.assert_allclose(got.position_max, [5.0, 1.0])
+    np.testing.assert_allclose(got.position_final, [1.0, 1.0])
+    np.testing.assert_allclose(got.heading_mean, [0.2, 0.2])
+    np.testing.assert_allclose(got.heading_max, [0.4, 0.2])
+    np.testing.assert_allclose(got.heading_final, [0.1, 0.2])
+
+
+SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
+
+
+def test_an_evaluation_says_what_was_evaluated():
+    result = evaluate("proportional", episodes=2, seed=5, noise="clean")
+    assert result.config == {
+        "env": "turtlebot_gym/TurtleBotNav-v0",
+        "policy": "proportional",
+        "episodes": 2,
+        "seed": 5,
+        "noise": "clean",
+    }
+    assert result.limit == 30.0  # 300 steps of 0.1 s
+    assert evaluate("proportional", env=SQUARE, episodes=1, dt=0.05).limit == 30.0  # 600 steps of 0.05 s
+    assert evaluate("proportional", episodes=1, max_episode_steps=20).limit == 2.0
+    assert BATCH == 1024
+
+
+def test_without_a_number_it_is_1000_episodes_from_seed_0():
+    result = evaluate("bearing", max_episode_steps=2)
+    assert result.episodes.seed.tolist() == list(range(1000))
+    assert result.config["episodes"] == 1000
+    assert result.config["seed"] == 0
+
+
+def test_the_summary_is_made_of_the_episodes():
+    result = evaluate("bearing", episodes=60, seed=9, max_episode_steps=110)
+    e, summary = result.episodes, result.summary()
+    assert 5 < e.success.sum() < 55  # else successes and failures were the same
+    times = np.where(e.success, e.time, 11.0)
+    expected = {
+        "success": e.success.mean(),
+        "time_to_goal": e.time[e.success].mean(),
+        "time": times.mean(),
+        "efficiency": (e.ideal[e.success] / e.time[e.success]).mean(),
+        "reached": e.reached.mean(),
+        "miss": e.miss.mean(),
+        "path": e.path.mean(),
+        "effort": e.effort.mean(),
+        "false_arrival": e.false_arrival.mean(),
+        "arrival_distance": np.nanmean(e.arrival_distance),
+    }
+    for source in ("estimate", "odometry"):
+        for what in ("position", "heading"):
+            for over in ("mean", "max", "final"):
+                expected[f"{source}_{what}_{over}"] = getattr(getattr(e, source), f"{what}_{over}").mean()
+    assert summary.keys() == expected.keys()
+    for name, number in expected.items():
+        assert summary[name].value == pytest.approx(number, rel=1e-9), name
+        assert summary[name].low <= number <= summary[name].high, name
+    np.testing.assert_array_equal(result.times(), times)
+
+
+def test_a_pair_is_the_first_minus_the_second():
+    fast, slow = evaluate("bearing", episodes=20), evaluate("proportional", episodes=20)
+    assert paired(fast, slow).value < -5.0
+    assert paired(slow, fast).value == -paired(fast, slow).value
+    np.testing.assert_allclose(paired(slow, fast).value, (slow.times() - fast.times()).mean())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"episodes": 0}, "episodes must be a positive whole number, got 0."),
+        ({"episodes": -1}, "episodes must be a positive whole number, got -1."),
+        ({"episodes": 1.0}, "episodes must be a positive whole number, got 1.0."),
+        ({"seed": -1}, "seed must be a whole number >= 0, got -1."),
+        ({"seed": 0.5}, "seed must be a whole number >= 0, got 0.5."),
+    ],
+)
+def test_counts_are_whole_numbers(options, message):
+    with pytest.raises(ValueError, match="whole number") as caught:
+        evaluate("bearing", **options)
+    assert str(caught.value) == message
+
+
+def test_progress_counts_the_ended_episodes_of_all_batches(monkeypatch):
+    monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 4)
+    counts = []
+    evaluate("proportional", episodes=9, max_episode_steps=3, noise="clean", progress=counts.append)
+    assert counts == [0, 0, 4, 4, 4, 8, 8, 8, 9]

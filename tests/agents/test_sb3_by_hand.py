@@ -1,0 +1,176 @@
+"""The adapter to Stable-Baselines3 over a scripted environment, so that all that it tells is written down by hand."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+from stable_baselines3 import PPO
+from stable_baselines3.common.monitor import Monitor
+
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+
+torch.set_num_threads(1)
+
+
+class Scripted(gym.vector.VectorEnv):
+    """Three environments that play a script, whose numbers are all different.
+
+    Every third step the first one ends in success and the second times out; the third never ends.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}
+
+    def __init__(self):
+        self.num_envs = 3
+        self.single_observation_space = gym.spaces.Box(-100.0, 100.0, (1,), np.float32)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.calls, self.at, self.closed_by_user = [], 0, False
+
+    def reset(self, *, seed=None, options=None):
+        self.calls.append((seed, options))
+        self.at = 0
+        return np.zeros((3, 1), np.float32), {"place": np.array([7, 8, 9]), "_place": np.array([True, False, True])}
+
+    def step(self, actions):
+        self.at += 1
+        end = self.at % 3 == 0
+        ended = np.array([end, end, False])
+        observations = np.full((3, 1), self.at, np.float32)
+        infos = {}
+        if end:
+            infos = {
+                "final_obs": np.array([[10.0], [20.0], [0.0]], np.float32),
+                "_final_obs": ended,
+                "final_info": {
+                    "is_success": np.array([True, False, False]),
+                    "_is_success": ended,
+                    "only_first": np.array([5, 0, 0]),
+                    "_only_first": np.array([True, False, False]),
+                    "inner": {"depth": np.array([1, 2, 3]), "_depth": ended},
+                    "_inner": ended,
+                },
+                "_final_info": ended,
+            }
+        rewards = np.array([1.0, 0.1234567, -1.0]) + actions[:, 0]
+        return observations, rewards, np.array([end, False, False]), np.array([False, end, False]), infos
+
+    def render(self):
+        return tuple(np.full((2, 2, 3), row, np.uint8) for row in range(3))
+
+    def close(self, **kwargs):
+        self.closed_by_user = True
+
+
+STILL = np.zeros((3, 1), np.float32)
+
+
+def test_what_sb3_is_told_word_for_word():
+    env = Sb3VecEnv(Scripted())
+    env.seed(40)
+    np.testing.assert_array_equal(env.reset(), np.zeros((3, 1)))
+    assert env.envs.calls == [(40, None)]
+    assert env.reset_infos == [{"place": 7}, {}, {"place": 9}]
+    for lap in range(2):
+        for step in (1, 2):
+            observations, rewards, dones, infos = env.step(STILL)
+            np.testing.assert_array_equal(observations, np.full((3, 1), 3 * lap + step))
+            np.testing.assert_array_equal(rewards, np.array([1.0, 0.1234567, -1.0], np.float32))
+            assert dones.tolist() == [False, False, False]
+            assert infos == [{}, {}, {}]
+        observations, rewards, dones, infos = env.step(STILL)
+        assert dones.tolist() == [True, True, False]
+        first, second, third = infos
+        assert first.pop("terminal_observation").tolist() == [10.0]
+        assert second.pop("terminal_observation").tolist() == [20.0]
+        episodes = first.pop("episode"), second.pop("episode")
+        assert all(0.0 <= episode.pop("t") < 60.0 for episode in episodes)
+        assert episodes == ({"r": 3.0, "l": 3}, {"r": 0.37037, "l": 3})  # 3 * 0.1234567, to six places, as Monitor has it
+        assert first == {"is_success": True, "only_first": 5, "inner": {"depth": 1}, "TimeLimit.truncated": False}
+        assert second == {"is_success": False, "inner": {"depth": 2}, "TimeLimit.truncated": True}
+        assert third == {}
+
+
+def test_a_reset_forgets_the_episodes_that_were_running():
+    env = Sb3VecEnv(Scripted())
+    env.reset()
+    env.step(STILL)
+    env.reset()
+    for _ in range(2):
+        env.step(STILL + 0.5)
+    *_, infos = env.step(STILL)
+    assert (infos[0]["episode"]["r"], infos[0]["episode"]["l"]) == (4.0, 3)
+
+
+def test_the_clock_of_an_episode_is_the_adapters():
+    env = Sb3VecEnv(Scripted())
+    env._start -= 1000.0
+    env.reset()
+    for _ in range(3):
+        *_, infos = env.step(STILL)
+    assert infos[0]["episode"]["t"] == pytest.approx(1000.0, abs=30.0)
+
+
+def test_seeds_and_options_count_for_one_reset():
+    env = Sb3VecEnv(Scripted())
+    env.seed(7)
+    env.set_options({"low": 1.0})
+    env.reset()
+    env.reset()
+    assert env.envs.calls == [(7, {"low": 1.0}), (None, None)]
+    env.set_options([{"low": 1.0}, {"low": 1.0}, {"low": 2.0}])
+    with pytest.raises(ValueError, match="set them for all"):
+        env.reset()
+
+
+def test_what_is_asked_of_some_rows_is_answered_for_those():
+    env = Sb3VecEnv(Scripted())
+    assert env.get_attr("at") == [0, 0, 0]
+    assert env.get_attr("at", 1) == [0]
+    assert env.get_attr("at", [0, 2]) == [0, 0]
+    env.set_attr("mark", 4)
+    env.set_attr("mark", 5, [0, 1, 2])
+    assert env.envs.mark == 5
+    with pytest.raises(ValueError, match="share their attributes: set it for all"):
+        env.set_attr("mark", 6, [0, 1])
+    assert env.env_method("reset", seed=3, indices=[1]) != []
+    assert env.envs.calls == [(3, None)]  # once, for all
+    assert len(env.env_method("render", indices=[0, 1])) == 2
+    assert env.env_is_wrapped(Monitor) == [True, True, True]
+    assert env.env_is_wrapped(Monitor, [0]) == [True]
+    assert env.env_is_wrapped(gym.Wrapper, [0, 1]) == [False, False]
+    assert [image.max() for image in env.get_images()] == [0, 1, 2]
+    env.close()
+    assert env.envs.closed_by_user
+
+
+def test_without_pictures_there_are_none():
+    env = Sb3VecEnv(Scripted())
+    env.envs.render = lambda: None
+    assert env.get_images() == [None, None, None]
+
+
+def test_bootstrapping_adds_the_discounted_value_where_time_ran_out_and_nowhere_else():
+    env = Sb3VecEnv(Scripted())
+    model = PPO("MlpPolicy", env, device="cpu", gamma=0.9, seed=0)
+    env.bootstrap_with(model)
+    env.reset()
+    for _ in range(2):
+        _, rewards, *_ = env.step(STILL)
+        np.testing.assert_array_equal(rewards, np.array([1.0, 0.1234567, -1.0], np.float32))
+    _, rewards, _, infos = env.step(STILL)
+    value = model.policy.predict_values(torch.tensor([[20.0]])).item()
+    assert abs(value) > 1e-3
+    np.testing.assert_allclose(rewards, [1.0, 0.1234567 + 0.9 * value, -1.0], atol=1e-6)
+    assert [infos[row]["TimeLimit.truncated"] for row in (0, 1)] == [False, False]
+    assert infos[1]["episode"]["r"] == 0.37037  # the return is the environment's
+
+
+def test_other_autoreset_modes_are_named():
+    envs = Scripted()
+    envs.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
+    with pytest.raises(ValueError, match=r"resets within the step, got .*NEXT_STEP: make it with autoreset_mode"):
+        Sb3VecEnv(envs)
+    envs.metadata = {}
+    with pytest.raises(ValueError, match="got None"):
+        Sb3VecEnv(envs)

@@ -1,0 +1,54 @@
+"""The robots' numbers, from their data sheets, and what a robot may be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+
+import pytest
+
+from turtlebot_gym.robots import ROBOTS, Robot
+
+INF = math.inf
+FIELDS = (
+    "max_linear", "max_angular", "wheel_separation", "max_wheel", "max_linear_acceleration", "max_angular_acceleration",
+    "reverse", "radius",
+)  # fmt: skip
+NUMBERS = {
+    "burger": (0.2108, 2.635, 0.16, 0.2097, INF, INF, True, 0.105),
+    "waffle": (0.26, 1.82, 0.287, 0.26, INF, INF, True, 0.22),
+    "turtlebot4": (0.306, 1.9, 0.233, 0.306, INF, INF, True, 0.171),
+    "tutorial": (0.22, 2.84, 0.16, INF, INF, INF, True, 0.105),
+}
+
+
+def test_the_robots_have_their_numbers():
+    assert {name: asdict(robot) for name, robot in ROBOTS.items()} == {
+        name: dict(zip(FIELDS, row, strict=True)) for name, row in NUMBERS.items()
+    }
+
+
+def test_a_robot_of_two_limits_has_no_other():
+    assert asdict(Robot(max_linear=0.5, max_angular=2)) == dict(
+        zip(FIELDS, (0.5, 2, 0.16, INF, INF, INF, True, 0.09), strict=True)
+    )
+
+
+@pytest.mark.parametrize("name", [field for field in FIELDS if field != "reverse"])
+def test_every_limit_is_positive(name):
+    given = {"max_linear": 0.2, "max_angular": 2.0}
+    assert getattr(Robot(**given | {name: 1e-9}), name) == 1e-9
+    for wrong in (0.0, -1e-9, -INF, math.nan):
+        with pytest.raises(ValueError, match=f"Robot.{name} must be positive, got {wrong!r}"):
+            Robot(**given | {name: wrong})
+
+
+@pytest.mark.parametrize("name", ["max_linear", "max_angular", "wheel_separation", "radius"])
+def test_what_scales_is_finite(name):
+    with pytest.raises(ValueError, match=f"Robot.{name} must be finite, got inf"):
+        Robot(**{"max_linear": 0.2, "max_angular": 2.0} | {name: INF})
+
+
+@pytest.mark.parametrize("name", ["max_wheel", "max_linear_acceleration", "max_angular_acceleration"])
+def test_what_limits_may_be_infinite(name):
+    assert getattr(Robot(**{"max_linear": 0.2, "max_angular": 2.0, name: INF}), name) == INF
