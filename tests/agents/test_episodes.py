@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from turtlebot_gym.systems import make_parameters
 
 from turtlebot_gym import Robot, Task
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Record, concatenate, measure
 from turtlebot_gym_agents.evaluation.evaluate import BATCH, evaluate, paired
