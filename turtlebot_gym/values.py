@@ -39,6 +39,17 @@ class State(NamedTuple):
     omega: float
 
 
+class Senses(NamedTuple):
+    """What a robot knows of its own motion after a step."""
+
+    odometry: Pose
+    """The last pose that arrived; the world frame."""
+    twist: Command
+    """The twist that the wheels executed, in the body frame."""
+    measured: bool
+    """Whether the pose arrived in this step; if not, it is that of an earlier one."""
+
+
 class Covariance(NamedTuple):
     """The 15 independent entries of the symmetric 5 x 5 covariance of a `State`, row by row from the diagonal on."""
 

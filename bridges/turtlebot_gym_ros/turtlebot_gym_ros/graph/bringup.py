@@ -15,8 +15,9 @@ import numpy as np
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
-from turtlebot_gym_ros.graph.graph import MODES, Graph
+from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.node.runner import refuse
+from turtlebot_gym_ros.nodes import MODES
 
 REACHED = 0.3
 """A waypoint counts as reached where a position came this close, m."""
@@ -60,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
-    parser.add_argument("--speed", type=float, default=1.0, help="how many times faster than real time (default 1)")
+    parser.add_argument("--speed", type=float, help="1 is real time; by default as fast as the nodes answer, in lock-step")
     parser.add_argument("--policy", help="bearing (default) or another baseline, ppo-square, FILE.onnx, or module:callable")
     parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
