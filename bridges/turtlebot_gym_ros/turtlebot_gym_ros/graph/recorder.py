@@ -161,7 +161,7 @@ class Recorder:
                 upper[_UPPER] = Covariance(*row["estimate"].belief.covariance)
                 covariance[k] = upper + np.triu(upper, 1).T
         return Trajectory(
-            time=np.array([(stamp - rows[0][0]) / 1e9 for stamp, _ in rows]),
+            time=self._time_of([stamp for stamp, _ in rows]),
             true_state=column("true_state"),
             odometry=column("odom", lambda senses: senses.odometry)[:, :3],
             estimate=column("estimate", lambda estimate: estimate.belief.mean),
@@ -169,6 +169,12 @@ class Recorder:
             reference=column("reference"),
             command=column("odom", lambda senses: senses.twist)[:, :2],
         )
+
+    def _time_of(self, stamps: list[int]) -> Any:
+        """Return the time of rows since the first one, s; in lock-step as the environment counts it, in steps."""
+        if self._lock_step and len(stamps) > 1:
+            return np.arange(len(stamps), dtype=np.float64) * ((stamps[1] - stamps[0]) / 1e9)
+        return np.array([(stamp - stamps[0]) / 1e9 for stamp in stamps])
 
     def close(self) -> None:
         """Destroy the node."""
