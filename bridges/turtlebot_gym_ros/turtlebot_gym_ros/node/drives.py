@@ -217,8 +217,8 @@ class ByAnswers(Running):
             turn, _ = rule.hear(key, {name: feed.stamp for name, feed in hands.feeds.items()})
         if turn is Turn.REPEAT and hands.may_move():
             hands.outputs.publish_again()
-        if turn is Turn.HOLD and hands.may_move():
-            hands.outputs.publish_again(stamp)
+        if turn is Turn.HOLD and hands.outputs.moving and hands.may_move():
+            hands.outputs.publish_again(stamp)  # the plant waits for a command in every step
         if turn is Turn.HOLD or (turn is Turn.STEP and hands.step(stamp)):
             rule.answer(stamp)
 
