@@ -140,9 +140,11 @@ class Loop:
 def test_the_live_nodes_are_the_blocks_to_the_bit(runner, peer, wait_for, environment):
     loop = Loop(runner, peer, wait_for, environment)
     loop.match()
+    before = loop.controller._steps
     for k, (odometry, command, estimate, observation, action) in enumerate(drive(*environment, carry=travel)):
         loop.tick(odometry)
         wait_for(lambda n=k + 1: len(loop.estimates) == n)
+        wait_for(lambda n=before + k + 1: loop.controller._steps == n)
         wait_for(lambda command=command: loop.last_command == command)  # zeros of the reset may come before the first
         assert conversion(KalmanFilter.outputs["estimate"].type).read(loop.estimates[-1]) == travel(estimate)
         np.testing.assert_array_equal(loop.controller.block.observation, observation)
