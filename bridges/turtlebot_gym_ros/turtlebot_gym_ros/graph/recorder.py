@@ -63,7 +63,8 @@ class Recorder:
         """The controller's state."""
         self._lock_step = lock_step
         self._rows: dict[int, dict[str, Any]] = {}
-        self._span = 0
+        self._last = 0
+        self._span = -1
         self._first = 0
         self._waits_for_rest = False
         self._heard: list[Subscription] = []
@@ -95,15 +96,17 @@ class Recorder:
         return hear
 
     def _add(self, stamp: int, topic: str, value: Any) -> None:
-        """Take a value of a step; the first one of an episode forgets the episode before."""
-        if self._rows and not 0 <= stamp - min(self._first, stamp) <= self._span + EPISODE_GAP * SECOND // 2:
-            self._rows.clear()
-        if not self._rows:
-            self._first, self._span = stamp, 0
+        """Take a value of a step; an episode begins where the stamps of the true state leap."""
+        if topic == "true_state":
+            if not self._rows or not 0 <= stamp - self._last < EPISODE_GAP * SECOND:
+                # What the other topics have said already of the new episode's first step is kept.
+                self._rows = {at: row for at, row in self._rows.items() if at >= stamp > self._last}
+                self._first, self._span = stamp, -1
+            self._last = stamp
         row = self._rows.setdefault(stamp, {})
         row[topic] = value
         if len(row) == len(STEP):
-            self._span = stamp - self._first
+            self._span = max(self._span, stamp - self._first)
 
     def _at(self, stamp: int) -> dict[str, Any]:
         """Return the sample of a stamp; a new one holds the reference and the command of its time."""
@@ -128,7 +131,7 @@ class Recorder:
     def has_begun(self) -> bool:
         """Whether there are samples since the start; in lock-step, whether the first step is complete."""
         with self._lock:
-            return any(len(row) == len(STEP) for row in self._rows.values()) if self._lock_step else bool(self._rows)
+            return self._span >= 0 if self._lock_step else bool(self._rows)
 
     @property
     def is_connected(self) -> bool:
@@ -140,14 +143,14 @@ class Recorder:
         """Time between the first and the last sample, by their stamps, s."""
         with self._lock:
             if self._lock_step:
-                return self._span / 1e9
+                return max(self._span, 0) / 1e9
             return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
     def trajectory(self) -> Trajectory:
         """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step."""
         with self._lock:
-            end = self._first + self._span if self._lock_step else math.inf
-            rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows) if stamp <= end]
+            first, end = (self._first, self._first + self._span) if self._lock_step else (-math.inf, math.inf)
+            rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows) if first <= stamp <= end]
         nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3}
 
         def column(topic: str, pick: Callable[[Any], Any] = tuple) -> Any:

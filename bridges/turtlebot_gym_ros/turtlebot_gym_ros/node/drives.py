@@ -60,8 +60,8 @@ class Drive(Protocol):
         """Return the present of the clock that the block runs by, ns."""
         ...
 
-    def check(self, key: str, stamp: int) -> None:
-        """Refuse, by a `ValueError`, a value that came with a stamp that cannot be."""
+    def takes(self, key: str, stamp: int) -> bool:
+        """Return whether a value of a stamp counts, or refuse by a `ValueError` a stamp that cannot be."""
         ...
 
     def heard(self, key: str, stamp: int) -> None:
@@ -106,8 +106,9 @@ class Running:
         """Return the present of the ROS clock, ns."""
         return self._hands.node.get_clock().now().nanoseconds
 
-    def check(self, key: str, stamp: int) -> None:
+    def takes(self, key: str, stamp: int) -> bool:
         """Take any stamp."""
+        return True
 
     def heard(self, key: str, stamp: int) -> None:
         """Wait for something else."""
@@ -166,10 +167,11 @@ class ByMessages(Running):
         self.period = trigger.period
         self.interval, self.pause, self.reset = rule.interval, rule.pause, rule.reset
 
-    def check(self, key: str, stamp: int) -> None:
+    def takes(self, key: str, stamp: int) -> bool:
         """Refuse what comes twice or late."""
         if key == self._rule.input:
             self._rule.check(stamp)
+        return True
 
     def heard(self, key: str, stamp: int) -> None:
         """Step, if the message is due."""
@@ -203,9 +205,10 @@ class ByAnswers(Running):
         """Return 0: what answers no step, such as a stop, has no time."""
         return 0
 
-    def check(self, key: str, stamp: int) -> None:
+    def takes(self, key: str, stamp: int) -> bool:
         """Refuse the stamps of a robot."""
         self._rule.check(key, stamp)
+        return True
 
     def heard(self, key: str, stamp: int) -> None:
         """Answer the step if it is complete, or once more."""
@@ -239,10 +242,10 @@ class AsPlant(Running):
     def __init__(self, hands: Hands, trigger: Every, block: Block) -> None:
         super().__init__(hands)
         self._rule = Plant(trigger, now=hands.now())
-        self._answers = [hands.feeds[key] for key, each in block.inputs.items() if each.lock_step == "same"]
+        self._answers = {key: hands.feeds[key] for key, each in block.inputs.items() if each.lock_step == "same"}
         if not self._answers:
             raise ValueError("lock_step must be false for a plant that no input answers.")
-        self._chain = Chain(hands.node, trigger.through, self._answers)
+        self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
         self._clock = hands.node.create_publisher(ClockMessage, "/clock", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -254,9 +257,14 @@ class AsPlant(Running):
         """Return the stamp of the step that is to be answered, ns."""
         return self._rule.present
 
+    def takes(self, key: str, stamp: int) -> bool:
+        """Take one answer to the present step, the first; a stop, or what answered another step, is left aside."""
+        feed = self._answers.get(key)
+        return feed is None or stamp == self._rule.present != feed.stamp
+
     def heard(self, key: str, stamp: int) -> None:
         """Take the next step if this one has been answered."""
-        if self._started and self._rule.answers(feed.stamp for feed in self._answers):
+        if self._started and self._rule.answers(feed.stamp for feed in self._answers.values()):
             self._go_on()
 
     def _go_on(self) -> None:

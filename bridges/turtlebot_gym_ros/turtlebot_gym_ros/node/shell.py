@@ -133,7 +133,8 @@ class Shell:
         stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else drive.present()
         try:
             value = feed.read(message, self.common.frame)
-            drive.check(key, stamp)
+            if not drive.takes(key, stamp):
+                return
         except ValueError as error:
             if feed.refuse(str(error)):
                 self._log.warning(f"{feed.topic}: refused: {error}")

@@ -76,9 +76,10 @@ class SwiftExecutor(SingleThreadedExecutor):
                 subscription.callback(taken[0])
 
     def _run_others(self) -> None:
-        """Run all that is ready of what is not swift."""
+        """Run what is ready of what is not swift, for as long at most as the swift had."""
+        until = time.monotonic() + OTHERS
         try:
-            while not self._is_shutdown:
+            while not self._is_shutdown and time.monotonic() < until:
                 handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
                 handler()
                 if (error := handler.exception()) is not None:
