@@ -64,12 +64,9 @@ def test_it_starts_from_any_order_and_the_bag_holds_all_that_was_heard(launch, p
     held = read_bag(tmp_path / "run")
     for topic, messages in heard.items():
         recorded = held[f"/{topic}"]
-        if messages[0] in recorded:  # whichever was matched last
-            recorded = recorded[recorded.index(messages[0]) :]
-        else:
-            messages = messages[messages.index(recorded[0]) :]
-        assert messages == recorded, topic
-        assert len(messages) > 10, topic
+        both = min(len(recorded), len(messages))  # from when both were matched: before, a step may have been sent many times
+        assert messages[-both:] == recorded[-both:], topic
+        assert both > 20, topic
 
 
 def test_it_drives_the_square_in_processes():
@@ -134,7 +131,7 @@ def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait
         command = kind()
         (command.twist if stamped else command).linear.x = 0.15
         publisher = peer.speak("cmd_vel", kind)
-        wait_for(lambda: publisher.get_subscription_count() >= 3)  # the plant, the filter and the recorder
+        wait_for(lambda: publisher.get_subscription_count() >= 2)  # the plant and the recorder
         publisher.publish(command)  # once: the plant holds it for ever
         graph.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
         assert graph.latest["estimate"].belief.mean.x == pytest.approx(graph.latest["true_state"].x, abs=0.1)
@@ -146,8 +143,9 @@ def test_the_scripted_person_drives(launch, peer, wait_for):
         launch(*node("simulated_teleop", "use_sim_time:=true"))
         wait_for(lambda: states and states[-1].data == "silent: done")
         commands = graph.trajectory().command
-        assert {0.15, 0.0} <= set(commands[:, 0].tolist())
-        assert {0.8, -0.8, 1.5, 0.0} <= set(commands[:, 1].tolist())
+        # 0.15 m/s with 0.8 rad/s is beyond a wheel's limit: 0.15 + 0.8 * 0.08 = 0.214 m/s, of 0.2097.
+        executed = {(0.15, 0.0), (0.147, 0.7839), (0.147, -0.7839), (0.0, 1.5), (0.0, 0.0)}
+        assert executed == set(map(tuple, np.round(commands, 4).tolist()))
         graph.wait_until(lambda graph: graph.latest["true_state"].v == 0.0)
 
 

@@ -12,7 +12,7 @@ from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.node.drives import AsPlant
+from turtlebot_gym_ros.node.answering import AsPlant
 from turtlebot_gym_ros.node.lockstep import Plant
 
 STEPS = 300

@@ -34,10 +34,11 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
     known = np.isfinite(truth).all(1) & np.isfinite(estimate).all(1) & np.isfinite(odometry).all(1)
     followed = np.isfinite(reference).all(1) & np.isfinite(truth).all(1)
     pieces = np.split(np.flatnonzero(followed), np.flatnonzero(np.any(np.diff(reference[followed], axis=0), axis=1)) + 1)
-    pieces = [piece for piece in pieces if len(piece)]
-    closest = [position_error(truth[piece], reference[piece]).min() for piece in pieces]
+    # A row holds the reference that follows from it: in the row in which one is reached there stands the next.
+    pieces = [(np.append(piece, piece[-1] + 1)[: len(truth) - piece[0]], reference[piece[0]]) for piece in pieces if len(piece)]
+    closest = [float(np.nanmin(position_error(truth[rows], waypoint))) for rows, waypoint in pieces]
     # The generator goes by the estimate; without one all the time, fmin leaves out where there was none.
-    believed = [np.fmin.reduce(position_error(estimate[piece], reference[piece])) for piece in pieces]
+    believed = [np.fmin.reduce(position_error(estimate[rows], waypoint)) for rows, waypoint in pieces]
     return {
         "duration": float(trajectory.time[-1]),
         "odometry position error": float(position_error(odometry[known], truth[known]).mean()),

@@ -23,10 +23,11 @@ from rclpy.time import Time
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from turtlebot_gym_ros.node.answering import make_drive
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import ERROR, WARN, Problem, Reporter
-from turtlebot_gym_ros.node.drives import Hands, make_drive
+from turtlebot_gym_ros.node.drives import Hands
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.parameters import Common, declare
