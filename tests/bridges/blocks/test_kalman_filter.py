@@ -81,6 +81,13 @@ def test_the_noise_of_a_robots_measured_twist_costs_little():
     assert errors["wheels"] < 0.12
 
 
+def test_after_a_pause_whose_length_nobody_knows_it_begins_again():
+    node = estimator()
+    node.step(0.0, seen(1.0, 2.0, 3.0))
+    node.step(0.1, seen(1.0, 2.0, 3.0))
+    assert node.step(0.0, seen(-1.0, 0.0, 0.5)) == estimator().step(0.0, seen(-1.0, 0.0, 0.5))
+
+
 def test_it_needs_no_command_to_begin():
     node = estimator()
     first = node.step(0.0, seen(1.0, 2.0, 3.0))["estimate"]

@@ -82,7 +82,7 @@ class KalmanFilter:
     def step(self, dt: float, odometry: Senses, command: Command | None = None) -> dict[str, Any]:
         """Return the estimate after an odometry message that came ``dt`` after the one before."""
         z, _, measured = odometry
-        if self._estimate is None:
+        if self._estimate is None or dt <= 0.0:  # the first message, or the first after a pause
             estimate = initialize(z, self._tuning)
         else:
             estimate, before = self._estimate, self._odometry

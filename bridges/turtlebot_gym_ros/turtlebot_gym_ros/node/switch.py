@@ -42,7 +42,7 @@ class Switch:
         restart: Callable[[], None],
         blocked: float | None = None,
     ) -> None:
-        self.safety = Safety(enabled=enabled, blocked=blocked)
+        self.safety = Safety(enabled=enabled) if blocked is None else Safety(enabled=enabled, blocked=blocked)
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
         self._state = node.create_publisher(String, "~/state", LATCHED)
