@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -29,7 +29,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png
 	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
-	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --speed 5 --duration 40 --figure $(OUT)/graph.png
+	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
@@ -60,6 +60,10 @@ docs: $(READY)  ## build the documentation into out/docs
 bench-ros: $(READY)  ## the live graph: latency, jitter, CPU, memory, time to a stop (15 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/ros.py --json $(OUT)/ros.json
+
+bench-lockstep: $(READY)  ## the live graph and the environment: equality, speed, real time under load (15 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/lockstep.py --json $(OUT)/lockstep.json
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet

@@ -39,10 +39,11 @@ from rich.table import Table
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.values import Pose, State
+from turtlebot_gym.values import STOP, Pose, Senses
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.node.discovery import prepare
+from turtlebot_gym_ros.nodes import MODES
 
 PERIOD = 0.05
 """Period of the probe's odometry, s."""
@@ -54,7 +55,7 @@ FAR = Pose(1000.0, 0.0, 0.0)
 """A waypoint that is never reached."""
 MOVERS = ("cmd_vel_guard", "velocity_controller")
 """Nodes that have to be enabled. On an overloaded machine both may take the emergency stop for silent at any time."""
-NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
+NODES = MODES["autonomous"]
 ORDERS = [NODES, NODES[::-1], *islice(permutations(NODES), 7, 23, 4)]
 """Each node is first, second, third and last in some of these, and before and after every other."""
 GUARDED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
@@ -270,10 +271,10 @@ def expected(headings: list[float]) -> NDArray[np.float64]:
     """Return the commands (n, 2) that filter and controller answer odometry with, as plain objects in a loop."""
     kalman_filter = KalmanFilter(KalmanFilter.Params())
     controller = VelocityController(VelocityController.Params(policy="proportional", period=PERIOD))
-    command, commands = None, []
+    commands = []
     for k, heading in enumerate(headings):
-        odometry = State(0.0, 0.0, heading, 0.0, 0.0)
-        estimate = kalman_filter.step(PERIOD if k else 0.0, odometry, command)["estimate"]
+        odometry = Senses(Pose(0.0, 0.0, heading), STOP, True)
+        estimate = kalman_filter.step(PERIOD if k else 0.0, odometry)["estimate"]
         command = controller.step(PERIOD if k else 0.0, estimate, FAR, None)["command"]
         commands.append(command)
     return np.array(commands)

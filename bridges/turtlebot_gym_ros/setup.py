@@ -1,22 +1,13 @@
 """The ROS package, for colcon; as part of the Python distribution the same modules are built by hatchling."""
 
+import runpy
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 NAME = "turtlebot_gym_ros"
-NODES = [
-    "waypoint_generator",
-    "velocity_controller",
-    "turtlebot_simulator",
-    "kalman_filter",
-    "simulated_teleop",
-    "cmd_vel_guard",
-    "data_logger",
-    "visualization",
-    "bringup",
-    "status",
-]
+NODES = runpy.run_path(str(Path(__file__).with_name(NAME) / "nodes.py"))["NODES"]  # plain data, read without its package
 
 setup(
     name=NAME,

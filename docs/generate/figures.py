@@ -7,7 +7,7 @@ import mkdocs_gen_files
 from matplotlib.figure import Figure
 
 from turtlebot_gym_ros.graph.diagram import declared, draw
-from turtlebot_gym_ros.graph.graph import MODES
+from turtlebot_gym_ros.nodes import MODES
 
 LOOP = MODES["autonomous"]
 GUARDED = (*LOOP, "cmd_vel_guard", "simulated_teleop")

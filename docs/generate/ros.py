@@ -14,13 +14,12 @@ import mkdocs_gen_files
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from turtlebot_gym_ros.graph import markers
-from turtlebot_gym_ros.graph.graph import BLOCKS
 from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.diagnostics import type_name
 from turtlebot_gym_ros.node.discovery import prepare
 from turtlebot_gym_ros.node.parameters import Common
 from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording import logger
 from turtlebot_gym_ros.robot import guard
 
@@ -100,7 +99,8 @@ with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryD
     )
     context = Context()
     context.init(["--ros-args", "--log-level", "warn", "-p", f"data_logger:output:={folder}/bag"], domain_id=DOMAIN)
-    for name, block in {**BLOCKS, "visualization": markers.Visualization}.items():
+    for name in BLOCKS:
+        block = load(name)
         shell = Shell(block, block.Params, name=name, context=context)
         write(page, shell.node, block.__doc__, (Common, block.Params), shell.block)
         shell.close()

@@ -1,6 +1,7 @@
 """Real ROS 2 for the tests: contexts that end, processes that end, and waiting for states."""
 
 import functools
+import importlib.util
 import math
 import os
 import signal
@@ -10,6 +11,7 @@ import time
 import warnings
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -155,6 +157,16 @@ def launch(tmp_path):
             process.kill()
             process.communicate()
             pytest.fail(f"{process.args} did not end at SIGTERM")
+
+
+@pytest.fixture(scope="session")
+def compare():
+    """The benchmark that compares the live graph with the environment, as a module."""
+    path = Path(__file__).parents[2] / "benchmarks" / "lockstep.py"
+    spec = importlib.util.spec_from_file_location("lockstep_benchmark", path)
+    module = sys.modules["lockstep_benchmark"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 from turtlebot_gym_ros.node.convert import conversion, quaternion_of, register, yaw_of
 
 HEADER = Header(frame_id="odom")
@@ -27,11 +27,52 @@ def a_covariance(rng):
     return Covariance(*(root @ root.T)[np.triu_indices(5)].tolist())
 
 
-@pytest.mark.parametrize("theta", [0.0, 1e-9, -1e-9, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)])
+@pytest.mark.parametrize("theta", [0.0, 1e-9, -1e-9, 1e-300, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)])
 def test_headings_survive_the_quaternion(theta):
-    back = yaw_of(quaternion_of(theta))
-    assert -math.pi <= back < math.pi
-    assert abs(wrap(back - theta)) < 1e-12
+    for _ in range(50):  # and their neighbours
+        assert yaw_of(quaternion_of(theta)) == theta
+        theta = math.nextafter(theta, 0.0)
+
+
+def test_any_heading_survives_the_quaternion_to_the_bit():
+    rng = np.random.default_rng(0)
+    headings = [
+        *rng.uniform(-math.pi, math.pi, 20_000),
+        *(rng.choice([-1.0, 1.0], 5_000) * 10.0 ** rng.uniform(-300, 0, 5_000)),
+    ]
+    back = [yaw_of(quaternion_of(float(heading))) for heading in headings]
+    assert back == headings
+    plain = [2.0 * math.atan2(math.sin(0.5 * heading), math.cos(0.5 * heading)) for heading in headings]
+    assert plain != headings  # sine and cosine alone would lose some
+
+
+def test_a_quaternion_stays_a_rotation_for_other_readers():
+    for heading in np.random.default_rng(1).uniform(-math.pi, math.pi, 2_000).tolist():
+        q = quaternion_of(heading)
+        assert abs(q.z * q.z + q.w * q.w - 1.0) < 1e-14
+        general = math.atan2(2.0 * q.w * q.z, 1.0 - 2.0 * q.z * q.z)  # the formula that others use
+        assert abs(wrap(general - heading)) < 1e-7 if abs(heading) > 3.14 else abs(general - heading) < 1e-12
+
+
+@pytest.mark.parametrize(("z", "w"), [(0.6, 0.8), (-0.6, -0.8)])
+def test_a_rotation_and_its_negative_are_the_same_heading(z, w):
+    assert yaw_of(Quaternion(x=0.0, y=0.0, z=z, w=w)) == pytest.approx(2.0 * math.asin(0.6), abs=1e-12)
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_odometry_says_whether_it_was_measured_and_with_which_twist(measured):
+    senses = Senses(Pose(1.0, -2.0, 0.5), Command(0.1, -0.3), measured)
+    message = conversion(Senses).write(senses, HEADER)
+    assert message.pose.covariance[0] == (0.0 if measured else -1.0)
+    assert (message.twist.twist.linear.x, message.twist.twist.angular.z) == (0.1, -0.3)
+    assert travel(senses) == senses
+
+
+@pytest.mark.parametrize("variance", [0.0, 1e-6, 100.0])
+def test_a_robots_odometry_counts_as_measured(variance):
+    message = conversion(State).write(State(1.0, 2.0, 0.5, 0.1, 0.2), HEADER)
+    message.pose.covariance[0] = variance
+    assert conversion(Senses).read(message) == Senses(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), True)
 
 
 def test_all_but_the_heading_survives_to_the_bit():

@@ -24,7 +24,7 @@ def test_a_policy_is_trained_exported_evaluated_and_drives_the_live_square(tmp_p
     train(TrainingConfig(env=SQUARE, steps=1_500_000, evaluations=2, episodes=100), tmp_path, progress=False)
     bundle = tmp_path / "policy.onnx"
     share = evaluate(BundlePolicy(bundle), env=SQUARE, episodes=200).summary()["success"]
-    with Graph(policy=str(bundle), speed=5.0, seed=3) as graph:
+    with Graph(policy=str(bundle), seed=3) as graph:
         graph.wait_until(lambda graph: graph.time >= DURATION, timeout=120.0)
         drive = graph.trajectory()
     closest = [np.nanmin(position_error(drive.true_state, np.array(waypoint))) for waypoint in SQUARE_WAYPOINTS]

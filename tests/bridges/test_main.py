@@ -11,9 +11,10 @@ from std_msgs.msg import Header, String
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
-from turtlebot_gym_ros.__main__ import HELP, NODES, main
+from turtlebot_gym_ros.__main__ import HELP, main
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.qos import LATCHED
+from turtlebot_gym_ros.nodes import NODES
 
 POLICIES = """
 import time
@@ -76,6 +77,13 @@ def test_a_node_explains_itself(capsys, name):
         (["velocity_controller", "--ros-args", "-p", "goal_tolerance:=0.001"], "goal_tolerance must be"),
         (["velocity_controller", "--ros-args", "-p", "start_enabled:=1"], "start_enabled must be of type bool"),
         (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be positive"),
+        (
+            ["velocity_controller", "--ros-args", "-p", "lock_step:=true", "-p", "enable_stamped_cmd_vel:=false"],
+            "unstamped Twist",
+        ),
+        (["simulated_teleop", "--ros-args", "-p", "lock_step:=true"], "lock_step must be false"),
+        (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),
+        (["kalman_filter", "--ros-args", "-p", "twist:=guessed"], "twist must be one of"),
         (["turtlebot_simulator", "--ros-args", "-p", "noise:=silence"], "noise must be one of"),
         (["waypoint_generator", "--ros-args", "-p", "waypoints:=/nowhere.yaml"], "cannot read '/nowhere.yaml'"),
         (["waypoint_generator", "--ros-args", "-p", "switch:=never"], "switch must be one of"),

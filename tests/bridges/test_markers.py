@@ -18,12 +18,12 @@ from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
-from turtlebot_gym_ros.graph.graph import BLOCKS
 from turtlebot_gym_ros.graph.markers import LIFETIME
 from turtlebot_gym_ros.node.convert import conversion, yaw_of
 from turtlebot_gym_ros.node.diagnostics import type_name
 from turtlebot_gym_ros.node.qos import STREAM
 from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.nodes import BLOCKS
 
 RVIZ = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "rviz" / "turtlebot.rviz"
 HEADER = Header(frame_id="odom")
@@ -126,7 +126,7 @@ CLASSES = {"rviz_default_plugins/Odometry": "nav_msgs/msg/Odometry", "rviz_defau
 
 
 def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
-    said = {f"/{topic}": kind for name in (*BLOCKS, "visualization") for topic, kind in _says(name, guarded=False).items()}
+    said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
     shown = {each["Topic"]["Value"]: each for each in displays().values() if "Topic" in each}
     assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate"}
     for topic, display in shown.items():

@@ -114,7 +114,7 @@ def test_messages_that_are_too_slow_for_the_period_are_told_from_drop_outs():
     assert rule.slow is None
 
 
-@pytest.mark.parametrize(("period", "speed"), [(0.0, None), (-0.1, None), (math.nan, None), (0.1, 0.0), (0.1, math.inf)])
+@pytest.mark.parametrize(("period", "speed"), [(0.0, None), (-0.1, None), (math.nan, None), (0.1, -1.0), (0.1, math.inf)])
 def test_a_period_is_positive(period, speed):
     with pytest.raises(ValueError, match="positive"):
         Every(period, speed)

@@ -23,7 +23,7 @@ pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.commands.cli import COMMANDS
-from turtlebot_gym_ros.__main__ import NODES
+from turtlebot_gym_ros.nodes import NODES
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

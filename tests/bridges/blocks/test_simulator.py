@@ -10,7 +10,7 @@ from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Pose
+from turtlebot_gym.values import STOP, Command, Pose, Senses
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 
 COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]
@@ -25,17 +25,17 @@ def simulator(**parameters):
 def test_its_steps_are_the_environments_to_the_bit(noise, robot):
     plant = simulator(noise=noise, robot=robot, seed=7)
     plant.reset()  # the second episode
-    p = make_parameters(replace(NAV, random=False), noise=noise, robot=robot)
-    episode, lost = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=7), 0
-    world = episode.reset()
-    assert plant.step(0.1, None) == {"truth": world.body.true_state, "odometry": (*world.senses.odometry, *STOP)}
+    episode = Episode(make_parameters(replace(NAV, random=False), noise=noise, robot=robot), [Pose(0.0, 0.0, 0.0)], seed=7)
+    world, lost = episode.reset(), 0
+    assert plant.step(0.1, None) == {"truth": world.body.true_state, "odometry": Senses(world.senses.odometry, STOP, True)}
     for command in COMMANDS:
+        before = episode.world.senses.odometry
         episode.step(command)
         world, out = episode.world, plant.step(0.1, command)
         assert out["truth"] == world.body.true_state
-        if "odometry" in out:
-            assert out["odometry"] == (*world.senses.odometry, *world.body.command)
-        lost += "odometry" not in out
+        measured = noise not in ("rough",) or world.senses.odometry != before  # its white noise never repeats a number
+        assert out["odometry"] == Senses(world.senses.odometry, world.body.command, measured)
+        lost += not measured
     assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.0)
 
 
@@ -48,15 +48,26 @@ def test_it_is_at_rest_until_commanded_and_then_holds_the_last_command():
         assert plant.step(0.1, Command(0.1, 0.0))["truth"].x == pytest.approx(0.01 * (k + 1), abs=1e-12)
 
 
-def test_a_standing_robot_loses_no_measurement():
+def test_a_sensor_that_loses_nothing_measures_in_every_step():
     plant = simulator(noise="clean")
-    assert all("odometry" in plant.step(0.1, None) for _ in range(100))
+    assert all(plant.step(0.1, None)["odometry"].measured for _ in range(100))
+
+
+def test_where_a_measurement_is_lost_the_pose_is_the_last_one_and_the_twist_is_new():
+    """5 % are lost: none of 300 with a probability of 2e-7."""
+    plant, before, lost = simulator(noise="rough", seed=2), None, 0
+    for k in range(300):
+        odometry = plant.step(0.1, Command(0.1, 0.001 * k))["odometry"]
+        assert odometry.twist == ((0.0, 0.0) if k == 0 else (0.1, pytest.approx(0.001 * k)))
+        assert odometry.measured or odometry.odometry == before
+        lost, before = lost + (not odometry.measured), odometry.odometry
+    assert lost > 0
 
 
 def test_its_wheels_respect_the_robots_limits():
     plant, robot = simulator(noise="clean"), ROBOTS["burger"]
     plant.step(0.1, None)
-    twist = plant.step(0.1, Command(10.0, 10.0))["odometry"]
+    twist = plant.step(0.1, Command(10.0, 10.0))["odometry"].twist
     assert abs(twist.v) + abs(twist.omega) * robot.wheel_separation / 2.0 <= robot.max_wheel * (1.0 + 1e-12)
     assert twist.v == pytest.approx(twist.omega)
 

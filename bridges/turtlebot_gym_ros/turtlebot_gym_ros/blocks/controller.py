@@ -56,8 +56,8 @@ class VelocityController:
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
-        "reference": Input(topic="reference", type=Pose),
-        "following": Input(topic="next_reference", type=Pose, required=False),
+        "reference": Input(topic="reference", type=Pose, lock_step="same"),
+        "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same"),
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
 

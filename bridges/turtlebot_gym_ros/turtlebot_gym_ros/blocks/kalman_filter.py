@@ -10,18 +10,20 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import STOP, Command, Pose, Senses, State
+from turtlebot_gym.values import STOP, Command, Pose, Senses
 from turtlebot_gym_ros.node.block import Input, On, Output
 
 
 class KalmanFilter:
     """Estimate the pose from odometry.
 
-    It begins with the first odometry, without any command. Where a measurement drops out it predicts, period by period, with
-    the command that holds; after ``max_gap`` it begins again. Nothing is published without odometry, so dead odometry shows.
+    It begins with the first odometry, and predicts with the twist that the wheels executed. The simulator states it exactly; on
+    a robot it is the wheels' measured twist, with their noise. Where a pose drops out it predicts only; where messages are lost
+    it predicts period by period, and after ``max_gap`` it begins again. Nothing is published without odometry, so dead odometry
+    shows.
 
-    Inputs: ``odometry`` (`State`, on ``odom``, every message; its pose counts), ``command`` (`Command`, on ``cmd_vel``;
-    optional, the last value holds).
+    Inputs: ``odometry`` (`Senses`, on ``odom``, every message), and where ``twist`` is "commanded", ``command`` (`Command`, on
+    ``cmd_vel``; optional, the last value holds).
     Outputs: ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp and in its frame.
     Parameters: those of `Params`.
     """
@@ -38,6 +40,10 @@ class KalmanFilter:
         """"matched" or "tutorial"."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
+        twist: str = "executed"
+        """What it predicts with: "executed", the twist in ``/odom``, or "commanded", the last ``/cmd_vel``. Nothing ties a
+        command to a step: on a busy machine the filter used another one than the robot in 109 of 402 steps, and its error rose
+        from 0.038 m to as much as 0.113 m. For odometry without a twist; not for lock-step."""
         period: float = 0.1
         """Longest interval that is predicted in one go, s."""
         max_gap: float = 1.0
@@ -49,10 +55,7 @@ class KalmanFilter:
                     f"period and max_gap must satisfy 0 < period <= max_gap < 60, got {self.period!r} and {self.max_gap!r}."
                 )
 
-    inputs = {
-        "odometry": Input(topic="odom", type=State, reliable=False),
-        "command": Input(topic="cmd_vel", type=Command, max_age=None, required=False),
-    }
+    inputs = {"odometry": Input(topic="odom", type=Senses, reliable=False)}
     outputs = {"estimate": Output(topic="estimate", type=Estimate)}
 
     def __init__(self, params: Params) -> None:
@@ -60,29 +63,37 @@ class KalmanFilter:
         self._period = params.period
         self._robot = make_robot(params.robot)
         self._tuning = make_filter(params.filter, make_noise(params.noise))
-        self._start, self._step = filter_of(self._tuning)
+        self._filter = filter_of(self._tuning)
         self._middle = choose("integrator", params.integrator, INTEGRATORS)
+        if choose("twist", params.twist, {"executed": False, "commanded": True}):
+            command = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="refused")
+            self.inputs = {**self.inputs, "command": command}
+            self._executed = lambda odometry, command: limit(command or STOP, self._robot)
         self.reset()
+
+    @staticmethod
+    def _executed(odometry: Senses, command: Command | None) -> Command:
+        """Return the twist to predict with."""
+        return odometry.twist
 
     def reset(self) -> None:
         """Begin again with the next odometry."""
         self._estimate: Estimate | None = None
         self._senses = Senses(Pose(0.0, 0.0, 0.0), STOP, False)
 
-    def step(self, dt: float, odometry: State, command: Command | None) -> dict[str, Any]:
+    def step(self, dt: float, odometry: Senses, command: Command | None = None) -> dict[str, Any]:
         """Return the estimate after an odometry message that came ``dt`` after the one before."""
-        z = Pose(odometry.x, odometry.y, odometry.theta)
-        if self._estimate is None:
-            senses = Senses(z, STOP, True)
-            estimate = self._start(z, self._tuning)
+        z, _, measured = odometry
+        senses = Senses(z, self._executed(odometry, command), measured)
+        if self._estimate is None or dt <= 0.0:  # the first message, or the first after a pause
+            estimate = self._filter.start(z, self._tuning)
         else:
             estimate, before = self._estimate, self._senses
-            u = limit(command or STOP, self._robot)
+            nothing = Senses(before.odometry, senses.twist, False)
             n = max(1, round(dt / self._period))
             share = round(dt / n, 9)  # stamps are whole nanoseconds, and so 0.3 s are three times exactly 0.1 s
-            nothing, senses = Senses(before.odometry, u, False), Senses(z, u, True)
             for _ in range(n - 1):
-                estimate = self._step(estimate, before, nothing, self._tuning, share, self._middle)
-            estimate = self._step(estimate, before, senses, self._tuning, share, self._middle)
+                estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
+            estimate = self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
         self._estimate, self._senses = estimate, senses
         return {"estimate": estimate}

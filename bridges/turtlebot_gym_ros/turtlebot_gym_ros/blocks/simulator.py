@@ -6,20 +6,24 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Pose, State
+from turtlebot_gym.values import STOP, Command, Pose, Senses, State
 from turtlebot_gym_ros.node.block import Every, Input, Output
+
+THROUGH = {"estimate": Estimate, "reference": Pose, "next_reference": Pose}
+"""Topics over which a step's odometry leads to the command that answers it, in their order."""
 
 
 class TurtlebotSimulator:
     """Simulate a TurtleBot: each step is the environment's, with the noise that it would have for the same seed and episode.
 
-    Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest).
-    Outputs: ``truth`` (`State`, on ``true_state``) and ``odometry`` (`State`, on ``odom``: the measured pose with the wheels'
-    twist; left out where the measurement drops out), both in the world frame.
-    Parameters: those of `Params`. A reset begins the next episode.
+    Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest). Outputs:
+    ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
+    out, with the twist that the wheels executed), both in the world frame. Parameters: those of `Params`. A reset begins the
+    next episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +39,8 @@ class TurtlebotSimulator:
         period: float = 0.1
         """Period of the odometry and of the simulation, s."""
         speed: float = 1.0
-        """How many times faster than real time it runs; other than at 1 it sets ``/clock``."""
+        """How many times faster than real time it runs; other than at 1 it sets ``/clock``. In lock-step this is the upper
+        limit, and 0 is as fast as the nodes answer."""
         seed: int = 0
         """Seed of the noise."""
         random_start: bool = False
@@ -45,16 +50,16 @@ class TurtlebotSimulator:
             if not 0 <= self.seed <= MAX_SEED:
                 raise ValueError(f"seed must be in [0, {MAX_SEED}], got {self.seed!r}.")
 
-    inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False)}
+    inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
         "truth": Output(topic="true_state", type=State),
-        "odometry": Output(topic="odom", type=State),
+        "odometry": Output(topic="odom", type=Senses),
     }
 
     def __init__(self, params: Params) -> None:
         task = replace(NAV, random=params.random_start, max_steps=math.inf)
         p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
-        self.trigger = Every(params.period, params.speed)
+        self.trigger = Every(params.period, params.speed, through=THROUGH)
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed)  # it has no waypoints: others drive
         self._begun = False
 
@@ -64,10 +69,9 @@ class TurtlebotSimulator:
         self._begun = False
 
     def step(self, dt: float, command: Command | None) -> dict[str, Any]:
-        """Return the first measurement, and from then on what a control interval has come to."""
+        """Return the first measurement; from the second call on, the result of a control interval."""
         if self._begun:
             self._episode.step(command or STOP)
         self._begun = True
-        body, senses = self._episode.world.body, self._episode.world.senses
-        truth = {"truth": body.true_state}
-        return {**truth, "odometry": State(*senses.odometry, *senses.twist)} if senses.measured else truth
+        world = self._episode.world
+        return {"truth": world.body.true_state, "odometry": world.senses}

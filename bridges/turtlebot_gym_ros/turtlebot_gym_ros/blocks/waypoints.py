@@ -11,7 +11,7 @@ from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, arrived, make_task
+from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, arrived, by_time, due, make_task
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.node.block import Every, Input, Output
 
@@ -19,8 +19,9 @@ from turtlebot_gym_ros.node.block import Every, Input, Output
 class WaypointGenerator:
     """Publish the waypoint to reach and the one after it, again and again, so that their end shows.
 
-    By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint stays. A pose from
-    RViz takes the place of all waypoints. A reset begins with the first one again.
+    It steps by the clock; in lock-step it answers each estimate, and its rule is then the environment's with
+    ``arrival="belief"``. By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint
+    stays. A pose from RViz takes the place of all waypoints. A reset begins with the first one again.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional).
     Outputs: ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame.
@@ -63,10 +64,9 @@ class WaypointGenerator:
     def __init__(self, params: Params) -> None:
         given = SQUARE_WAYPOINTS if params.waypoints == "square" else load_waypoints(params.waypoints)
         task, self._waypoints = make_task("square", waypoints=given, switch=params.switch, laps=params.laps)
-        by_time = task.switch_period < math.inf
-        self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time else math.inf)
+        self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative = params.relative
-        self.trigger = Every(params.period)
+        self.trigger = Every(params.period, answers="estimate")
         self.reset()
 
     def reset(self) -> None:
@@ -74,12 +74,12 @@ class WaypointGenerator:
         self._poses: Sequence[Pose] = () if self._relative else self._waypoints
         self._laps = self._task.laps
         self._visited = 0
-        self._elapsed = 0.0
+        self._steps = 0
 
     def step(self, dt: float, estimate: Estimate | None, goal: Pose | None) -> dict[str, Pose]:
         """Return the waypoint to reach and the one after it; nothing before they are known."""
         if goal is not None:
-            self._poses, self._laps, self._visited, self._elapsed = (goal,), 1.0, 0, 0.0
+            self._poses, self._laps, self._visited, self._steps = (goal,), 1.0, 0, 0
         if not self._poses:
             if estimate is None:
                 return {}
@@ -92,10 +92,10 @@ class WaypointGenerator:
         return {"reference": self._poses[self._visited % len(self._poses)], "following": following}
 
     def _is_done_with(self, dt: float, estimate: Estimate | None) -> bool:
-        if self._task.switch_period < math.inf:
-            due = self._elapsed > (self._visited + 1) * self._task.switch_period - 0.5 * dt
-            self._elapsed += dt if estimate is not None or self._elapsed > 0.0 else 0.0
-            return due
+        steps, timed = self._steps, by_time(self._task)
+        self._steps += estimate is not None or steps > 0
+        if timed or not steps:  # an episode's first step is not judged
+            return steps > 0 and due(steps, self._visited, self._task, dt)
         reference = self._poses[self._visited % len(self._poses)]
         return estimate is not None and arrived(estimate.belief.mean, reference, self._task)
 

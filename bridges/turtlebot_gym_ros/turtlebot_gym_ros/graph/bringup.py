@@ -15,8 +15,9 @@ import numpy as np
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
-from turtlebot_gym_ros.graph.graph import MODES, Graph
+from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.node.runner import refuse
+from turtlebot_gym_ros.nodes import MODES
 
 REACHED = 0.3
 """A waypoint counts as reached where a position came this close, m."""
@@ -33,10 +34,11 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
     known = np.isfinite(truth).all(1) & np.isfinite(estimate).all(1) & np.isfinite(odometry).all(1)
     followed = np.isfinite(reference).all(1) & np.isfinite(truth).all(1)
     pieces = np.split(np.flatnonzero(followed), np.flatnonzero(np.any(np.diff(reference[followed], axis=0), axis=1)) + 1)
-    pieces = [piece for piece in pieces if len(piece)]
-    closest = [position_error(truth[piece], reference[piece]).min() for piece in pieces]
+    # A row holds the reference that follows from it: in the row in which one is reached there stands the next.
+    pieces = [(np.append(piece, piece[-1] + 1)[: len(truth) - piece[0]], reference[piece[0]]) for piece in pieces if len(piece)]
+    closest = [float(np.nanmin(position_error(truth[rows], waypoint))) for rows, waypoint in pieces]
     # The generator goes by the estimate; without one all the time, fmin leaves out where there was none.
-    believed = [np.fmin.reduce(position_error(estimate[piece], reference[piece])) for piece in pieces]
+    believed = [np.fmin.reduce(position_error(estimate[rows], waypoint)) for rows, waypoint in pieces]
     return {
         "duration": float(trajectory.time[-1]),
         "odometry position error": float(position_error(odometry[known], truth[known]).mean()),
@@ -60,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
-    parser.add_argument("--speed", type=float, default=1.0, help="how many times faster than real time (default 1)")
+    parser.add_argument("--speed", type=float, help="1 is real time; by default as fast as the nodes answer, in lock-step")
     parser.add_argument("--policy", help="bearing (default) or another baseline, ppo-square, FILE.onnx, or module:callable")
     parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")

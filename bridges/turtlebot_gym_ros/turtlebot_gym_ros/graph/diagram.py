@@ -17,18 +17,17 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from turtlebot_gym.plotting import BLACK, BLUE, GREEN, SKY_BLUE, VERMILLION
 from turtlebot_gym.values import Command
-from turtlebot_gym_ros.graph.graph import BLOCKS
-from turtlebot_gym_ros.graph.markers import Visualization
 from turtlebot_gym_ros.graph.recorder import TOPICS
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import type_name
 from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Patch
 
-BEHIND_GUARD = {"velocity_controller": "cmd_vel_in", "simulated_teleop": "cmd_vel_teleop"}
+BEHIND_GUARD = {name: entry.guarded for name, entry in NODES.items() if entry.guarded}
 """Where those who command speak, instead of on ``cmd_vel``, when there is a guard."""
 HIDDEN = ("/rosout", "/parameter_events", "/diagnostics", "/clock", "/reset")
 """Topics that nearly every node has; they carry nothing of the loop."""
@@ -90,10 +89,9 @@ def _hears(name: str, spoken: Mapping[str, type]) -> Iterable[str]:
 
 
 def _block(name: str) -> type:
-    known = {**BLOCKS, "visualization": Visualization}
-    if name not in known:
-        raise ValueError(f"names must be of {', '.join(known)}, cmd_vel_guard, data_logger and bringup, got {name!r}.")
-    return known[name]
+    if name not in BLOCKS:
+        raise ValueError(f"names must be of {', '.join(BLOCKS)}, cmd_vel_guard, data_logger and bringup, got {name!r}.")
+    return load(name)
 
 
 def connected(expected: Connections, *, domain: int | None = None, timeout: float = 10.0) -> Connections:
@@ -135,25 +133,9 @@ def _name(info: TopicEndpointInfo) -> str:
     return f"{info.node_namespace}/{info.node_name}".strip("/")
 
 
-PLACES = {
-    "waypoint_generator": (0, 1),
-    "velocity_controller": (1, 1),
-    "cmd_vel_guard": (2, 1),
-    "simulated_teleop": (2, 2),
-    "turtlebot_simulator": (2, 0),
-    "kalman_filter": (1, 0),
-}
+PLACES = {name: entry.place for name, entry in NODES.items() if entry.place}
 """Column and row of each node of the loop, which runs clockwise; who only listens stands below, anybody else above."""
-WORDS = {
-    "waypoint_generator": "waypoints",
-    "velocity_controller": "controller",
-    "cmd_vel_guard": "guard",
-    "simulated_teleop": "person",
-    "turtlebot_simulator": "robot",
-    "kalman_filter": "filter",
-    "data_logger": "recorder",
-    "bringup": "observer",
-    "visualization": "display",
+WORDS = {name: entry.word for name, entry in NODES.items()} | {
     "/reference": "waypoint",
     "/next_reference": "next waypoint",
     "/cmd_vel": "command",

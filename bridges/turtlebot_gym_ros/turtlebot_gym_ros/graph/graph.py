@@ -13,24 +13,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
-from turtlebot_gym_ros import blocks
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.discovery import SETTLE
+from turtlebot_gym_ros.node.parameters import Common
 from turtlebot_gym_ros.node.runner import Runner
 from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.nodes import MODES, load
 
-BLOCKS: dict[str, Any] = {
-    "turtlebot_simulator": blocks.TurtlebotSimulator,
-    "kalman_filter": blocks.KalmanFilter,
-    "waypoint_generator": blocks.WaypointGenerator,
-    "velocity_controller": blocks.VelocityController,
-    "simulated_teleop": blocks.SimulatedTeleop,
-}
-MODES = {
-    "autonomous": ("waypoint_generator", "velocity_controller", "turtlebot_simulator", "kalman_filter"),
-    "teleoperation": ("turtlebot_simulator", "kalman_filter"),
-}
-"""The nodes of each mode; in teleoperation a person publishes ``/cmd_vel``."""
 PATIENCE = 60.0
 """Longest wait for the graph to come up, s."""
 
@@ -38,22 +27,27 @@ PATIENCE = 60.0
 class Graph:
     """A running graph, which ends with its ``with`` block; in a notebook, `start` and `close` stand in cells of their own.
 
-        with Graph(policy="bearing", speed=10.0) as graph:
+        with Graph(policy="bearing") as graph:
             graph.wait_until(lambda graph: graph.state == "silent: done")
             trajectory = graph.trajectory()
 
     When it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
 
+    Its time is real at speed 1. In autonomous mode it is simulated otherwise, in lock-step: each step waits for its command, so
+    that the drive is the environment's of the same seed, to the bit, on any machine. A person's command belongs to no step:
+    teleoperation is in real time by default, and runs by a faster or slower clock otherwise.
+
     Args:
         mode: "autonomous" or "teleoperation".
         processes: Whether each node runs in a process of its own.
-        speed: How many times faster than real time.
+        speed: 1 is real time, None as fast as the nodes answer, anything else at most so many times faster than real time; in
+            teleoperation None is real time.
         domain: ROS domain; None for that of the environment.
         parameters: Parameters by name; each goes to the nodes that have one of that name.
 
     Raises:
-        ValueError: If a node refuses its parameters, or no node has one of them.
-        TimeoutError: If the graph does not come up.
+        ValueError: If a node refuses its parameters, no node has one of them, or lock-step is asked for with an unstamped
+        Twist. TimeoutError: If the graph does not come up.
     """
 
     def __init__(
@@ -61,7 +55,7 @@ class Graph:
         *,
         mode: str = "autonomous",
         processes: bool = False,
-        speed: float = 1.0,
+        speed: float | None = None,
         domain: int | None = None,
         **parameters: Any,
     ) -> None:
@@ -70,20 +64,29 @@ class Graph:
         self._in_processes = processes
         self._domain = domain
         self._autonomous = mode == "autonomous"
-        self._parameters = {name: self._for_node(name, float(speed), parameters) for name in self._names}
+        if speed is not None and not 0.0 < speed < 1e3:
+            raise ValueError(f"speed must be positive and below 1000, or None, got {speed!r}.")
+        self._lock_step = self._autonomous and speed != 1.0
+        pace = float(speed or (0.0 if self._autonomous else 1.0))
+        self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
         unknown = set(parameters) - {key for each in self._parameters.values() for key in each}
         if unknown:
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
         self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
+        try:
+            Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
+        except ValueError as error:
+            raise ValueError(f"{error} At speed 1, in real time, it can be used.") from None
 
-    @staticmethod
-    def _for_node(name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def _for_node(self, name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the parameters that a node is given."""
-        known = {*BLOCKS[name].Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame"}
+        known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
-            return {"speed": speed, **chosen}
-        return {"use_sim_time": True, **chosen} if speed != 1.0 else chosen
+            chosen = {"speed": speed, **chosen}
+        if self._lock_step:
+            return {"lock_step": True, **chosen}
+        return chosen if speed == 1.0 or name == "turtlebot_simulator" else {"use_sim_time": True, **chosen}
 
     def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11
         return self.start()
@@ -95,7 +98,7 @@ class Graph:
         """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
         try:
-            self._recorder = Recorder(self._runner.context, stamped=self._stamped)
+            self._recorder = Recorder(self._runner.context, stamped=self._stamped, lock_step=self._lock_step)
             self._runner.add(self._recorder)
             for name in self._names:
                 self._start(name)
@@ -109,7 +112,7 @@ class Graph:
     def _start(self, name: str) -> None:
         given = self._parameters[name]
         if not self._in_processes:
-            block = BLOCKS[name]
+            block = load(name)
             self._runner.add(Shell(block, block.Params, name=name, context=self._runner.context, overrides=given))
             return
         arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={_ros(value)}")]
@@ -119,6 +122,10 @@ class Graph:
 
     def _come_up(self) -> None:
         """Wait until the loop is closed, and begin at the start."""
+        if self._lock_step:  # until the controller is enabled, time stands still at step 0
+            self.wait_until(lambda graph: graph._recorder.is_connected and graph._recorder.has_begun, timeout=PATIENCE)
+            self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
+            return
         topics = ("true_state", "estimate", "reference") if self._autonomous else ("true_state", "estimate")
         self.wait_until(lambda graph: all(topic in graph.latest for topic in topics), timeout=PATIENCE)
         if self._autonomous:

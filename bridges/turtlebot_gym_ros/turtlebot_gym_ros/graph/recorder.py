@@ -1,7 +1,13 @@
-"""An observer of a running graph: what was said on its topics, as a trajectory."""
+"""An observer of a running graph: what was said on its topics, as a trajectory.
+
+A row is a step, as in the infos of the environment: what was true, measured and believed at a stamp, and the command that was
+in force in the interval before it, as ``/odom`` states it. The command that answers a step stands in the next row; that of the
+first row is zero. The reference is the step's own in lock-step, and otherwise the one that was held when the row began.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from threading import Lock
 from typing import Any
@@ -10,23 +16,29 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import String
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.trajectory import Trajectory
-from turtlebot_gym.values import Command, Covariance, Pose, State
+from turtlebot_gym.values import Command, Covariance, Pose, Senses, State
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.qos import LATCHED, SENSOR, STREAM
+from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
+from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
+from turtlebot_gym_ros.node.swift import Swift
+from turtlebot_gym_ros.node.triggers import SECOND
 
 TOPICS: dict[str, type] = {
     "true_state": State,
-    "odom": State,
+    "odom": Senses,
     "estimate": Estimate,
     "reference": Pose,
     "cmd_vel": Command,
 }
 """What it hears, and as which values."""
+STEP = ("true_state", "odom", "estimate", "reference")
+"""The topics of a row; the reference is not tied to a step in real time."""
 _UPPER = np.triu_indices(5)
 
 
@@ -36,10 +48,11 @@ class Recorder:
     Args:
         context: The rclpy context.
         stamped: Whether velocities travel as TwistStamped.
+        lock_step: Whether the graph is in lock-step: a row is then complete, and a leap of the stamps begins another episode.
         name: The node's name.
     """
 
-    def __init__(self, context: Context, *, stamped: bool = True, name: str = "bringup") -> None:
+    def __init__(self, context: Context, *, stamped: bool = True, lock_step: bool = False, name: str = "bringup") -> None:
         self.node = Node(name, context=context)
         self._lock = Lock()
         self.latest: dict[str, Any] = {}
@@ -48,12 +61,18 @@ class Recorder:
         """Level and message of each node's last diagnostics."""
         self.state = "silent"
         """The controller's state."""
+        self._lock_step = lock_step
         self._rows: dict[int, dict[str, Any]] = {}
+        self._last = 0
+        self._span = -1
         self._first = 0
         self._waits_for_rest = False
+        self._heard: list[Subscription] = []
         for topic, kind in TOPICS.items():
             way = conversion(kind, stamped=stamped)
-            self.node.create_subscription(way.message, topic, self._hear(topic, way.read), SENSOR)
+            qos, group = (LOCK_STEP, Swift()) if lock_step else (SENSOR, None)
+            hear = self._hear(topic, way.read)
+            self._heard.append(self.node.create_subscription(way.message, topic, hear, qos, callback_group=group))
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_report, STREAM)
         self.node.create_subscription(String, "velocity_controller/state", self._hear_state, LATCHED)
 
@@ -62,9 +81,12 @@ class Recorder:
             value = read(message)
             with self._lock:
                 self.latest[topic] = value
-                if topic not in ("true_state", "odom", "estimate"):
+                if topic not in (STEP if self._lock_step else STEP[:3]):
                     return
                 stamp = Time.from_msg(message.header.stamp).nanoseconds
+                if self._lock_step:
+                    self._add(stamp, topic, value)
+                    return
                 if self._waits_for_rest and topic == "true_state" and value.v == value.omega == 0.0:
                     self._rows.clear()
                     self._waits_for_rest, self._first = False, stamp
@@ -73,11 +95,23 @@ class Recorder:
 
         return hear
 
+    def _add(self, stamp: int, topic: str, value: Any) -> None:
+        """Take a value of a step; an episode begins where the stamps of the true state leap."""
+        if topic == "true_state":
+            if not self._rows or not 0 <= stamp - self._last < EPISODE_GAP * SECOND:
+                # What the other topics have said already of the new episode's first step is kept.
+                self._rows = {at: row for at, row in self._rows.items() if at >= stamp > self._last}
+                self._first, self._span = stamp, -1
+            self._last = stamp
+        row = self._rows.setdefault(stamp, {})
+        row[topic] = value
+        if len(row) == len(STEP):
+            self._span = max(self._span, stamp - self._first)
+
     def _at(self, stamp: int) -> dict[str, Any]:
         """Return the sample of a stamp; a new one holds the reference and the command of its time."""
         if stamp not in self._rows:
-            held = ("reference", "cmd_vel")
-            self._rows[stamp] = {topic: self.latest[topic] for topic in held if topic in self.latest}
+            self._rows[stamp] = {topic: self.latest[topic] for topic in STEP[3:] if topic in self.latest}
         return self._rows[stamp]
 
     def _hear_report(self, message: DiagnosticArray) -> None:
@@ -95,20 +129,29 @@ class Recorder:
 
     @property
     def has_begun(self) -> bool:
-        """Whether there are samples since the start."""
-        return bool(self._rows)
+        """Whether there are samples since the start; in lock-step, whether the first step is complete."""
+        with self._lock:
+            return self._span >= 0 if self._lock_step else bool(self._rows)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether somebody speaks on every topic."""
+        return all(each.get_publisher_count() for each in self._heard)
 
     @property
     def time(self) -> float:
         """Time between the first and the last sample, by their stamps, s."""
         with self._lock:
+            if self._lock_step:
+                return max(self._span, 0) / 1e9
             return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
     def trajectory(self) -> Trajectory:
-        """Return what was heard so far; NaN where nothing was."""
+        """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step."""
         with self._lock:
-            rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows)]
-        nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3, "cmd_vel": 2}
+            first, end = (self._first, self._first + self._span) if self._lock_step else (-math.inf, math.inf)
+            rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows) if first <= stamp <= end]
+        nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3}
 
         def column(topic: str, pick: Callable[[Any], Any] = tuple) -> Any:
             gap = (np.nan,) * nothing[topic]
@@ -121,14 +164,20 @@ class Recorder:
                 upper[_UPPER] = Covariance(*row["estimate"].belief.covariance)
                 covariance[k] = upper + np.triu(upper, 1).T
         return Trajectory(
-            time=np.array([(stamp - rows[0][0]) / 1e9 for stamp, _ in rows]),
+            time=self._time_of([stamp for stamp, _ in rows]),
             true_state=column("true_state"),
-            odometry=column("odom")[:, :3],
+            odometry=column("odom", lambda senses: senses.odometry)[:, :3],
             estimate=column("estimate", lambda estimate: estimate.belief.mean),
             covariance=covariance,
             reference=column("reference"),
-            command=column("cmd_vel"),
+            command=column("odom", lambda senses: senses.twist)[:, :2],
         )
+
+    def _time_of(self, stamps: list[int]) -> Any:
+        """Return the time of rows since the first one, s; in lock-step as the environment counts it, in steps."""
+        if self._lock_step and len(stamps) > 1:
+            return np.arange(len(stamps), dtype=np.float64) * ((stamps[1] - stamps[0]) / 1e9)
+        return np.array([(stamp - stamps[0]) / 1e9 for stamp in stamps])
 
     def close(self) -> None:
         """Destroy the node."""

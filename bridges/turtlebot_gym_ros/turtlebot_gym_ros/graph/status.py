@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from turtlebot_gym_ros.graph.graph import MODES
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.nodes import MODES
 
 LEVELS = ("ok", "warning", "error", "stale")
 

@@ -6,7 +6,7 @@ There is no ROS in here: a ``for`` loop drives a block as well as the shell does
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 
@@ -24,6 +24,9 @@ class Input:
     """Whether ``step`` needs it: where it is missing, ``step`` is not called and the outputs stop. An optional one is None."""
     once: bool = False
     """Whether each value is delivered to a single step."""
+    lock_step: str = "latest"
+    """What a step in lock-step takes: "latest", the value at hand; "same", the value of the step's own stamp, for which it
+    waits; or "refused", where the value belongs to no step."""
     reliable: bool = True
     """Whether lost messages are sent again; without, publishers of either kind are understood."""
 
@@ -45,16 +48,24 @@ class Output:
 
 @dataclass(frozen=True)
 class Every:
-    """Run by the ROS clock, at stamps on an exact grid of nanoseconds."""
+    """Run by the ROS clock, at stamps on an exact grid of nanoseconds; in lock-step, as the plant or on an input."""
 
     period: float
     """s"""
     speed: float | None = None
-    """Where given, the block is the plant: it runs so many times faster than real time, and other than at 1 sets ``/clock``."""
+    """Where given, the block is the plant: it runs so many times faster than real time, and other than at 1 sets ``/clock``. In
+    lock-step its inputs answer its outputs; the speed is then the upper limit, and 0 is none."""
+    answers: str | None = None
+    """Name of the input on which another block runs in lock-step, at its stamp."""
+    through: Mapping[str, type] = field(default_factory=dict)
+    """Topics, with their value types, over which a plant's outputs lead to its inputs: for the report of who does not
+    answer."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.period < 1e3 or not (self.speed is None or 0.0 < self.speed < 1e3):
-            raise ValueError(f"Every: period and speed must be positive and below 1000, got {self!r}.")
+        if not 0.0 < self.period < 1e3 or not (self.speed is None or 0.0 <= self.speed < 1e3):
+            raise ValueError(
+                f"Every: period and speed must be positive and below 1000, got {self.period!r} and {self.speed!r}."
+            )
 
 
 @dataclass(frozen=True)

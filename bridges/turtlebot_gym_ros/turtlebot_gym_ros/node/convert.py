@@ -3,6 +3,12 @@
 World frames are checked by the shell; a value that is not finite or a quaternion that is no rotation is refused here, with
 a ``ValueError`` that says why, in both directions.
 
+`Senses`, what a robot knows of its own motion, travel on ``/odom``. Where the pose did not arrive in this step, the message
+repeats the last one and says so by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for what is not known.
+The twist is valid in either case. A robot's own odometry, with zeros or variances in the covariance, counts as measured.
+
+Headings survive their quaternion to the bit, see `quaternion_of`.
+
 An `Odometry` message has no place for the normalized innovation squared, which a policy observes. It travels where a planar
 robot has nothing to say, as the variance of the vertical speed (``twist.covariance[14]``); in messages of other filters, which
 have something in their other unused places, it is taken as 0.
@@ -11,7 +17,8 @@ have something in their other unused places, it is taken as 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import product
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
@@ -19,11 +26,14 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 _NIS = 14
 # Row-major 6 x 6, in the order x y z roll pitch yaw: the diagonal places that a planar robot does not use.
 _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 21, 28)
+_NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
+_PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
+_NOT_MEASURED = -1.0
 
 
 class Conversion(NamedTuple):
@@ -88,13 +98,34 @@ def yaw_of(q: Quaternion) -> float:
     norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(norm - 1.0) < 0.01:  # also refuses NaN
         raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
+    if q.x == q.y == 0.0:
+        return _planar_yaw(q.z, q.w)
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     return -math.pi if yaw >= math.pi else yaw
 
 
+def _planar_yaw(z: float, w: float) -> float:
+    """Return the heading of a rotation about the vertical axis, rad, in [-pi, pi)."""
+    yaw = 2.0 * (math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w))  # q and -q are the same rotation
+    return -math.pi if yaw >= math.pi else yaw
+
+
 def quaternion_of(yaw: float) -> Quaternion:
-    """Return the rotation about the vertical axis by a heading, rad."""
-    return Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
+    """Return the rotation about the vertical axis by a heading, rad.
+
+    Sine and cosine round; where that would change the heading, both are moved by a few units in the last place until `yaw_of`
+    gives back the very same number. So a heading in [-pi, pi) is the same float at the other end of a topic.
+    """
+    z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    if _planar_yaw(z, w) != yaw and -math.pi <= yaw < math.pi:
+        z, w = next(((a, b) for a, b in _neighbours(z, w) if _planar_yaw(a, b) == yaw), (z, w))
+    return Quaternion(x=0.0, y=0.0, z=z, w=w)
+
+
+def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
+    """Yield the pairs of numbers close to a pair, the nearest first."""
+    near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
+    return ((near_z[i], near_w[j]) for i, j in _PAIRS)
 
 
 def _finite(what: str, numbers: Iterable[float]) -> None:
@@ -143,6 +174,18 @@ def _state_to_message(state: State, header: Header) -> Odometry:
     return message
 
 
+def _senses_of(message: Odometry) -> Senses:
+    measured = float(message.pose.covariance[0]) >= 0.0
+    return Senses(_read_pose(message.pose.pose), _read_twist(message.twist.twist), measured)
+
+
+def _senses_to_message(senses: Senses, header: Header) -> Odometry:
+    message = _state_to_message(State(*senses.odometry, *senses.twist), header)
+    if not senses.measured:
+        message.pose.covariance[0] = _NOT_MEASURED
+    return message
+
+
 def _estimate_of(message: Odometry) -> Estimate:
     pose, twist = message.pose.covariance.tolist(), message.twist.covariance.tolist()  # floats are faster than NumPy's
     _finite("the covariance", (*pose, *twist))
@@ -187,6 +230,7 @@ _UNSTAMPED = Conversion(Twist, _read_twist, _command_to_message, False)
 register(Command, TwistStamped, lambda message: _read_twist(message.twist), _command_to_stamped)
 register(Pose, PoseStamped, lambda message: _read_pose(message.pose), _pose_to_message, in_world=True)
 register(State, Odometry, _state_of, _state_to_message, in_world=True)
+register(Senses, Odometry, _senses_of, _senses_to_message, in_world=True)
 register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
 register(
     Belief,

@@ -10,23 +10,10 @@ from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.nodes import NODES
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
-FAMILY = frozenset(
-    [
-        "turtlebot_simulator",
-        "kalman_filter",
-        "velocity_controller",
-        "waypoint_generator",
-        "simulated_teleop",
-        "cmd_vel_guard",
-        "data_logger",
-        "bringup",
-        "status",
-    ]
-)
-"""Names of the nodes that belong to a simulation."""
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
 
 
@@ -90,7 +77,7 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
             found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; who is obeyed is left to chance."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [other.node_name for other in subscriptions]
-            strangers = {_name(other) for other in subscriptions if other.node_name not in FAMILY}
+            strangers = {_name(other) for other in subscriptions if other.node_name not in NODES}
             if names.count(node.get_name()) > 1:
                 strangers.add("another simulator")
             who = ", ".join(sorted(strangers))

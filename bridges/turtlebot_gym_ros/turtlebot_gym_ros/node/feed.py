@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
@@ -10,7 +11,8 @@ from rclpy.node import Node
 from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.convert import Conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
-from turtlebot_gym_ros.node.qos import SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node.qos import LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node.swift import Swift
 
 
 class Feed:
@@ -19,10 +21,14 @@ class Feed:
     Args:
         declared: The block's declaration.
         conversion: How its values travel.
+        lock_step: Whether stamps count, and ages by the steady clock do not.
     """
 
-    def __init__(self, declared: Input, conversion: Conversion) -> None:
-        self.declared = declared
+    def __init__(self, declared: Input, conversion: Conversion, *, lock_step: bool = False) -> None:
+        self.declared = replace(declared, max_age=None) if lock_step else declared
+        self._lock_step = lock_step
+        self.stamp: int | None = None
+        """Stamp of the latest value, ns."""
         self.conversion = conversion
         self.topic = declared.topic
         self.refusal: str | None = None
@@ -33,7 +39,12 @@ class Feed:
         """Subscribe to its topic, and return that as the diagnostics want it."""
         kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
         self._subscription = node.create_subscription(
-            kind, self.declared.topic, hear, qos, qos_overriding_options=overridable()
+            kind,
+            self.declared.topic,
+            hear,
+            LOCK_STEP if self._lock_step else qos,
+            callback_group=Swift() if self._lock_step else None,
+            qos_overriding_options=overridable(),
         )
         self.topic = self._subscription.topic_name
         return Endpoint(self.topic, type_name(kind), False)
@@ -49,9 +60,9 @@ class Feed:
             raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameter frame)")
         return self.conversion.read(message)
 
-    def accept(self, value: Any, now: float) -> None:
+    def accept(self, value: Any, now: float, stamp: int) -> None:
         """Take a value as the latest one."""
-        self._latest, self.refusal = (value, now), None
+        self._latest, self.stamp, self.refusal = (value, now), stamp, None
         self._received += 1
 
     def refuse(self, why: str) -> bool:
@@ -63,7 +74,7 @@ class Feed:
 
     def forget(self) -> None:
         """Forget the latest value."""
-        self._latest = None
+        self._latest = self.stamp = None
 
     def _is_fresh(self, now: float) -> bool:
         latest, limit = self._latest, self.declared.max_age

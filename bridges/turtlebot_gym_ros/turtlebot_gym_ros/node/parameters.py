@@ -27,6 +27,13 @@ class Common:
     """Whether velocities travel as TwistStamped, as on a Jazzy robot, or as Twist, as on a Humble one."""
     start_enabled: bool = False
     """Whether a node that moves a robot does so from the start, without a call of ``~/enable``."""
+    lock_step: bool = False
+    """Whether time is simulated and waits for each step's answer, see `lockstep`; to be the same in all nodes. Never on a
+    robot."""
+
+    def __post_init__(self) -> None:
+        if self.lock_step and not self.enable_stamped_cmd_vel:
+            raise ValueError("lock_step needs enable_stamped_cmd_vel: an unstamped Twist cannot be tied to a step.")
 
 
 def _values(params: type) -> dict[str, tuple[type, Any]]:

@@ -11,7 +11,6 @@ from typing import Protocol, TypeVar
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -19,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 from turtlebot_gym_ros.node.block import Block
 from turtlebot_gym_ros.node.discovery import leave, prepare
 from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.node.swift import SwiftExecutor
 
 P = TypeVar("P")
 
@@ -47,7 +47,7 @@ class Runner:
         # rclpy's own handlers end the context first, and then no zero can be sent any more.
         options = SignalHandlerOptions.NO
         rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
-        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor = SwiftExecutor(context=self.context)
         self._running: list[Runnable] = []
         self._closing = False
         self._thread = Thread(target=self._spin, name="executor", daemon=True)

@@ -27,9 +27,11 @@ class Safety:
 
     Args:
         enabled: Whether it starts enabled.
+        blocked: A step that takes longer is a fault, s; infinite for never, None for `BLOCKED`.
     """
 
-    def __init__(self, *, enabled: bool) -> None:
+    def __init__(self, *, enabled: bool, blocked: float | None = None) -> None:
+        self._blocked = BLOCKED if blocked is None else blocked
         self.lock = RLock()
         self.enabled = enabled
         self.phase = "silent"
@@ -51,7 +53,7 @@ class Safety:
         with self.lock:
             if self._emergency:
                 return "the emergency stop is pressed, or was heard and is silent"
-            if self._began is not None and now - self._began > BLOCKED:
+            if self._began is not None and now - self._began > self._blocked:
                 return "the last step is still blocked"
             if not self.enabled:
                 self.enabled, self.reason = True, "no step yet"
@@ -96,8 +98,8 @@ class Safety:
     def tick(self, *, now: float) -> bool:
         """Watch over blocked steps and the emergency stop, and return whether a stop is to be sent now."""
         with self.lock:
-            if self._began is not None and now - self._began > BLOCKED and self.enabled:
-                self.stop(f"fault: a step takes longer than {BLOCKED} s", now=now, disable=True)
+            if self._began is not None and now - self._began > self._blocked and self.enabled:
+                self.stop(f"fault: a step takes longer than {self._blocked} s", now=now, disable=True)
             if self._heard is not None and now - self._heard > SILENCE and not self._emergency:
                 self._emergency = True
                 self.stop("the emergency stop is silent", now=now, disable=True)

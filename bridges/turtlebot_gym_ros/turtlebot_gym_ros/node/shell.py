@@ -1,12 +1,14 @@
 """The shell that turns a block into a node.
 
-It owns, once for all nodes, what has nothing to do with control: conversion of messages, freshness of inputs, triggers,
-parameters, diagnostics, the watch over a blocked step, stop commands and a clean end. The block computes in the executor's
-thread. A thread of its own watches by the steady clock, which neither a paused ``/clock`` nor a blocked step can hold up.
+It owns, once for all nodes, what has nothing to do with control: conversion of messages, freshness of inputs, parameters,
+diagnostics, the watch over a blocked step, stop commands and a clean end; when the block runs is its drive's business
+(`drives`). The block computes in the executor's thread. A thread of its own watches by the steady clock, which neither a paused
+``/clock`` nor a blocked step can hold up.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,26 +16,24 @@ from functools import partial
 from threading import Event, Thread
 from typing import Any, TypeVar
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from turtlebot_gym_ros.node.answering import make_drive
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import ERROR, WARN, Problem, Reporter
+from turtlebot_gym_ros.node.drives import Hands
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.parameters import Common, declare
 from turtlebot_gym_ros.node.qos import STREAM
 from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
-from turtlebot_gym_ros.node.triggers import Grid, Messages, SimulatedGrid
 
 P = TypeVar("P")
 
@@ -48,7 +48,7 @@ class Shell:
 
     Besides the block's topics it has ``~/reset`` (Trigger), hears ``reset`` (Empty), by which the plant tells all others that
     it was reset, and publishes ``/diagnostics``. Where an output has a ``stop``, it also has a `Switch`, and a block that runs
-    by the clock waits until somebody listens to that output.
+    by the clock waits until somebody listens to that output. With ``lock_step`` it runs by the steps' stamps (`lockstep`).
 
     Args:
         make: Makes the block from its parameters: usually its class.
@@ -95,127 +95,105 @@ class Shell:
         self._watcher.start()
 
     def _connect(self) -> None:
-        """Create the node's topics, services and timer."""
-        node, block, trigger = self.node, self.block, self.block.trigger
+        """Create the node's topics, services and timers."""
+        node, block, lock_step = self.node, self.block, self.common.lock_step
         self._waits: str | None = "has not run yet"
         self._trouble: str | None = None
         self._steps = self._overruns = self._dropped = 0
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        speed = trigger.speed if isinstance(trigger, Every) else None
-        self._sets_clock = speed not in (None, 1.0)
-        self._is_plant = speed is not None
-        kind = SimulatedGrid if self._sets_clock else Grid
-        self._grid = kind(trigger) if isinstance(trigger, Every) else None
-        self._messages = None if isinstance(trigger, Every) else Messages(trigger)
+        self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
 
-        self.outputs = Outputs(node, block.outputs, self.common, self._time)
-        stamped = self.common.enable_stamped_cmd_vel
-        self._feeds = {key: Feed(item, conversion(item.type, stamped=stamped)) for key, item in block.inputs.items()}
+        self.outputs = Outputs(node, block.outputs, self.common, lambda: self._drive.present())
+        self._feeds = {
+            key: Feed(each, conversion(each.type, stamped=self.common.enable_stamped_cmd_vel), lock_step=lock_step)
+            for key, each in block.inputs.items()
+        }
+        hands = Hands(
+            node=node, feeds=self._feeds, outputs=self.outputs, now=self._now,
+            step=self._step, begin=self._begin_anew, may_move=lambda: self.switch is None or self.switch.safety.enabled,
+        )  # fmt: skip
+        self._drive = make_drive(hands, block, lock_step=lock_step)
         endpoints = [feed.connect(node, partial(self._receive, key)) for key, feed in self._feeds.items()]
         self._reporter = Reporter(node, [*self.outputs.endpoints, *endpoints], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
         if self._is_plant:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
-        else:
+        elif not lock_step:  # where an episode begins, the stamps say
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
-        if self._sets_clock:
-            self._clock = node.create_publisher(ClockMessage, "/clock", STREAM)
         self.switch: Switch | None = None
         if self.outputs.moving:
-            enabled = self.common.start_enabled
-            self.switch = Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled)
-
-        self._ros_clock = RosClock(node, ignore=self._sets_clock, jumped=self._jumped, now=self._now())
-        if isinstance(trigger, Every):
-            clock = self._steady if self._sets_clock else node.get_clock()
-            node.create_timer(trigger.period / (speed or 1.0), self._timer, clock=clock)
+            enabled, blocked = self.common.start_enabled, math.inf if lock_step else None
+            self.switch = Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled, blocked=blocked)
+        ignore = lock_step or self._drive.sets_clock
+        self._ros_clock = RosClock(node, ignore=ignore, jumped=self._jumped, now=self._now())
 
     # What runs the block, in the executor's thread.
 
-    def _time(self) -> int:
-        """Return the present of the clock that the block runs by, ns."""
-        if isinstance(self._grid, SimulatedGrid):
-            return self._grid.present
-        return self.node.get_clock().now().nanoseconds
-
     def _receive(self, key: str, message: Any) -> None:
-        """Take in a message, and run the block where it is the trigger."""
-        feed = self._feeds[key]
-        rule = self._messages if self._messages and self._messages.input == key else None
-        stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else self._time()
+        """Take in a message, and run the block where it makes a step."""
+        feed, drive = self._feeds[key], self._drive
+        stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else drive.present()
         try:
             value = feed.read(message, self.common.frame)
-            if rule:
-                rule.check(stamp)
+            if not drive.takes(key, stamp):
+                return
         except ValueError as error:
             if feed.refuse(str(error)):
                 self._log.warning(f"{feed.topic}: refused: {error}")
             return
-        feed.accept(value, self._now())
-        if rule:
-            due, gap = rule.due(stamp)
-            if gap:
-                self._log.warning(f"{feed.topic}: {gap}; starting again from this message.")
-                self._begin_anew()
-            if due:
-                self._step(rule, stamp)
+        feed.accept(value, self._now(), stamp)
+        drive.heard(key, stamp)
 
-    def _timer(self) -> None:
-        assert self._grid
-        clock = self._steady if self._sets_clock else self.node.get_clock()
-        for stamp in self._grid.due_until(clock.now().nanoseconds):
-            if self._sets_clock:
-                self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
-            self._step(self._grid, stamp)
-
-    def _step(self, rule: Grid | Messages, stamp: int) -> None:
-        """Run the block once, and publish what comes of it."""
-        now, switch = self._now(), self.switch
+    def _step(self, stamp: int) -> bool:
+        """Run the block once, publish what comes of it, and return whether it ran."""
+        now, switch, drive = self._now(), self.switch, self._drive
         if switch and not switch.safety.enabled:
-            return
+            return False
         self._waits = self._missing(now)
         if self._waits:
-            rule.pause()
+            drive.pause()
             if switch:
                 switch.stop(self._waits)
-            return
-        dt = rule.interval(stamp)
+            return False
+        dt = drive.interval(stamp)
         ticket = switch.safety.begin(now=now) if switch else 0
         try:
             outputs = self.block.step(dt, **{key: feed.take(now) for key, feed in self._feeds.items()})
             messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
         except Exception as error:  # a block is anybody's code: whatever it raises stops the robot
             self._fault(f"{type(error).__name__}: {error}")
-            return
+            return False
         finally:
             if switch:
                 switch.safety.end()
         self._steps += 1
-        self._overruns += self._now() - now > rule.period > 0.0
+        self._overruns += self._now() - now > drive.period > 0.0
         if switch:
-            self._move(switch, ticket, messages)
-        else:
-            self._trouble = None
-            self.outputs.publish(messages)
+            return self._move(switch, ticket, messages, stamp)
+        self._trouble = None
+        self.outputs.publish_answer(messages)
+        return True
 
-    def _move(self, switch: Switch, ticket: int, messages: Mapping[str, Any]) -> None:
+    def _move(self, switch: Switch, ticket: int, messages: Mapping[str, Any], stamp: int) -> bool:
         """Publish the result of a step, unless it was stopped meanwhile; a block that leaves its command out is done."""
         with switch.safety.lock:  # so that nothing is published behind a stop's zeros
+            answers = ticket == switch.safety.ticket
             if not all(key in messages for key in self.outputs.moving):
-                if ticket == switch.safety.ticket:
+                if answers:
                     switch.stop("done")
+                    if self.common.lock_step:  # at rest, but time goes on
+                        self.outputs.publish_answer(self.outputs.stops(stamp))
             elif switch.safety.activate(ticket):
-                self.outputs.publish(messages)
+                self.outputs.publish_answer(messages)
             else:
                 self._dropped += 1
+                answers = False
         switch.watch()
+        return answers
 
     def _missing(self, now: float) -> str | None:
         """Return what a step has to wait for, if anything."""
         clock = self._ros_clock.trouble(now)
-        # What a timer moves by is not asked for by anybody: a schedule would run on while its listeners are still to be found.
-        rest = self._messages.slow if self._messages else self.outputs.unheard()
-        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), rest)
+        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), self._drive.missing())
 
     def _fault(self, why: str) -> None:
         """Report what a step has come to, and stop until enabled again."""
@@ -231,7 +209,7 @@ class Shell:
 
     def _begin_anew(self) -> None:
         self.block.reset()
-        (self._grid or self._messages).reset()  # type: ignore[union-attr]
+        self._drive.reset()
 
     def reset(self, why: str) -> None:
         """Forget all inputs and reset the block; a robot is stopped until they have come again."""
@@ -244,6 +222,7 @@ class Shell:
     def _serve_reset(self, request: Any, response: Any) -> Any:
         self.reset("reset")
         if self._is_plant:
+            self._drive.new_episode()
             self._announce.publish(Empty())
         response.success, response.message = True, "reset"
         return response
@@ -280,8 +259,7 @@ class Shell:
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
         problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self._feeds.values() if feed.refusal]
-        slow = self._messages.slow if self._messages else None
-        problems += [Problem(ERROR, why) for why in (slow, self._trouble) if why]
+        problems += [Problem(ERROR, why) for why in (self._drive.trouble(), self._trouble) if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         for feed in self._feeds.values():

@@ -29,12 +29,20 @@ class Switch:
         enabled: Whether it starts enabled.
         now: The steady clock, s.
         restart: Called when it is enabled: the block begins anew.
+        blocked: A step that takes longer is a fault, s; infinite where time waits for it, None for the usual limit.
     """
 
     def __init__(
-        self, node: Node, outputs: Outputs, *, enabled: bool, now: Callable[[], float], restart: Callable[[], None]
+        self,
+        node: Node,
+        outputs: Outputs,
+        *,
+        enabled: bool,
+        now: Callable[[], float],
+        restart: Callable[[], None],
+        blocked: float | None = None,
     ) -> None:
-        self.safety = Safety(enabled=enabled)
+        self.safety = Safety(enabled=enabled) if blocked is None else Safety(enabled=enabled, blocked=blocked)
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
         self._state = node.create_publisher(String, "~/state", LATCHED)

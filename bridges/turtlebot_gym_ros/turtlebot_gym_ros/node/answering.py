@@ -1,0 +1,154 @@
+"""What runs a block in lock-step: the steps of the plant, which the others answer. The rules are in `lockstep`."""
+
+from __future__ import annotations
+
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from turtlebot_gym_ros.node.block import Block, Every
+from turtlebot_gym_ros.node.chain import Chain
+from turtlebot_gym_ros.node.drives import ByClock, ByMessages, Drive, Hands
+from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
+from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.node.swift import Swift
+
+
+class ByAnswers(Drive):
+    """Answers the steps of lock-step."""
+
+    def __init__(self, hands: Hands, rule: Answers) -> None:
+        self._hands = hands
+        self._rule = rule
+
+    def present(self) -> int:
+        """Return 0: what answers no step, such as a stop, has no time."""
+        return 0
+
+    def takes(self, key: str, stamp: int) -> bool:
+        """Refuse the stamps of a robot."""
+        self._rule.check(key, stamp)
+        return True
+
+    def heard(self, key: str, stamp: int) -> None:
+        """Answer the step if it is complete, or once more."""
+        hands, rule = self._hands, self._rule
+        turn, gap = rule.hear(key, {name: feed.stamp for name, feed in hands.feeds.items()})
+        if gap:
+            hands.node.get_logger().info(f"{gap}: a new episode.")
+            hands.begin()
+            turn, _ = rule.hear(key, {name: feed.stamp for name, feed in hands.feeds.items()})
+        if turn is Turn.REPEAT and hands.may_move():
+            hands.outputs.publish_again()
+        if turn is Turn.HOLD and hands.outputs.moving and hands.may_move():
+            hands.outputs.publish_again(stamp)  # the plant waits for a command in every step
+        if turn is Turn.HOLD or (turn is Turn.STEP and hands.step(stamp)):
+            rule.answer(stamp)
+
+    def missing(self) -> str | None:
+        """Return that steps come too slowly for the block."""
+        return self._rule.messages.slow
+
+    def trouble(self) -> str | None:
+        """Return the same."""
+        return self._rule.messages.slow
+
+    def interval(self, stamp: int) -> float:
+        """Return the time between the stamps, s."""
+        return self._rule.messages.interval(stamp)
+
+    def reset(self) -> None:
+        """Answer the present step anew, as the first."""
+        self._rule.reset()
+
+
+class AsPlant(Drive):
+    """Takes the steps of lock-step, each when the one before has been answered, and says who does not answer."""
+
+    sets_clock = True
+
+    def __init__(self, hands: Hands, trigger: Every, block: Block) -> None:
+        self._hands = hands
+        self._rule = Plant(trigger, now=hands.now())
+        self._answers = {key: hands.feeds[key] for key, each in block.inputs.items() if each.lock_step == "same"}
+        if not self._answers:
+            raise ValueError("lock_step must be false for a plant that no input answers.")
+        self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
+        self._started = False
+        self._clock = hands.node.create_publisher(ClockMessage, "/clock", STREAM)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
+        self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())
+        self._later.cancel()
+
+    def present(self) -> int:
+        """Return the stamp of the step that is to be answered, ns."""
+        return self._rule.present
+
+    def takes(self, key: str, stamp: int) -> bool:
+        """Take one answer to the present step, the first; a stop, or what answered another step, is left aside."""
+        feed = self._answers.get(key)
+        return feed is None or stamp == self._rule.present != feed.stamp
+
+    def heard(self, key: str, stamp: int) -> None:
+        """Take the next step if this one has been answered."""
+        if self._started and self._rule.answers(feed.stamp for feed in self._answers.values()):
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Take the next step, or set the timer for it."""
+        self._later.cancel()
+        now = self._hands.now()
+        wait = self._rule.wait(now)
+        if wait > 0.0:
+            self._later.timer_period_ns = round(wait * 1e9)
+            self._later.reset()
+            return
+        self._started = True
+        stamp = self._rule.advance(now)
+        self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+        self._hands.step(stamp)
+
+    def _tick(self) -> None:
+        """Take the first step, or see to a step that is not answered."""
+        now = self._hands.now()
+        if not self._started:
+            self._go_on()
+        elif self._rule.resend(now) and self._later.is_canceled():
+            self._hands.outputs.publish_again()
+        self._chain.watch(self._rule.present if self._rule.is_overdue(now) else None)
+
+    def trouble(self) -> str | None:
+        """Return who has not answered for long."""
+        return self._chain.missing
+
+    def interval(self, stamp: int) -> float:
+        """Return the period, s."""
+        return self._rule.period
+
+    def new_episode(self) -> None:
+        """Take the first step of an episode now, whether the one before was answered or not."""
+        self._rule.begin_episode()
+        self._go_on()
+
+
+def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
+    """Return what runs a block.
+
+    Args:
+        hands: What it may do with the node.
+        block: The block.
+        lock_step: Whether time is simulated and waits for the answer.
+
+    Raises:
+        ValueError: If the block cannot run so.
+    """
+    trigger = block.trigger
+    if not lock_step:
+        return ByClock(hands, trigger) if isinstance(trigger, Every) else ByMessages(hands, trigger)
+    answers = trigger_of(trigger, block.inputs)
+    if answers is not None:
+        return ByAnswers(hands, Answers(answers, block.inputs))
+    assert isinstance(trigger, Every)
+    return AsPlant(hands, trigger, block)

@@ -1,0 +1,77 @@
+"""Who has not answered a step: a plant that has waited long listens in on the way from its outputs to its inputs."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.feed import Feed
+from turtlebot_gym_ros.node.lockstep import missing_link
+from turtlebot_gym_ros.node.qos import LOCK_STEP
+from turtlebot_gym_ros.node.triggers import SECOND
+
+LISTEN = 5
+"""So many looks after it began to listen it says what it has heard: the outputs have been sent again twice."""
+
+
+class Chain:
+    """The topics on the way; they are heard only while somebody is missed.
+
+    Args:
+        node: The plant's node.
+        topics: The topics on the way, in order, with their value types.
+        answers: The inputs at the end of the way.
+    """
+
+    def __init__(self, node: Node, topics: Mapping[str, type], answers: Sequence[Feed]) -> None:
+        self._node, self._answers = node, answers
+        self._kinds = {node.resolve_topic_name(topic): conversion(kind).message for topic, kind in topics.items()}
+        self._subscriptions: list[Subscription] = []
+        self._newest: dict[str, int | None] = {}
+        self._looks = 0
+        self.missing: str | None = None
+        """Who has not answered, in words."""
+
+    def watch(self, stamp: int | None) -> None:
+        """Take a look; to be called every 0.1 s.
+
+        Args:
+            stamp: Of the step that has not been answered for long; None where there is none.
+        """
+        if stamp is None:
+            self._stop()
+            return
+        if not self._looks:
+            self._newest = dict.fromkeys(self._kinds)
+            self._subscriptions = [self._listen(topic, kind) for topic, kind in self._kinds.items()]
+        self._looks += 1
+        if self._looks < LISTEN:
+            return
+        heard = self._newest | {feed.topic: feed.stamp for feed in self._answers}
+        speakers = {topic: [_name(each) for each in self._node.get_publishers_info_by_topic(topic)] for topic in heard}
+        missing = missing_link(stamp, heard, speakers)
+        if missing != self.missing:
+            self._node.get_logger().warning(f"time stands still: {missing}.")
+        self.missing = missing
+
+    def _listen(self, topic: str, kind: type) -> Subscription:
+        def hear(data: bytes) -> None:
+            seconds, nanoseconds = struct.unpack_from("<iI", data, 4)  # CDR: four bytes of its own, then the header's stamp
+            self._newest[topic] = seconds * SECOND + nanoseconds
+
+        return self._node.create_subscription(kind, topic, hear, LOCK_STEP, raw=True)
+
+    def _stop(self) -> None:
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        if self.missing:
+            self._node.get_logger().info("time goes on.")
+        self._subscriptions, self._looks, self.missing = [], 0, None
+
+
+def _name(info: object) -> str:
+    return f"{getattr(info, 'node_namespace', '').rstrip('/')}/{getattr(info, 'node_name', '')}"

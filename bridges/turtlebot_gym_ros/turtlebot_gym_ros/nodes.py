@@ -1,0 +1,81 @@
+"""The nodes of the package: the only place where one is entered.
+
+This is plain data, without ROS; what a node is made of is loaded when it is needed. The command line, the ROS package's
+executables, the graph's modes, the diagnostics, the diagram, the reference and the tests read it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, NamedTuple
+
+
+class Entry(NamedTuple):
+    """A node."""
+
+    target: str
+    """Where its block, or the function that runs it, is found: "module:name" inside this package."""
+    summary: str
+    """One line of help."""
+    word: str
+    """What it is, in plain words."""
+    modes: tuple[str, ...] = ()
+    """Modes of the graph that it belongs to."""
+    place: tuple[int, int] | None = None
+    """Column and row in the diagram of the loop, which runs clockwise; None for who only listens."""
+    is_block: bool = True
+    """Whether it is a block in the shell, and not a program of its own."""
+    guarded: str | None = None
+    """On which topic it commands, instead of on ``cmd_vel``, where there is a guard."""
+
+
+BOTH = ("autonomous", "teleoperation")
+NODES = {
+    "waypoint_generator": Entry(
+        "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", "waypoints",
+        modes=("autonomous",), place=(0, 1),
+    ),
+    "velocity_controller": Entry(
+        "blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel", "controller",
+        modes=("autonomous",), place=(1, 1), guarded="cmd_vel_in",
+    ),
+    "turtlebot_simulator": Entry(
+        "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", "robot",
+        modes=BOTH, place=(2, 0),
+    ),
+    "kalman_filter": Entry(
+        "blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", "filter", modes=BOTH, place=(1, 0)
+    ),
+    "simulated_teleop": Entry(
+        "blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel", "person",
+        place=(2, 2), guarded="cmd_vel_teleop",
+    ),
+    "cmd_vel_guard": Entry(
+        "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
+        place=(2, 1), is_block=False,
+    ),
+    "data_logger": Entry(
+        "recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder", is_block=False
+    ),
+    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
+    "bringup": Entry(
+        "graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer", is_block=False
+    ),
+    "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
+}  # fmt: skip
+MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
+"""The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
+BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
+"""The nodes that are blocks."""
+
+
+def load(name: str) -> Any:
+    """Return what a node is made of: the class of its block, or its ``main``.
+
+    Raises:
+        ValueError: If there is no such node.
+    """
+    if name not in NODES:
+        raise ValueError(f"there is no node {name!r}; there are {', '.join(NODES)}.")
+    module, _, attribute = NODES[name].target.partition(":")
+    return getattr(import_module(f"turtlebot_gym_ros.{module}"), attribute)

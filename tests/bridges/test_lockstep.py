@@ -1,0 +1,229 @@
+"""The rules of lock-step, on stamps: a network that loses and delays changes no number."""
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.values import Command, Pose
+from turtlebot_gym_ros.node.block import Every, Input, On
+from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, missing_link, trigger_of
+
+S = 1_000_000_000
+TENTH = 100_000_000
+
+
+class Node:
+    """A node of the loop as far as lock-step is concerned: it answers with its number of steps and what it was given."""
+
+    def __init__(self, name, trigger, inputs, outputs):
+        self.name, self.outputs = name, outputs
+        self.rule = Answers(trigger, {key: Input(topic=key, type=Pose, lock_step=rule) for key, rule in inputs.items()})
+        self.held = dict.fromkeys(inputs, (None, None))
+        self.memory = ()
+        self.steps = []
+        self.answer = {}
+
+    def hear(self, topic, stamp, value):
+        """Return what it publishes: (topic, stamp, value)."""
+        self.held[topic] = (stamp, value)
+        turn, gap = self.rule.hear(topic, {key: held[0] for key, held in self.held.items()})
+        if gap:
+            self.memory = ()
+        if turn is Turn.STEP:
+            self.rule.answer(stamp)
+            self.steps.append(stamp)
+            self.memory = hash((self.name, self.memory, tuple(value for _, value in self.held.values())))
+            self.answer = {topic: (stamp, (topic, self.memory)) for topic in self.outputs}
+        elif turn is not Turn.REPEAT:
+            return []
+        return [(topic, *said) for topic, said in self.answer.items()]
+
+
+def nodes():
+    return {
+        "filter": Node("filter", On("odom"), {"odom": "latest"}, ["estimate"]),
+        "generator": Node("generator", On("estimate"), {"estimate": "latest"}, ["following", "reference"]),
+        "controller": Node(
+            "controller", On("estimate"), {"estimate": "latest", "reference": "same", "following": "same"}, ["command"]
+        ),
+    }
+
+
+def drive(seed, steps, *, loss):
+    """Drive the loop over a network that delivers in any order, loses, and lets nodes join late; return plant and nodes.
+
+    What is lost of a repeated answer is repeated again: the plant sends its outputs as often as it takes.
+    """
+    rng, loop, state, states = np.random.default_rng(seed), nodes(), 0, []
+    plant, now = Plant(Every(0.1, 0.0), now=0.0), 0.0
+    joined = {name: int(rng.integers(0, 500)) if loss else 0 for name in loop}
+    queues = {(topic, name): [] for name, node in loop.items() for topic in node.held} | {("command", "plant"): []}
+    heard = None
+
+    def publish(topic, stamp, value):
+        for (heard_topic, name), queue in queues.items():
+            if heard_topic == topic and joined.get(name, 0) <= 0 and rng.random() >= loss:
+                queue.append((stamp, value))
+
+    def step():
+        nonlocal state
+        state = hash((state, heard))
+        states.append(state)
+        publish("odom", plant.advance(now), ("odom", state))
+
+    step()
+    while len(states) < steps:
+        now += 0.005
+        joined = {name: wait - 1 for name, wait in joined.items()}
+        waiting = [key for key, queue in queues.items() if queue]
+        if plant.resend(now) or not waiting:
+            publish("odom", plant.present, ("odom", state))
+            continue
+        topic, name = waiting[int(rng.integers(len(waiting)))]
+        stamp, value = queues[topic, name].pop(0)
+        if name != "plant":
+            for said in loop[name].hear(topic, stamp, value):
+                publish(*said)
+        elif plant.answers([stamp]):
+            heard = value
+            step()
+    return states, loop
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_a_network_that_loses_delays_and_reorders_changes_no_number(seed):
+    perfect, _ = drive(0, 60, loss=0.0)
+    states, loop = drive(seed, 60, loss=0.3)
+    assert states == perfect
+    for node in loop.values():
+        assert node.steps[:59] == [S + k * TENTH for k in range(59)]  # each step once, in order
+
+
+def test_a_rule_that_steps_on_whatever_is_at_hand_is_noticed(monkeypatch):
+    """The defect that lock-step is for: a reference of another step."""
+    perfect, _ = drive(0, 60, loss=0.0)
+    good = Answers.__init__
+
+    def careless(self, trigger, inputs):
+        good(self, trigger, {key: Input(topic=key, type=Pose) for key in inputs})
+
+    monkeypatch.setattr(Answers, "__init__", careless)
+    assert any(drive(seed, 60, loss=0.3)[0] != perfect for seed in range(20))
+
+
+def answers(trigger=None, **inputs):
+    rules = {"estimate": "latest", **inputs}
+    return Answers(trigger or On("estimate"), {key: Input(topic=key, type=Pose, lock_step=rule) for key, rule in rules.items()})
+
+
+def test_a_step_waits_for_all_that_belongs_to_it_and_for_nothing_else():
+    rule = answers(reference="same", goal="latest")
+    stamps = {"estimate": 5 * S, "reference": None, "goal": None}
+    assert rule.hear("estimate", stamps) == (Turn.WAIT, None)
+    assert rule.hear("reference", stamps | {"reference": 4 * S}) == (Turn.WAIT, None)
+    assert rule.hear("goal", stamps | {"goal": 5 * S}) == (Turn.WAIT, None)
+    stamps["reference"] = 5 * S
+    assert rule.hear("reference", stamps) == (Turn.STEP, None)
+    assert rule.hear("estimate", stamps) == (Turn.STEP, None)  # it was not answered: the node was not enabled
+    rule.answer(5 * S)
+    assert rule.hear("estimate", stamps) == (Turn.REPEAT, None)
+    assert rule.hear("reference", stamps) == (Turn.WAIT, None)  # one repetition is enough
+    assert rule.hear("goal", stamps | {"goal": 9 * S}) == (Turn.WAIT, None)
+
+
+def test_after_a_reset_a_step_is_answered_anew():
+    rule = answers()
+    assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
+    rule.answer(S)
+    rule.reset()
+    assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
+    assert rule.messages.interval(S) == 0.0
+
+
+def test_a_leap_of_the_stamps_is_a_new_episode_ahead_and_back():
+    rule = answers()
+    for stamp in (S, S + TENTH):
+        assert rule.hear("estimate", {"estimate": stamp}) == (Turn.STEP, None)
+        rule.answer(stamp)
+    turn, gap = rule.hear("estimate", {"estimate": 61 * S})
+    assert (turn, gap is not None) == (Turn.STEP, True)
+    rule.answer(61 * S)
+    turn, gap = rule.hear("estimate", {"estimate": S})  # the plant was started again
+    assert (turn, gap is not None) == (Turn.STEP, True)
+
+
+def test_a_block_that_steps_more_rarely_answers_the_steps_between_with_its_last_answer():
+    rule = answers(On("estimate", period=0.1))
+    turns = []
+    for k in range(6):
+        stamp = S + k * TENTH // 2
+        turns.append(rule.hear("estimate", {"estimate": stamp})[0])
+        rule.answer(stamp)
+    assert turns == [Turn.STEP, Turn.HOLD] * 3
+
+
+def test_the_stamps_of_a_robot_are_refused_where_they_would_count():
+    rule = answers(goal="latest")
+    rule.check("estimate", 61 * S)
+    rule.check("goal", 1_700_000_000 * S)  # a goal is set by a person, in whatever time
+    with pytest.raises(ValueError, match="wall clock"):
+        rule.check("estimate", 1_700_000_000 * S)
+
+
+def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
+    plant = Plant(Every(0.1, 0.0), now=7.0)
+    assert plant.advance(7.0) == S
+    assert not plant.answers([None])
+    assert not plant.answers([S - TENTH])
+    assert not plant.answers([S, S - TENTH])
+    assert plant.answers([S])
+    assert plant.advance(7.0) == S + TENTH
+    assert not plant.answers([S])
+    plant.begin_episode()
+    assert plant.advance(7.0) == 61 * S + TENTH
+
+
+def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long_after_two():
+    plant = Plant(Every(0.1, 0.0), now=7.0)
+    plant.advance(7.0)
+    assert [plant.resend(7.0 + 0.05 * k) for k in range(1, 10)] == [False] * 3 + [True] + [False] * 3 + [True, False]
+    assert not plant.is_overdue(8.9)
+    assert plant.is_overdue(9.1)
+    plant.advance(9.2)
+    assert not plant.is_overdue(9.3)
+
+
+def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
+    plant = Plant(Every(0.1, 4.0), now=10.0)
+    assert plant.wait(10.0) == 0.0
+    plant.advance(10.0)
+    assert plant.wait(10.0) == pytest.approx(0.025)
+    plant.advance(10.025)
+    assert plant.wait(10.025) == pytest.approx(0.025)
+    plant.advance(12.0)  # it waited for two seconds
+    plant.advance(12.0)  # and is late by one step at most
+    assert plant.wait(12.0) == pytest.approx(0.025)
+    assert Plant(Every(0.1, 0.0), now=0.0).wait(0.0) == 0.0
+
+
+def test_who_is_missing_is_the_first_on_the_way():
+    way = ("/estimate", "/reference", "/cmd_vel")
+    speakers = {"/estimate": ["/kalman_filter"], "/reference": [], "/cmd_vel": ["/velocity_controller"]}
+
+    def said(*stamps):
+        return missing_link(12 * S, dict(zip(way, stamps, strict=True)), speakers)
+
+    assert said(None, None, None) == "waits for /estimate of the step at 12.000 s: /kalman_filter has not answered"
+    assert said(12 * S, 11 * S, 11 * S) == "waits for /reference of the step at 12.000 s: nobody publishes it"
+    assert said(12 * S, 12 * S, 11 * S) == "waits for /cmd_vel of the step at 12.000 s: /velocity_controller has not answered"
+    assert "did not arrive" in said(12 * S, 12 * S, 12 * S)
+
+
+def test_what_runs_in_lock_step_and_what_cannot():
+    command = {"command": Input(topic="cmd_vel", type=Command, lock_step="same")}
+    assert trigger_of(Every(0.1, 1.0), command) is None
+    assert trigger_of(Every(0.1, answers="estimate"), {}) == On("estimate")
+    assert trigger_of(On("odometry", period=0.2), {}) == On("odometry", period=0.2)
+    with pytest.raises(ValueError, match="answers nobody"):
+        trigger_of(Every(0.1), {})
+    with pytest.raises(ValueError, match="cmd_vel is heard"):
+        trigger_of(On("odometry"), {"command": Input(topic="cmd_vel", type=Command, lock_step="refused")})

@@ -1,0 +1,226 @@
+"""Lock-step on live nodes: the graph is the environment, whatever the machine does meanwhile, and says whom it waits for."""
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.time import Time
+from std_srvs.srv import SetBool, Trigger
+
+from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.node.answering import AsPlant
+from turtlebot_gym_ros.node.lockstep import Plant
+
+STEPS = 300
+LEAST = 1e-9
+"""Largest difference from the environment. Headings survive their quaternion; a limit that is applied twice may round twice."""
+CHAIN = ("turtlebot_simulator", "kalman_filter", "waypoint_generator", "velocity_controller")
+LAZY = """
+import time
+from turtlebot_gym_agents.policies import make_policy
+
+bearing = make_policy("bearing", robot="burger")
+
+def lazy(observation, calls=[]):
+    calls.append(1)
+    if len(calls) % 20 == 10:
+        time.sleep(0.7)  # in real time, a fault after 0.5 s
+    return bearing(observation)
+"""
+
+
+def node(name, *parameters):
+    words = ("lock_step:=true", *parameters)
+    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in words for word in ("-p", each))]
+
+
+@pytest.mark.parametrize(
+    ("policy", "noise", "switch"),
+    [
+        ("proportional", "tutorial", "time"),
+        ("proportional", "rough", "arrival"),
+        ("bearing", "documented", "arrival"),
+        ("bearing", "rough", "time"),
+        ("ppo-square", "tutorial", "arrival"),
+        ("ppo-square", "rough", "time"),
+        ("bearing", "wheel", "arrival"),
+    ],
+)
+def test_the_graph_is_the_environment(compare, policy, noise, switch):
+    drive = compare.Drive(policy, noise, switch, "burger", 3)
+    differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
+    assert max(differ.values()) <= LEAST, differ
+
+
+def test_a_busy_machine_and_processes_change_no_byte(compare):
+    drive = compare.Drive()
+    alone = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]
+    with compare.busy(4):
+        loaded = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]
+    assert len({*alone, *loaded}) == 1
+    assert compare.digest(compare.live(drive._replace(seed=1), STEPS)) not in alone  # the fingerprint tells drives apart
+
+
+def test_another_rule_of_the_plant_is_noticed(compare, monkeypatch):
+    """The defect: a plant that takes the newest command, of whatever step."""
+    monkeypatch.setattr(AsPlant, "takes", lambda self, key, stamp: True)
+    monkeypatch.setattr(Plant, "answers", lambda self, stamps: True)
+    drive = compare.Drive()
+    with Graph(**drive._asdict(), goal_tolerance=0.0) as graph:
+        publisher = graph._recorder.node.create_publisher(TwistStamped, "cmd_vel", 10)
+        graph.wait_until(lambda graph: publisher.get_subscription_count())
+        while graph.time < 0.1 * STEPS:
+            publisher.publish(TwistStamped())
+            time.sleep(0.01)
+        trajectory = graph.trajectory()
+    differ = compare.differences(compare.episode(drive, STEPS), compare.first(trajectory, STEPS))
+    assert max(differ.values()) > 1e-3
+
+
+def test_a_command_of_no_step_is_not_obeyed(compare):
+    drive = compare.Drive()
+    with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
+        publisher = graph._recorder.node.create_publisher(TwistStamped, "cmd_vel", 10)
+        graph.wait_until(lambda graph: publisher.get_subscription_count())
+        while graph.time < 0.1 * 100:
+            publisher.publish(TwistStamped())
+            time.sleep(0.01)
+        trajectory = graph.trajectory()
+    differ = compare.differences(compare.episode(drive, 100), compare.first(trajectory, 100))
+    assert max(differ.values()) <= LEAST, differ
+
+
+def test_each_command_bears_the_stamp_of_its_step_and_acts_in_the_next(compare):
+    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
+        heard = {}
+        hear = lambda message: heard.update({Time.from_msg(message.header.stamp).nanoseconds: message.twist})  # noqa: E731
+        graph._recorder.node.create_subscription(TwistStamped, "cmd_vel", hear, 1000)
+        graph.wait_until(lambda graph: len(heard) > 50)
+        graph.wait_until(lambda graph, at=graph.time: graph.time > at + 10.0)
+        steps = round(graph.time / 0.1)
+    command = compare.episode(drive, steps).command
+    answers = {round((stamp / 1e9 - 1.0) / 0.1): twist for stamp, twist in heard.items() if stamp}
+    for k in (each for each in answers if each < steps):
+        assert (answers[k].linear.x, answers[k].angular.z) == pytest.approx(command[k + 1], abs=LEAST)
+
+
+def test_a_policy_that_takes_its_time_is_waited_for(compare, monkeypatch, tmp_path):
+    (tmp_path / "lazy_policy.py").write_text(LAZY)
+    monkeypatch.syspath_prepend(tmp_path)
+    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    expected = compare.episode(drive, 60)
+    differ = compare.differences(expected, compare.live(drive._replace(policy="lazy_policy:lazy"), 60))
+    assert max(differ.values()) <= LEAST, differ
+
+
+def test_time_goes_on_when_the_controller_is_done_and_the_robot_rests():
+    with Graph(policy="bearing", noise="clean") as graph:
+        graph.wait_until(lambda graph: graph.state == "silent: done")
+        graph.wait_until(lambda graph, at=graph.time: graph.time > at + 5.0)
+        trajectory = graph.trajectory()
+    np.testing.assert_array_equal(trajectory.true_state[-20:, 3:], 0.0)
+    np.testing.assert_array_equal(np.ptp(trajectory.true_state[-20:], axis=0), 0.0)
+
+
+def test_a_speed_is_a_limit():
+    with Graph(policy="bearing", speed=10.0) as graph:
+        begin, at = time.monotonic(), graph.time
+        graph.wait_until(lambda graph: graph.time >= at + 20.0)
+        assert (graph.time - at) / (time.monotonic() - begin) <= 10.5
+
+
+def test_a_reset_begins_the_next_episode(compare, peer):
+    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
+        graph.wait_until(lambda graph: graph.time > 5.0)
+        assert peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request()).success
+        graph.wait_until(lambda graph: graph.time < 5.0)
+        graph.wait_until(lambda graph: graph.time >= 10.0)
+        trajectory = graph.trajectory()
+    differ = compare.differences(compare.episode(drive, 100, number=1), compare.first(trajectory, 100))
+    assert max(differ.values()) <= LEAST, differ
+
+
+def test_while_it_is_not_enabled_time_stands_still(compare, peer):
+    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
+        graph.wait_until(lambda graph: graph.time > 5.0)
+        assert peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=False)).success
+        time.sleep(0.3)  # the last answer may have been on its way
+        at = graph.time
+        with pytest.raises(TimeoutError, match=r"waits for /cmd_vel of the step .* /velocity_controller has not answered"):
+            graph.wait_until(lambda graph: graph.time > at, timeout=5.0)
+        assert peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=True)).success
+        graph.wait_until(lambda graph: graph.time >= 10.0)
+        trajectory = graph.trajectory()
+    differ = compare.differences(compare.episode(drive, 100), compare.first(trajectory, 100))
+    assert max(differ.values()) <= LEAST, differ  # not by a bit: the robot did not move meanwhile
+
+
+@pytest.mark.parametrize("name", CHAIN[1:])
+def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
+    drive = compare.Drive("bearing", "rough", "time", "burger", 3)
+    topic = {"kalman_filter": "estimate", "waypoint_generator": "reference", "velocity_controller": "cmd_vel"}[name]
+    with Graph(**drive._asdict(), goal_tolerance=0.0, processes=True, speed=20.0) as graph:
+        graph.wait_until(lambda graph: graph.time > 3.0)
+        (process,) = (each for each in graph._processes if name in each.args)
+        process.send_signal(signal.SIGSTOP)
+        with pytest.raises(TimeoutError, match=rf"waits for /(next_)?{topic} of the step .* /{name} has not answered"):
+            graph.wait_until(lambda graph: graph.time > 60.0, timeout=6.0)
+        process.send_signal(signal.SIGCONT)
+        graph.wait_until(lambda graph: graph.time >= 10.0)
+        trajectory = graph.trajectory()
+    differ = compare.differences(compare.episode(drive, 100), compare.first(trajectory, 100))
+    assert max(differ.values()) <= LEAST, differ
+
+
+def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
+    """Time goes on by itself as soon as the chain is complete; the simulator says who is missing."""
+    reports, truths = peer.hear("/diagnostics", DiagnosticArray), peer.hear("true_state", Odometry, 1000)
+
+    def says(text):
+        statuses = (each for message in reports for each in message.status if each.name == "/turtlebot_simulator")
+        return any(text in each.message for each in statuses)
+
+    def moves():
+        at = len({message.header.stamp.nanosec + message.header.stamp.sec * 10**9 for message in truths})
+        wait_for(lambda: len({each.header.stamp.nanosec + each.header.stamp.sec * 10**9 for each in truths}) > at + 5)
+
+    running = {"turtlebot_simulator": launch(*node("turtlebot_simulator", "speed:=10.0"))}
+    wait_for(lambda: says("waits for /estimate of the step at 1.000 s: nobody publishes it"))
+    running["kalman_filter"] = launch(*node("kalman_filter"))
+    wait_for(lambda: says("waits for /reference of the step at 1.000 s: nobody publishes it"))
+    running["waypoint_generator"] = launch(*node("waypoint_generator"))
+    wait_for(lambda: says("waits for /cmd_vel of the step at 1.000 s: nobody publishes it"))
+    running["velocity_controller"] = launch(*node("velocity_controller", "start_enabled:=true"))
+    moves()
+    for name in CHAIN[1:]:
+        running[name].kill()
+        running[name].wait()
+        time.sleep(0.3)
+        extra = ("start_enabled:=true",) if name == "velocity_controller" else ()
+        running[name] = launch(*node(name, *extra))
+        moves()
+
+
+def test_a_robots_odometry_moves_nobody_in_lock_step(launch, peer, wait_for):
+    """A real robot's stamps are those of a clock on the wall: it does not wait for anybody."""
+    launch(*node("kalman_filter"))
+    estimates, reports = peer.hear("estimate", Odometry), peer.hear("/diagnostics", DiagnosticArray)
+    odometry = peer.speak("odom", Odometry)
+    wait_for(odometry.get_subscription_count)
+    message = Odometry()
+    message.header.frame_id, message.pose.pose.orientation.w = "odom", 1.0
+
+    def refused():
+        message.header.stamp = Time(nanoseconds=time.time_ns()).to_msg()
+        odometry.publish(message)
+        return any("its stamp is a wall clock's" in each.message for report in reports for each in report.status)
+
+    wait_for(refused)
+    assert not estimates
