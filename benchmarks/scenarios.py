@@ -36,7 +36,10 @@ class Budget:
 
 
 def results_folder(name: str) -> Path:
-    """Return where trainings and tunings of this very state of the code are kept, so that others are not taken for them."""
+    """Return where trainings and tunings of this commit are kept, so that others are not taken for them.
+
+    All states that are not committed share one folder: remove it where that matters.
+    """
     return Path("out") / name / short(provenance()["commit"])
 
 
