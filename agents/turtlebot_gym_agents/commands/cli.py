@@ -93,7 +93,9 @@ class Evaluate(_Driven):
                     observation=observation,
                     **self.options(),
                 )
-        print_tables(*report.evaluation_tables(evaluations, title=f"{self.env}, {self.episodes} episodes, robot {self.robot}"))
+        shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
+        title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
+        print_tables(*report.evaluation_tables(evaluations, title=title))
         if self.json is not None:
             runs = [
                 {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
