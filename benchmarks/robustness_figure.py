@@ -33,8 +33,9 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
     names = [f"{row['scenario']}\n{_times(row)}" for row in rows]
     left.set_yticks(at, names, fontsize=8.5)
     left.axvline(0.0, color="black", linewidth=0.8)
-    left.set_xscale("symlog", linthresh=LINEAR, subs=())
+    left.set_xscale("symlog", linthresh=LINEAR)
     left.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+    left.xaxis.minorticks_off()
     ends = [row["ppo"]["difference"][end] for row in rows for end in ("low", "high")]
     left.set_xlim(min(-1.5 * LINEAR, 1.2 * min(ends)), max(1.5 * LINEAR, 1.2 * max(ends)))
     left.set_xlabel(f"PPO minus the tuned baseline (s): left of the line PPO is faster\nlogarithmic beyond {LINEAR:g} s")

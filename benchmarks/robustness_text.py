@@ -30,7 +30,7 @@ def conditions(results: Mapping[str, Any]) -> str:
         f"Each scenario has {config['seeds']} trainings (seeds 0 to {config['seeds'] - 1}) and {config['episodes']} paired "
         f"episodes (seeds from {config['first_seed']:,}). Each baseline is tuned for its scenario, in {config['tries']} tries "
         f"of {config['episodes']} episodes on other seeds. Intervals are 95 %, over trainings and episodes. A difference is "
-        f"one whose p-value is below 0.05 after Holm's correction for {n} scenarios."
+        f"one whose p-value is below 0.05 after Holm's correction for {n} scenario{'s' * (n > 1)}."
     )
 
 

@@ -118,8 +118,11 @@ def test_scenarios_have_files_of_their_own():
     assert scenarios.short(None) == "unknown"
 
 
-def test_the_figure_has_a_line_and_a_bar_for_each_scenario():
-    left, right = import_module("robustness_figure").draw(RESULTS["comparisons"]).axes
+def test_the_figure_has_a_line_and_a_bar_for_each_scenario(tmp_path):
+    figure = import_module("robustness_figure").draw(RESULTS["comparisons"])
+    figure.savefig(tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    left, right = figure.axes
     assert [label.get_text().partition("\n")[0] for label in left.get_yticklabels()] == [
         "Nav, raw odometry, tutorial", "Nav, estimate, tutorial", "Nav, wheel"
     ]  # fmt: skip

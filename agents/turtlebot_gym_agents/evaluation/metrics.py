@@ -85,7 +85,7 @@ def wilson(p: float, n: float, z: float) -> Interval:
     """
     centre, margin = p + z * z / (2.0 * n), z * np.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
     low, high = (centre - margin) / (1.0 + z * z / n), (centre + margin) / (1.0 + z * z / n)
-    return Interval(p, float(max(low, 0.0)), float(min(high, 1.0)))
+    return Interval(p, float(low) if p > 0.0 else 0.0, float(high) if p < 1.0 else 1.0)
 
 
 def share_difference(one: Interval, other: Interval, correlation: float = 0.0) -> Interval:
