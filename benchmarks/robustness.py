@@ -1,192 +1,186 @@
-"""The study: what learning is worth, and what the filter is worth, under every noise; with intervals, on paired episodes.
+"""The study: where learning beats geometry, by how much, and how sure that is.
 
-Part 1, the matrix: policies x what they see x noise. PPO is trained anew for each observation and each noise, with several
-seeds, and tested on every noise, that it was trained on or not. Part 2, the scenarios: tasks where more than geometry counts;
-there PPO is trained on the scenario itself and compared in pairs with the geometric baselines.
+In each scenario PPO is trained anew with several seeds, and the baselines are tuned anew with as many episodes to each try as
+the evaluation has. All drive the same fresh episodes. The intervals contain the differences between trainings as well as those
+between episodes, and the p-values are corrected for the number of scenarios (Holm). A tuned baseline is one policy: its
+interval has episodes only.
 
-Run `python benchmarks/robustness.py`; it takes about twenty minutes on two cores and goes on where it was interrupted.
+`make study` runs it. What is done is kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tyro
-from matplotlib.figure import Figure
 from rich.console import Console
-from rich.progress import track
+from rich.table import Table
+from robustness_figure import draw
+from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, slug, tuned
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
-from turtlebot_gym_agents.evaluation.metrics import mean
+from turtlebot_gym_agents.evaluation.comparison import compare
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.metrics import holm, mean, share
+from turtlebot_gym_agents.evaluation.tune_baseline import best_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import plain, write_json
 from turtlebot_gym_agents.training.train import TrainingConfig, train
 
-NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
-NOISES = ("clean", "tutorial", "documented", "wheel", "rough")
-OBSERVATIONS = ("truth", "odometry", "ekf")
 BURGER = ROBOTS["burger"]
+SLUGGISH = replace(BURGER, max_linear_acceleration=0.1, max_angular_acceleration=1.0)
+SEES = {"truth": "true pose", "odometry": "raw odometry", "ekf": "estimate"}
 SCENARIOS: dict[str, dict[str, Any]] = {
-    "Nav": {"env": NAV},
-    "Nav, arrival on belief": {"env": NAV, "arrival": "belief"},
-    "Nav, delay of 0.2 s": {"env": NAV, "delay": 2},
-    "Nav, 0.1 m/s^2 and 1 rad/s^2": {
-        "env": NAV,
-        "robot": replace(BURGER, max_linear_acceleration=0.1, max_angular_acceleration=1.0),
+    **{
+        f"Nav, {SEES[observation]}, {noise}": {"env": NAV, "observation": observation, "noise": noise}
+        for observation, noises in {
+            "truth": ("clean", "rough"),  # under clean, tutorial and documented the plant is the same, exact
+            "odometry": ("tutorial", "documented", "rough", "wheel"),
+            "ekf": ("tutorial", "documented", "rough", "wheel"),
+        }.items()
+        for noise in noises
     },
-    "Nav, no reverse": {"env": NAV, "robot": replace(BURGER, reverse=False)},
-    "Pose": {"env": POSE},
-    "Pose, no reverse": {"env": POSE, "robot": replace(BURGER, reverse=False)},
-    "Square": {"env": SQUARE},
+    **{
+        f"{name}, tutorial": {"env": env, "observation": "ekf", "noise": "tutorial", **options}
+        for name, env, options in (
+            ("Nav, arrival on belief", NAV, {"arrival": "belief"}),
+            ("Nav, delay of 0.2 s", NAV, {"delay": 2}),
+            ("Nav, 0.1 m/s² and 1 rad/s²", NAV, {"robot": SLUGGISH}),
+            ("Nav, no reverse", NAV, {"robot": replace(BURGER, reverse=False)}),
+            ("Pose", POSE, {}),
+            ("Pose, no reverse", POSE, {"robot": replace(BURGER, reverse=False)}),
+            ("Square", SQUARE, {}),
+        )
+    },
 }
-"""Tasks where more than the bearing of a point may count."""
-BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing",)}
+"""Environments' arguments by name. The robot is the burger where none is named."""
+LEVEL = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
-    """Train and evaluate it all."""
+class Config(Budget):
+    """Train, tune and evaluate it all."""
 
-    episodes: int = 2000
-    """Paired episodes of each evaluation."""
-    seeds: int = 3
-    """Seeds of training."""
+    only: tuple[str, ...] = ()
+    """Scenarios by name; all where it is empty."""
+    seeds: int = 5
+    """Trainings of each scenario, with seeds from 0 on."""
     steps: int | None = None
     """Steps of each training; those of the configuration where it is not given."""
-    runs: Path = Path("out/robustness")
-    """Where trainings are kept; those that are there already are not made again."""
-    json: Path = Path("benchmarks/robustness.json")
-    """Results."""
-    plot: Path = Path("benchmarks/robustness.png")
-    """Figure."""
     first_seed: int = 1_000_000
-    """First seed of the evaluation."""
+    """First seed of the evaluation's episodes."""
+    runs: Path | None = None
+    """Where trainings and tunings are kept; out/study/COMMIT where it is not given."""
+    out: Path = Path("out/study")
+    """Where robustness.json and robustness.png go."""
 
 
-def trained(config: Config, name: str, **options: Any) -> BundlePolicy:
-    """Return the policy of a training, which is run if it was not before."""
-    folder = config.runs / name
-    bundle = folder / "policy.onnx"
-    if not bundle.exists():
-        train(TrainingConfig(steps=config.steps, **options), folder, resume=True, progress=False)
-    return BundlePolicy(bundle)
+def training(folder: Path, steps: int | None, seed: int, options: dict[str, Any]) -> Path:
+    """Return the bundle of a training, which is made where it is missing."""
+    run = folder / f"ppo-{slug(**options)}-{seed}"
+    if not (run / "policy.onnx").exists():
+        train(TrainingConfig(steps=steps, seed=seed, **options), run, resume=True, progress=False)
+    return run / "policy.onnx"
 
 
-def row(evaluations: list[Evaluation], against: Evaluation | None = None) -> dict[str, Any]:
-    """Return the figures of one policy, over the seeds that it was trained with; times count a failure as the limit."""
-    summary = {
-        "success": mean(np.concatenate([one.episodes.success for one in evaluations]).astype(float)),
-        "time": mean(np.mean([one.times() for one in evaluations], axis=0)),
-        "effort": mean(np.mean([one.episodes.effort for one in evaluations], axis=0)),
-        "false_arrival": mean(np.mean([one.episodes.false_arrival for one in evaluations], axis=0)),
-        "time_of_each_seed": [float(one.times().mean()) for one in evaluations],
+def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
+    """Return the row of a scenario, whose trainings and tunings are there."""
+    options = SCENARIOS[name]
+    baselines = evaluate_baselines(folder, config, config.first_seed, **options)
+    common = {**options, "episodes": config.episodes, "seed": config.first_seed}
+    bundles = [BundlePolicy(training(folder, config.steps, seed, options)) for seed in range(config.seeds)]
+    best = next(iter(baselines))
+
+    def described(policy: str) -> dict[str, Any]:
+        episodes, tries = baselines[policy].episodes, tuned(folder, policy, config, **options)
+        return {
+            "policy": policy,
+            "numbers": best_of(tries).numbers,
+            "time": mean(baselines[policy].times()),
+            "time_untuned": mean(evaluate(policy, **common).times()),
+            "success": share(episodes.success),
+            "false_arrival": share(episodes.false_arrival),
+        }
+
+    return {
+        "scenario": name,
+        "options": options,
+        "seeds": {
+            "training": list(range(config.seeds)),
+            "evaluation": [config.first_seed, config.first_seed + config.episodes],
+        },
+        "baselines": [described(policy) for policy in baselines],
+        "compared_with": best,
+        "ppo": compare([evaluate(bundle, **common) for bundle in bundles], baselines[best]),
+        "commits": sorted({str(bundle.card.training["commit"]) for bundle in bundles}),
     }
-    if against is not None:
-        summary["minus_baseline"] = mean(np.mean([one.times() for one in evaluations], axis=0) - against.times())
-    return summary
 
 
-def matrix(config: Config) -> list[dict[str, Any]]:
-    """Return part 1: a row for each policy, observation, noise of training and noise of testing."""
-    rows = []
-    common = {"env": NAV, "episodes": config.episodes, "seed": config.first_seed}
-    for observation in OBSERVATIONS:
-        base = {}
-        for policy in ("proportional", "bearing"):
-            for noise in NOISES:
-                base[policy, noise] = evaluate(policy, noise=noise, observation=observation, **common)
-                figures = row([base[policy, noise]], base["bearing", noise] if policy == "bearing" else None)
-                rows.append({"policy": policy, "observation": observation, "trained": None, "noise": noise, **figures})
-        for noise in track(NOISES, f"PPO on {observation}", console=Console(stderr=True)):
-            policies = [
-                trained(config, f"{observation}-{noise}-{seed}", noise=noise, observation=observation, seed=seed)
-                for seed in range(config.seeds)
-            ]
-            for test in NOISES:
-                tests = [evaluate(policy, noise=test, observation=observation, **common) for policy in policies]
-                figures = row(tests, base["bearing", test])
-                rows.append({"policy": "ppo", "observation": observation, "trained": noise, "noise": test, **figures})
-    return rows
+def false_arrivals(config: Config, noise: str) -> dict[str, Any]:
+    """Return how often the bearing law, as it comes, ends an episode on belief at a place where it is not."""
+    options = {"env": NAV, "arrival": "belief", "noise": noise, "episodes": config.episodes, "seed": config.first_seed}
+    return {"noise": noise, "policy": "bearing", "false_arrival": share(evaluate("bearing", **options).episodes.false_arrival)}
 
 
-def scenarios(config: Config) -> list[dict[str, Any]]:
-    """Return part 2: a row for each scenario and policy."""
-    rows = []
-    for name, options in track(SCENARIOS.items(), "scenarios", console=Console(stderr=True)):
-        common = {**options, "episodes": config.episodes, "seed": config.first_seed}
-        baselines = {policy: evaluate(policy, **common) for policy in BASELINES[options["env"]]}
-        slug = "".join(letter if letter.isalnum() else "-" for letter in name.lower())
-        policies = [trained(config, f"{slug}-{seed}", seed=seed, **options) for seed in range(config.seeds)]
-        learned = [evaluate(policy, **common) for policy in policies]
-        rows += [{"scenario": name, "policy": policy, **row([one])} for policy, one in baselines.items()]
-        best = min(baselines.values(), key=lambda one: float(one.times().mean()))
-        rows.append({"scenario": name, "policy": "ppo", **row(learned, best)})
-    return rows
+def verdict(row: dict[str, Any]) -> str:
+    """Return what may be said, with the corrected p-value."""
+    if row["p_holm"] >= LEVEL:
+        return "no difference found"
+    return "PPO faster" if row["ppo"]["difference"].value < 0.0 else "PPO slower"
 
 
-def _intervals(rows: list[dict[str, Any]], name: str) -> np.ndarray:
-    """Return value, low and high of a figure of each row, shape (n, 3)."""
-    return np.array([[row[name][part] for part in ("value", "low", "high")] for row in rows])
-
-
-def figure(results: dict[str, Any]) -> Figure:
-    """Draw the matrix's times by noise, one panel for each observation, and the scenarios' differences.
-
-    The proportional law, at 29 s everywhere, is left out: it would press the others together.
-    """
-    drawn = Figure(figsize=(13, 7.5), layout="constrained")
-    panels = drawn.subplot_mosaic([list(OBSERVATIONS), ["scenarios"] * 3], height_ratios=[1.0, 1.1])
-    at = np.arange(len(NOISES))
-    styles = {"bearing": ("#D55E00", "o"), "ppo": ("#009E73", "^")}
-    for observation in OBSERVATIONS:
-        axes = panels[observation]
-        for shift, (policy, (colour, marker)) in zip((-0.1, 0.1), styles.items(), strict=True):
-            chosen = [
-                one
-                for noise in NOISES
-                for one in results["matrix"]
-                if (one["policy"], one["observation"], one["noise"]) == (policy, observation, noise)
-                and one["trained"] in (None, noise)
-            ]
-            values = _intervals(chosen, "time")
-            errors = np.abs(values[:, 1:].T - values[:, 0])
-            label = "PPO, trained on the same noise" if policy == "ppo" else policy
-            axes.errorbar(at + shift, values[:, 0], errors, fmt=marker, color=colour, label=label, capsize=3)
-        axes.set(title=f"observed: {observation}", ylim=(9.5, 17.5), xticks=at)
-        axes.set_xticklabels(NOISES, rotation=20)
-        axes.grid(axis="y", alpha=0.3)
-    panels["truth"].set_ylabel("time to goal (s), a failure as 30 s")
-    panels["truth"].legend(loc="upper left", fontsize="small")
-    axes = panels["scenarios"]
-    chosen = [one for one in results["scenarios"] if one["policy"] == "ppo"][::-1]
-    values = _intervals(chosen, "minus_baseline")
-    axes.errorbar(
-        values[:, 0], range(len(chosen)), xerr=np.abs(values[:, 1:].T - values[:, 0]), fmt="^", color="#009E73", capsize=3
-    )
-    axes.axvline(0.0, color="black", linewidth=0.8)
-    axes.set(
-        yticks=range(len(chosen)),
-        yticklabels=[one["scenario"] for one in chosen],
-        xlabel="time of PPO minus that of the best baseline (s): left of the line, learning pays",
-    )
-    axes.grid(axis="x", alpha=0.3)
+def table(rows: list[dict[str, Any]], config: Config) -> Table:
+    """Return the comparisons for the terminal."""
+    drawn = Table(
+        "scenario", "baseline", "untuned, s", "tuned, s", "PPO, s", "PPO - tuned, s", "p (Holm)", "success, %", "",
+        title=f"{config.seeds} trainings, {config.episodes} episodes, 95 % intervals",
+    )  # fmt: skip
+    for row in rows:
+        base, ppo = row["baselines"][0], row["ppo"]
+        difference = ppo["difference"]
+        drawn.add_row(
+            row["scenario"],
+            row["compared_with"],
+            f"{base['time_untuned'].value:.2f}",
+            f"{base['time'].value:.2f}",
+            f"{ppo['time'].value:.2f}",
+            f"{difference.value:+.2f} ({difference.low:+.2f}, {difference.high:+.2f})",
+            f"{row['p_holm']:.2g}",
+            f"{100.0 * base['success'].value:.1f}, {100.0 * ppo['success'].value:.1f}",
+            row["verdict"],
+        )
     return drawn
 
 
 def main() -> None:
     """Run the study, and write its results and its figure."""
     config = tyro.cli(Config, description=__doc__)
-    config.runs.mkdir(parents=True, exist_ok=True)
-    results = {"matrix": matrix(config), "scenarios": scenarios(config)}
-    told = {name: value for name, value in vars(config).items() if not isinstance(value, Path)}
-    write_json(config.json, results, config=told)
-    figure(json.loads(config.json.read_text())).savefig(config.plot, dpi=120)
-    Console().print(f"{config.json} and {config.plot} are written.")
+    folder = config.runs or results_folder("study")
+    names = config.only or tuple(SCENARIOS)
+    # The longest first, so that no process ends long after the others.
+    ordered = sorted(names, key=lambda name: (SCENARIOS[name]["env"] == NAV, SCENARIOS[name]["env"]))
+    jobs = [(training, (folder, config.steps, seed, SCENARIOS[name])) for name in ordered for seed in range(config.seeds)]
+    jobs += [
+        (prepare, (folder, policy, config, SCENARIOS[name])) for name in ordered for policy in BASELINES[SCENARIOS[name]["env"]]
+    ]
+    run_all(jobs, "trainings and tunings", config.processes)
+    rows = run_all([(compared, (config, folder, name)) for name in names], "evaluations", config.processes)
+    for row, p in zip(rows, holm([row["ppo"]["p"] for row in rows]), strict=True):
+        row["p_holm"] = p
+        row["verdict"] = verdict(row)
+    noises = ("tutorial", "documented", "wheel", "rough")
+    results = {"comparisons": rows, "false_arrivals": [false_arrivals(config, noise) for noise in noises]}
+    told = {name: value for name, value in asdict(config).items() if name not in ("runs", "out")}
+    write_json(config.out / "robustness.json", results, config=told)
+    draw(plain(results)["comparisons"]).savefig(config.out / "robustness.png", dpi=120)
+    Console(width=180).print(table(rows, config))
+
+
+def prepare(folder: Path, policy: str, budget: Budget, options: dict[str, Any]) -> None:
+    """Tune a baseline in a process of its own."""
+    tuned(folder, policy, budget, **options)
 
 
 if __name__ == "__main__":

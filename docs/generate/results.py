@@ -1,47 +1,49 @@
-"""The results' tables, from the files that the study and the trainings have left."""
+"""The results' findings and tables, from the files that the study, the trainings and the live graph have left."""
 
 import json
+import sys
 from pathlib import Path
 
 import mkdocs_gen_files
 
+sys.path.insert(0, "benchmarks")
+from robustness_text import conditions, summary
 
-def interval(estimate, sign=""):
-    """Return a time with half its 95 % interval, s."""
-    return f"{estimate['value']:{sign}.2f} ± {(estimate['high'] - estimate['low']) / 2.0:.2f}"
+
+def seconds(interval, sign=""):
+    """Return a time with its 95 % interval, s."""
+    value, low, high = (f"{interval[part]:{sign}.2f}" for part in ("value", "low", "high"))
+    return f"{value} ({low}, {high})"
+
+
+def percent(interval):
+    """Return a share with its 95 % interval, %."""
+    value, low, high = (f"{100.0 * interval[part]:.1f}" for part in ("value", "low", "high"))
+    return f"{value} ({low}, {high})"
 
 
 study = json.loads(Path("benchmarks/robustness.json").read_text(encoding="utf-8"))
-noises = list(dict.fromkeys(cell["noise"] for cell in study["matrix"]))
-rows = {}
-for cell in study["matrix"]:
-    if cell["trained"] in (None, cell["noise"]):
-        text = f"{interval(cell['time'])} s, {100.0 * cell['success']['value']:.1f} %"
-        rows.setdefault((cell["policy"], cell["observation"]), {})[cell["noise"]] = text
-
 with mkdocs_gen_files.open("results.md", "a") as page:
+    print("\n## What the study finds\n", file=page)
+    print("\n".join(summary(study)), file=page)
+    print(f"\n{conditions(study)}\n", file=page)
+    print("## All comparisons\n", file=page)
     print(
-        f"\n## Policies, what they see, and noise\n\nTask Nav, {study['config']['episodes']} episodes each: time to the goal",
+        "Times are means over episodes, with a failure as the time limit. The first baseline of a scenario is the one that",
         file=page,
     )
-    print(
-        "with its 95 % interval, a failure counted as 30 s, and success. PPO is trained on the noise that it is tested on.\n",
-        file=page,
-    )
-    print(f"| policy | sees | {' | '.join(noises)} |\n|---|---{'|---' * len(noises)}|", file=page)
-    for (policy, observation), row in rows.items():
-        print(f"| {policy} | {observation} | {' | '.join(row[noise] for noise in noises)} |", file=page)
-    print("\n## Tasks where more than geometry may count\n", file=page)
-    print(
-        "Noise `tutorial`. The difference is that of paired episodes: below zero PPO is faster than the best baseline. A false",
-        file=page,
-    )
-    print("arrival is one that the robot believed in and that was none.\n", file=page)
-    print("| task | policy | time, s | difference, s | success, % | false arrivals, % |\n|---|---|---|---|---|---|", file=page)
-    for case in study["scenarios"]:
-        difference = interval(case["minus_baseline"], "+") if "minus_baseline" in case else ""
-        shares = " | ".join(f"{100.0 * case[name]['value']:.1f}" for name in ("success", "false_arrival"))
-        print(f"| {case['scenario']} | {case['policy']} | {interval(case['time'])} | {difference} | {shares} |", file=page)
+    print("was fastest in its tuning: PPO is compared with it.\n", file=page)
+    print("| scenario | policy | time, s | untuned, s | PPO minus it, s | p (Holm) | success, % |", file=page)
+    print("|---|---|---|---|---|---|---|", file=page)
+    for row in study["comparisons"]:
+        ppo, name = row["ppo"], row["scenario"]
+        seeds = f"{ppo['trainings']} trainings"
+        print(f"| {name} | PPO, {seeds} | {seconds(ppo['time'])} | | | | {percent(ppo['success'])} |", file=page)
+        for one in row["baselines"]:
+            compared = one["policy"] == row["compared_with"]
+            told = f"{seconds(ppo['difference'], '+')} | {row['p_holm']:.2g}" if compared else "|"
+            untuned = f"{one['time_untuned']['value']:.2f}"
+            print(f"| | {one['policy']} | {seconds(one['time'])} | {untuned} | {told} | {percent(one['success'])} |", file=page)
     print("\n## The live graph\n", file=page)
     live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
     print(f"`make bench-ros`, on {live['cores']} cores; a process for each node, real DDS.\n", file=page)

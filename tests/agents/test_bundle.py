@@ -18,7 +18,8 @@ from stable_baselines3 import PPO
 
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, describe_robot, write_bundle
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
+from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training.export import load_model
 
 CARD = Card(
@@ -74,9 +75,9 @@ def test_robots_with_infinite_limits_pass_through_json(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"dt": 0.05}, "trained at 10 Hz for burger, asked for 20 Hz burger"),
-        ({"robot": "waffle"}, "trained at 10 Hz for burger, asked for 10 Hz waffle"),
-        ({"robot": "waffle", "dt": 0.05}, "trained at 10 Hz for burger, asked for 20 Hz waffle"),
+        ({"dt": 0.05}, "made for 10 Hz burger, asked for 20 Hz burger"),
+        ({"robot": "waffle"}, "made for 10 Hz burger, asked for 10 Hz waffle"),
+        ({"robot": "waffle", "dt": 0.05}, "made for 10 Hz burger, asked for 20 Hz waffle"),
         ({"robot": replace(ROBOTS["burger"], reverse=False)}, "reverse True there, False here"),
         ({"robot": replace(ROBOTS["burger"], max_linear_acceleration=1.0)}, "max_linear_acceleration None there, 1.0 here"),
     ],

@@ -52,7 +52,9 @@ def test_evaluate_draws_a_single_run_at_a_glance(tmp_path, capsys):
     path = tmp_path / "run.svg"
     square = ["--env", "turtlebot_gym/TurtleBotSquare-v0", "--switch", "time", "--robot", "tutorial", "--arrival", "belief"]
     assert main(["evaluate", *square, "--policy", "bearing", "--episodes", "2", "--plot", str(path)]) == 0
-    assert "4.00" in capsys.readouterr().out  # waypoints reached
+    out = capsys.readouterr().out
+    assert "4.00" in out  # waypoints reached
+    assert "2 episodes from seed 0, robot tutorial, noise tutorial" in out
     assert path.read_text().count('id="axes_') == 7  # trajectory; x, y, heading; two commands; error
 
 
@@ -88,7 +90,7 @@ def test_replay_takes_other_names_of_columns(drive, capsys):
         (["evaluate", "--noise", "loud"], "noise must be one of 'clean', "),
         (
             ["evaluate", "--policy", "clever"],
-            "policy must be one of 'proportional', 'bearing', 'polar', 'rotate-drive-rotate', or 'module:callable'",
+            "policy must be one of 'proportional', 'bearing', 'corner', 'polar', 'rotate-drive-rotate', or 'module:callable'",
         ),
         (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
         (["evaluate", "--env", "CartPole-v1"], "env must be one of "),

@@ -6,7 +6,8 @@ import torch
 from stable_baselines3 import DDPG, PPO, TD3
 
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, describe_robot
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
+from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training import export as module
 from turtlebot_gym_agents.training.export import TOLERANCE, export, load_model
 from turtlebot_gym_agents.training.train import TrainingConfig, make_model

@@ -11,11 +11,12 @@ from turtlebot_gym.tasks import Observation, observe
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy, make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies import CornerPolicy, PolarPolicy, RotateDriveRotatePolicy
 
 
-def see(state: State, goal: Pose, robot: Robot) -> np.ndarray:
+def see(state: State, goal: Pose, robot: Robot, following: Pose | None = None) -> np.ndarray:
     """Return what a policy would be shown, as it would be."""
-    return np.array(observe(state, (0.05, 0.1), 1.0, goal, goal, robot), np.float32)
+    return np.array(observe(state, (0.05, 0.1), 1.0, goal, following or goal, robot), np.float32)
 
 
 def random_sights(count: int, robot: Robot) -> list[tuple[State, Pose, np.ndarray]]:
@@ -42,7 +43,9 @@ def test_proportional_policy_is_the_tutorials_law(name):
         np.testing.assert_allclose(policy(observation) * (robot.max_linear, robot.max_angular), [v, omega], rtol=0, atol=2e-6)
 
 
-@pytest.mark.parametrize("policy", [ProportionalPolicy(), BearingPolicy(), BearingPolicy("waffle", tolerance=0.0)])
+@pytest.mark.parametrize(
+    "policy", [ProportionalPolicy(), BearingPolicy(), BearingPolicy("waffle", tolerance=0.0), CornerPolicy()]
+)
 def test_a_batch_equals_its_rows(policy):
     rows = np.array([observation for *_, observation in random_sights(24, ROBOTS["burger"])])
     actions = policy(rows)
@@ -87,6 +90,89 @@ def test_bearing_policy_does_not_reverse_a_robot_that_must_not():
 def test_bearing_policy_stops_at_the_goal():
     robot = ROBOTS["burger"]
     np.testing.assert_array_equal(BearingPolicy(robot)(see(State(1.0, 1.0, 0.3, 0.0, 0.0), Pose(1.0, 1.0, 0.0), robot)), 0.0)
+
+
+def seen_at_rest(waypoint: tuple[float, float], following: tuple[float, float]) -> np.ndarray:
+    """Return the observation of a robot that stands at the origin and looks along x."""
+    return see(State(0.0, 0.0, 0.0, 0.0, 0.0), Pose(*waypoint, 0.0), ROBOTS["burger"], Pose(*following, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("waypoint", "following", "aim"),
+    [
+        # A right angle: the bisector runs at 135 degrees; 0.2 m along it.
+        ((1.0, 0.0), (1.0, 1.0), (0.858579, 0.141421)),
+        ((1.0, 0.0), (1.0, -1.0), (0.858579, -0.141421)),
+        # The robot is near: it lies 0.2 cos 45 = 0.141421 m along the bisector, of which 0.75 are taken.
+        ((0.2, 0.0), (0.2, 2.0), (0.125, 0.075)),
+        # The following waypoint is near: 0.75 of 0.1 cos 45 m.
+        ((1.0, 0.0), (1.0, 0.1), (0.9625, 0.0375)),
+        # 60 degrees between the two, 1 m and 2 m away: the bisector runs at 150 degrees.
+        ((1.0, 0.0), (0.0, 1.7320508), (0.826795, 0.1)),
+        # Straight on nothing can be cut; on the way back the edge is enough.
+        ((1.0, 0.0), (2.0, 0.0), (1.0, 0.0)),
+        ((1.0, 0.0), (0.0, 0.0), (0.8, 0.0)),
+        # Behind the robot.
+        ((-1.0, 0.0), (-1.0, 1.0), (-0.858579, 0.141421)),
+    ],
+)
+def test_corner_policy_steers_to_the_point_inside_the_bend(waypoint, following, aim):
+    action = CornerPolicy(cut=0.2, depth=0.75, gain=3.0)(seen_at_rest(waypoint, following))
+    np.testing.assert_allclose(action, BearingPolicy(gain=3.0)(seen_at_rest(aim, aim)), rtol=0, atol=1e-5)
+    if aim[1] != 0.0:
+        assert np.abs(action - BearingPolicy(gain=3.0)(seen_at_rest(waypoint, following)))[1] > 0.005
+
+
+def test_corner_policy_is_the_bearing_law_where_no_waypoint_follows():
+    corner, bearing = CornerPolicy("tutorial"), BearingPolicy("tutorial")
+    sights = np.array([observation for *_, observation in random_sights(200, ROBOTS["tutorial"])])
+    np.testing.assert_array_equal(corner(sights), bearing(sights))
+
+
+def test_corner_policy_knows_no_left_from_right_and_no_front_from_back():
+    random, robot = np.random.default_rng(2), ROBOTS["burger"]
+    policy = CornerPolicy(robot)
+    for state, goal, _ in random_sights(200, robot):
+        o = Observation(*see(state, goal, robot, Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)))
+        forward, turn = policy(np.array(o))
+        mirrored = o._replace(sin_bearing=-o.sin_bearing, sin_next=-o.sin_next, omega=-o.omega)
+        np.testing.assert_allclose(policy(np.array(mirrored)), [forward, -turn], rtol=0, atol=1e-5)
+        behind = o._replace(
+            cos_bearing=-o.cos_bearing, sin_bearing=-o.sin_bearing, cos_next=-o.cos_next, sin_next=-o.sin_next, v=-o.v
+        )
+        np.testing.assert_allclose(policy(np.array(behind)), [-forward, turn], rtol=0, atol=1e-5)
+
+
+def test_corner_policy_decides_on_what_lies_where_when_its_command_acts():
+    # At 0.2 m/s and 2 rad/s the robot is, after 0.1 s, 0.02 m further along its old heading, and turned by 0.2 rad.
+    robot, goal, following = ROBOTS["burger"], Pose(0.9, 0.3, 0.0), Pose(0.2, 1.4, 0.0)
+    moving = see(State(0.1, -0.2, 0.5, 0.2, 2.0), goal, robot, following)
+    there = see(State(0.1 + 0.02 * 0.8775826, -0.2 + 0.02 * 0.4794255, 0.7, 0.0, 0.0), goal, robot, following)
+    np.testing.assert_allclose(CornerPolicy(robot)(moving), CornerPolicy(robot)(there), rtol=0, atol=1e-5)
+
+
+def test_corner_policy_is_faster_round_corners():
+    # The difference is 1.70 s with a standard deviation of 0.5 s: 200 episodes put the bound 14 standard errors away.
+    times = {
+        name: evaluate(name, env="turtlebot_gym/TurtleBotSquare-v0", episodes=200).times() for name in ("bearing", "corner")
+    }
+    assert np.mean(times["bearing"] - times["corner"]) > 1.2
+    assert times["corner"].max() < 40.0  # nobody is lost
+
+
+def test_who_is_not_told_of_an_arrival_comes_ever_nearer_to_the_waypoint():
+    # The believed pose is within the radius and the true one is not, so the waypoint stays: nobody must drive past it.
+    random, robot, goal = np.random.default_rng(3), ROBOTS["burger"], Pose(0.0, 0.0, 0.0)
+    for _ in range(30):
+        following = Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)
+        x, y, theta = (*random.uniform(-0.25, 0.25, 2).tolist(), random.uniform(-np.pi, np.pi))
+        policy, v, omega = CornerPolicy(robot), 0.0, 0.0
+        for _ in range(150):
+            forward, turn = policy(see(State(x, y, theta, v, omega), goal, robot, following)).tolist()
+            x, y, theta = x + v * np.cos(theta) * 0.1, y + v * np.sin(theta) * 0.1, theta + omega * 0.1
+            omega = turn * 2.635
+            v = float(np.clip(forward * 0.2108, -1.0, 1.0)) * max(0.0, 1.0 - abs(turn))  # wheels at their limit
+        assert np.hypot(x, y) < 0.15  # half of the radius
 
 
 SETTINGS = [(robot, noise) for robot in ("burger", "tutorial") for noise in ("tutorial", "documented")]
@@ -143,6 +229,11 @@ def test_unknown_policies_are_refused_with_the_known_names(name):
         (lambda: BearingPolicy(focus=-1.0), "focus"),
         (lambda: BearingPolicy(tolerance=-1.0), "tolerance"),
         (lambda: BearingPolicy(slow=0.0), "slow"),
+        (lambda: CornerPolicy(cut=0.0), "cut"),
+        (lambda: CornerPolicy(depth=1.0), "depth"),
+        (lambda: CornerPolicy(depth=float("nan")), "depth"),
+        (lambda: CornerPolicy(gain=-1.0), "gain"),
+        (lambda: RotateDriveRotatePolicy(focus=-1.0), "focus"),
         (lambda: BearingPolicy()(np.zeros((3, 12))), "observations"),
     ],
 )
@@ -156,10 +247,23 @@ def test_policies_need_neither_gymnasium_nor_numba_nor_torch():
     program = (
         f"import sys\nfor name in {heavy}: sys.modules[name] = None\n"
         "import numpy, turtlebot_gym_agents as a\n"
-        "print([a.make_policy(name)(numpy.ones(13, numpy.float32)).shape for name in ('proportional', 'bearing')])"
+        "print([a.make_policy(name)(numpy.ones(13, numpy.float32)).shape for name in ('proportional', 'bearing', 'corner')])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[(2,), (2,)]"
+    assert done.stdout.strip() == "[(2,), (2,), (2,)]"
+
+
+@pytest.mark.parametrize("kind", [ProportionalPolicy, BearingPolicy, CornerPolicy, PolarPolicy, RotateDriveRotatePolicy])
+def test_every_tunable_number_changes_what_a_baseline_does(kind):
+    random, robot = np.random.default_rng(4), ROBOTS["burger"]
+    places = [Pose(*random.uniform(-0.7, 0.7, 2).tolist(), 0.0) for _ in range(400)]
+    sights = np.array(
+        [see(state, goal, robot, place) for (state, goal, _), place in zip(random_sights(400, robot), places, strict=True)]
+    )
+    sights[::2, 0] = 0.04  # some goals are very near
+    for name, span in kind.RANGES.items():
+        low, high = kind(robot, **{name: span.low})(sights), kind(robot, **{name: span.high})(sights)
+        assert np.abs(low - high).max() > 0.01, name
 
 
 @pytest.mark.parametrize(("name", "least"), [("polar", 0.9), ("rotate-drive-rotate", 0.99)])

@@ -35,6 +35,7 @@ QUICK = {
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
     "tune": {"steps": "2048", "trials": "1"},
+    "tune-baseline": {"tries": "2", "episodes": "20"},
     "bringup": {"duration": "3"},
 }
 """Options that make the commands of the pages short; all others are left as they stand."""
@@ -66,7 +67,7 @@ def blocks_of(path):
 
 def shortened(line):
     """Return a command with the options of `QUICK`."""
-    command = re.match(r"(?:turtlebot-gym|python -m turtlebot_gym_ros) (\w+)", line)
+    command = re.match(r"(?:turtlebot-gym|python -m turtlebot_gym_ros) ([\w-]+)", line)
     options = QUICK.get(command[1], {}) if command else {}
     code = line.partition("  #")[0]
     for name, value in options.items():

@@ -17,6 +17,7 @@ import tyro
 
 from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
+from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
 from turtlebot_gym_agents.evaluation.replay import Columns
 from turtlebot_gym_agents.provenance import write_json
 
@@ -42,10 +43,12 @@ class _Driven(Setting):
     """Square only: the next waypoint comes on "arrival", or after a "time" of 15 s."""
     laps: int | None = None
     """Square only: how often it is driven."""
+    delay: int = 0
+    """Steps by which commands come late."""
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""
-        return {name: getattr(self, name) for name in ("filter", "robot", "switch", "arrival", "laps")}
+        return {name: getattr(self, name) for name in ("filter", "robot", "switch", "arrival", "laps", "delay")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +59,8 @@ class Evaluate(_Driven):
     """
 
     policy: tuple[str, ...] = ("proportional", "bearing")
-    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
-    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate), tuned ones (FILE.json), those that come with the
+    package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
     noise: tuple[str, ...] = ("tutorial",)
     """Noise presets: clean, tutorial, documented, wheel, rough."""
     observation: tuple[str, ...] = ("ekf",)
@@ -90,7 +93,9 @@ class Evaluate(_Driven):
                     observation=observation,
                     **self.options(),
                 )
-        print_tables(*report.evaluation_tables(evaluations, title=f"{self.env}, {self.episodes} episodes, robot {self.robot}"))
+        shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
+        title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
+        print_tables(*report.evaluation_tables(evaluations, title=title))
         if self.json is not None:
             runs = [
                 {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
@@ -112,8 +117,8 @@ class Video(_Driven):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"
-    """Baselines (proportional, bearing, polar, rotate-drive-rotate), those that come with the package (ppo-nav, ppo-pose,
-    ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate), tuned ones (FILE.json), those that come with the
+    package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough."""
     observation: str = "ekf"
@@ -247,6 +252,7 @@ COMMANDS: dict[str, type[Command]] = {
     "replay": Replay,
     "train": Train,
     "tune": Tune,
+    "tune-baseline": TuneBaseline,
     "export": Export,
     "benchmark": Benchmark,
 }

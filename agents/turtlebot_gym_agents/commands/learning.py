@@ -161,7 +161,8 @@ class Export:
     def run(self) -> None:
         """Export, and print how far the two differ."""
         with _needs_agents():
-            from turtlebot_gym_agents.policies.bundle import Card, describe_robot
+            from turtlebot_gym_agents.policies.bundle import Card
+            from turtlebot_gym_agents.policies.fit import describe_robot
             from turtlebot_gym_agents.training.export import export, load_model
             from turtlebot_gym_agents.training.train import TrainingConfig
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,16 +65,81 @@ def share(happened: ArrayLike) -> Interval:
 
     Args:
         happened: Booleans, shape (n,), n > 0.
-
-    References:
-        Wilson, "Probable inference, the law of succession, and statistical inference" (1927).
     """
     from scipy import stats  # slow to import
 
     flags = np.asarray(happened, np.bool_)
-    test = stats.binomtest(int(flags.sum()), flags.size)
-    low, high = test.proportion_ci(CONFIDENCE, method="wilson")
-    return Interval(float(test.statistic), float(low), float(high))
+    return wilson(float(flags.mean()), flags.size, float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)))
+
+
+def wilson(p: float, n: float, z: float) -> Interval:
+    """Return Wilson's interval of a share.
+
+    Args:
+        p: The share.
+        n: Of how many; where they are not independent, of how many independent ones it is worth.
+        z: Quantile of the standard normal distribution, or of Student's.
+
+    References:
+        Wilson, "Probable inference, the law of succession, and statistical inference" (1927).
+    """
+    centre, margin = p + z * z / (2.0 * n), z * np.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
+    low, high = (centre - margin) / (1.0 + z * z / n), (centre + margin) / (1.0 + z * z / n)
+    return Interval(p, float(low) if p > 0.0 else 0.0, float(high) if p < 1.0 else 1.0)
+
+
+def share_difference(one: Interval, other: Interval, correlation: float = 0.0) -> Interval:
+    """Return the difference of two shares with Newcombe's interval, made of the shares' own intervals.
+
+    Args:
+        one: A share with its interval.
+        other: The share that is subtracted.
+        correlation: Between the two; 0 if they are of different episodes.
+
+    References:
+        Newcombe, "Interval estimation for the difference between independent proportions" (1998), method 10.
+    """
+
+    def margin(down: float, up: float) -> float:
+        return float(np.sqrt(max(down * down - 2.0 * correlation * down * up + up * up, 0.0)))
+
+    difference = one.value - other.value
+    low = difference - margin(one.value - one.low, other.high - other.value)
+    return Interval(difference, low, difference + margin(other.value - other.low, one.high - one.value))
+
+
+def paired_share_difference(one: ArrayLike, other: ArrayLike) -> Interval:
+    """Return how much more often one thing happened than another in the same episodes, with Newcombe's interval for pairs.
+
+    Args:
+        one: Booleans, shape (n,).
+        other: Booleans of the same episodes.
+
+    References:
+        Newcombe, "Improved confidence intervals for the difference between binomial proportions based on paired data" (1998),
+        method 10.
+    """
+    first, second = np.asarray(one, np.bool_), np.asarray(other, np.bool_)
+    both, neither = int(np.sum(first & second)), int(np.sum(~first & ~second))
+    first_only, second_only = int(np.sum(first & ~second)), int(np.sum(~first & second))
+    excess = both * neither - first_only * second_only
+    corrected = max(excess - first.size / 2.0, 0.0) if excess > 0 else excess
+    margins = np.prod([float(flags.sum()) * float((~flags).sum()) for flags in (first, second)])
+    correlation = float(corrected / np.sqrt(margins)) if margins > 0.0 else 0.0
+    return share_difference(share(first), share(second), correlation)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p-values of several comparisons, adjusted so that any false claim among them has the level of one.
+
+    References:
+        Holm, "A simple sequentially rejective multiple test procedure" (1979).
+    """
+    adjusted, largest = [1.0] * len(p_values), 0.0
+    for rank, at in enumerate(sorted(range(len(p_values)), key=lambda at: p_values[at])):
+        largest = max(largest, min((len(p_values) - rank) * p_values[at], 1.0))
+        adjusted[at] = largest
+    return adjusted
 
 
 def mean(values: ArrayLike) -> Interval:

@@ -1,12 +1,20 @@
 """Policies: geometric laws, trained bundles, and how to find one by its name."""
 
-from turtlebot_gym_agents.policies.geometric import BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
-from turtlebot_gym_agents.policies.named import POLICIES, make_policy, pretrained_folder
+from turtlebot_gym_agents.policies.baselines import POLICIES
+from turtlebot_gym_agents.policies.geometric import (
+    BearingPolicy,
+    CornerPolicy,
+    PolarPolicy,
+    ProportionalPolicy,
+    RotateDriveRotatePolicy,
+)
+from turtlebot_gym_agents.policies.named import make_policy, pretrained_folder
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
 
 __all__ = [
     "POLICIES",
     "BearingPolicy",
+    "CornerPolicy",
     "PolarPolicy",
     "Policy",
     "PolicyWithMemory",

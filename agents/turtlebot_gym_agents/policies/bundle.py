@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym import OBSERVATION_LAYOUT, Robot, make_robot
+from turtlebot_gym import OBSERVATION_LAYOUT, Robot
+from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
@@ -54,11 +55,6 @@ class Card:
     """Layout of the observation, `turtlebot_gym.OBSERVATION_LAYOUT`."""
     action: str = ACTION
     """What the outputs mean."""
-
-
-def describe_robot(robot: str | Robot) -> dict[str, Any]:
-    """Return a robot as a card has it."""
-    return plain({"name": robot if isinstance(robot, str) else "custom", **asdict(make_robot(robot))})
 
 
 def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
@@ -113,22 +109,8 @@ class BundlePolicy:
             raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
         self.card = Card(**told)
         """What it was trained for."""
-        self._check(path, robot, dt)
+        require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self._input = self._session.get_inputs()[0].name
-
-    def _check(self, path: str | Path, robot: str | Robot | None, dt: float | None) -> None:
-        """Raise ValueError unless the policy may run here; the message names every difference."""
-        card = self.card
-        wanted = card.robot if robot is None else describe_robot(robot)
-        irrelevant = ("name", "radius")  # a radius is for drawing
-        others = [name for name, limit in wanted.items() if name not in irrelevant and limit != card.robot.get(name)]
-        period = card.dt if dt is None else dt
-        if others or abs(period - card.dt) > 1e-9:
-            details = "; ".join(f"{name} {card.robot.get(name)} there, {wanted[name]} here" for name in others)
-            raise ValueError(
-                f"{path}: trained at {1.0 / card.dt:g} Hz for {card.robot['name']}, asked for {1.0 / period:g} Hz "
-                f"{wanted['name']}{f' ({details})' if others else ''}."
-            )
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""

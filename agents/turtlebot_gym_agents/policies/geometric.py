@@ -1,12 +1,14 @@
 """Policies that need no learning: the tutorial's law, and the geometric ones that every learned policy is compared with.
 
+Each declares in ``RANGES`` which of its numbers `turtlebot-gym tune-baseline` tunes, and between which values.
 Only numpy is needed here: a robot runs them too.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +17,17 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import Observation
+
+_TINY = 1e-12  # instead of zero in a denominator
+
+
+class Range(NamedTuple):
+    """Values that a number of a policy is tuned between."""
+
+    low: float
+    high: float
+    log: bool = False
+    """Whether values are drawn evenly on a logarithmic scale."""
 
 
 class ProportionalPolicy:
@@ -25,12 +38,17 @@ class ProportionalPolicy:
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot; commands are clipped to its limits, axis by axis.
+        dt: Control interval, s; taken as every policy takes it, but the law does not depend on it.
         kv: Gain on the distance, 1/s.
         komega: Gain on the heading still to turn, 1/s.
     """
 
-    def __init__(self, robot: str | Robot = "burger", *, kv: float = 0.5, komega: float = 1.5) -> None:
-        _require_positive(kv=kv, komega=komega)
+    RANGES: ClassVar[Mapping[str, Range]] = {"kv": Range(0.1, 5.0, log=True), "komega": Range(0.3, 10.0, log=True)}
+
+    def __init__(
+        self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, kv: float = 0.5, komega: float = 1.5
+    ) -> None:
+        _require_positive(dt=dt, kv=kv, komega=komega)
         self._robot, self._kv, self._komega = make_robot(robot), kv, komega
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
@@ -47,7 +65,7 @@ class BearingPolicy:
     on where the waypoint *will* lie in the body frame. Decided on the present bearing, the direction falls into a cycle of
     two steps where the bearing is near 90 degrees.
 
-    The defaults are what `benchmarks/tune_bearing.py` finds.
+    The defaults suit the task Nav under most noises; `turtlebot-gym tune-baseline` finds others for another scenario.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot; one that must not reverse is driven forwards only.
@@ -59,6 +77,13 @@ class BearingPolicy:
         slow: Distance below which the speed goes with the distance, m. Without it a robot that nobody stops would shuttle
             across its goal.
     """
+
+    RANGES: ClassVar[Mapping[str, Range]] = {
+        "gain": Range(0.3, 20.0, log=True),
+        "focus": Range(0.0, 3.0),
+        "tolerance": Range(0.0, 0.15),
+        "slow": Range(0.02, 0.5, log=True),
+    }
 
     def __init__(
         self,
@@ -79,13 +104,62 @@ class BearingPolicy:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        robot, to = self._robot, _upcoming(observations, self._robot, self._dt)
-        direction = np.where((to.ahead < 0.0) & robot.reverse, -1.0, 1.0)
-        angle = np.arctan2(direction * to.left, direction * to.ahead)
-        speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(to.distance / self._slow, 1.0)
-        allowed = np.arcsin(self._tolerance / np.maximum(to.distance, self._tolerance)) if self._tolerance else 0.0
+        return self.steer(_upcoming(observations, self._robot, self._dt).waypoint)
+
+    def steer(self, point: NDArray[np.complex128]) -> NDArray[np.float32]:
+        """Return actions (..., 2) that steer to points (...), given in the body frame: ahead + 1j left, m."""
+        direction = np.where((point.real < 0.0) & self._robot.reverse, -1.0, 1.0)
+        angle, distance = np.angle(direction * point), np.abs(point)
+        speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(distance / self._slow, 1.0)
+        allowed = np.arcsin(self._tolerance / np.maximum(distance, self._tolerance)) if self._tolerance else 0.0
         turn = np.sign(angle) * np.maximum(np.abs(angle) - allowed, 0.0)
-        return _action(direction * speed, self._gain * turn / robot.max_angular)
+        return _action(direction * speed, self._gain * turn / self._robot.max_angular)
+
+
+class CornerPolicy:
+    """Cut the corners: steer as `BearingPolicy` does, but to a point inside the bend, on the way to the following waypoint.
+
+    The point lies on the bisector of the angle at the waypoint, between the robot and the following waypoint: a shortest way
+    that touches a circle round the waypoint touches it, to first order, there. It is ``cut`` away from the waypoint, but no
+    further along the bisector than a share of the nearer of the two. So it never lies beyond the straight line between them,
+    and a robot whose estimate is in the circle while its true pose is not still comes nearer. Without a following waypoint
+    this is `BearingPolicy`.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        cut: How far from the waypoint it aims, m; somewhat less than the radius in which a waypoint counts as reached.
+        depth: That share, less than 1.
+        **steering: Passed to `BearingPolicy`.
+    """
+
+    RANGES: ClassVar[Mapping[str, Range]] = {"cut": Range(0.05, 0.4), "depth": Range(0.3, 0.85), **BearingPolicy.RANGES}
+
+    def __init__(
+        self,
+        robot: str | Robot = "burger",
+        dt: float = REFERENCE_PERIOD,
+        *,
+        cut: float = 0.26,
+        depth: float = 0.75,
+        **steering: float,
+    ) -> None:
+        _require_positive(cut=cut)
+        if not 0.0 <= depth < 1.0:
+            raise ValueError(f"depth must be at least 0 and less than 1, got {depth!r}.")
+        self._drive = BearingPolicy(robot, dt, **steering)
+        self._robot, self._dt, self._cut, self._depth = make_robot(robot), dt, cut, depth
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 13)."""
+        to = _upcoming(observations, self._robot, self._dt)
+        there, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint: to the robot, to the following one
+        robot_away, next_away = np.abs(there), np.abs(onward)
+        bisector = there / np.maximum(robot_away, _TINY) + onward / np.maximum(next_away, _TINY)
+        twice_cosine = np.abs(bisector)  # of half the angle
+        nearer = 0.5 * twice_cosine * np.minimum(robot_away, next_away)
+        inwards = np.minimum(self._cut, self._depth * nearer) / np.maximum(twice_cosine, _TINY)
+        return self._drive.steer(to.waypoint + inwards * bisector)
 
 
 class PolarPolicy:
@@ -105,6 +179,12 @@ class PolarPolicy:
         Aicardi, Casalino, Bicchi, Balestrino, "Closed loop steering of unicycle-like vehicles via Lyapunov techniques" (1995).
     """
 
+    RANGES: ClassVar[Mapping[str, Range]] = {
+        "gamma": Range(0.2, 5.0, log=True),
+        "k": Range(0.5, 10.0, log=True),
+        "h": Range(0.2, 10.0, log=True),
+    }
+
     def __init__(
         self,
         robot: str | Robot = "burger",
@@ -120,10 +200,10 @@ class PolarPolicy:
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
         robot, to = self._robot, _upcoming(observations, self._robot, self._dt)
-        direction = np.where((to.ahead < 0.0) & robot.reverse, -1.0, 1.0)
-        alpha = np.arctan2(direction * to.left, direction * to.ahead)
+        direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
+        alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
         phi = _wrap(alpha - to.turn)
-        v = self._gamma * to.distance * np.cos(alpha)
+        v = self._gamma * distance * np.cos(alpha)
         omega = self._k * alpha + self._gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self._h * phi)
         excess = np.maximum(np.abs(v) / robot.max_linear, 1.0)
         return _action(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
@@ -136,25 +216,32 @@ class RotateDriveRotatePolicy:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         stop: Distance within which it turns instead of driving, m.
+        **steering: Passed to `BearingPolicy`.
     """
 
-    def __init__(self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, stop: float = 0.1) -> None:
+    RANGES: ClassVar[Mapping[str, Range]] = {"stop": Range(0.02, 0.15), **BearingPolicy.RANGES}
+
+    def __init__(
+        self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, stop: float = 0.1, **steering: float
+    ) -> None:
         _require_positive(dt=dt, stop=stop)
-        self._drive, self._robot, self._dt, self._stop = BearingPolicy(robot, dt), make_robot(robot), dt, stop
+        self._drive, self._robot = BearingPolicy(robot, dt, **steering), make_robot(robot)
+        self._dt, self._stop = dt, stop
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
         to = _upcoming(observations, self._robot, self._dt)
         turning = _action(np.zeros_like(to.turn), to.turn / (self._dt * self._robot.max_angular))
-        return np.where((to.distance < self._stop)[..., None], turning, self._drive(observations))
+        near = np.abs(to.waypoint) < self._stop
+        return np.where(near[..., None], turning, self._drive.steer(to.waypoint))
 
 
 class _Upcoming(NamedTuple):
-    """Where the waypoint will lie, in the body frame, when the next command acts."""
+    """What will lie where when the next command acts, in the body frame: ahead + 1j left, m."""
 
-    ahead: NDArray[np.float64]
-    left: NDArray[np.float64]
-    distance: NDArray[np.float64]
+    waypoint: NDArray[np.complex128]
+    following: NDArray[np.complex128]
+    """The waypoint after it; the same where there is none."""
     turn: NDArray[np.float64]
     """Heading still to turn, rad, in [-pi, pi)."""
 
@@ -162,10 +249,10 @@ class _Upcoming(NamedTuple):
 def _upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
     o = _fields(observations)
     moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
-    ahead_now, left_now = o.distance * o.cos_bearing - moved, o.distance * o.sin_bearing
-    sine, cosine = np.sin(turned), np.cos(turned)
-    ahead, left = cosine * ahead_now + sine * left_now, cosine * left_now - sine * ahead_now
-    return _Upcoming(ahead, left, np.hypot(ahead, left), _wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
+    frame = np.exp(-1j * turned)
+    waypoint = (o.distance * (o.cos_bearing + 1j * o.sin_bearing) - moved) * frame
+    following = (o.next_distance * (o.cos_next + 1j * o.sin_next) - moved) * frame
+    return _Upcoming(waypoint, following, _wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
 
 
 def _wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:

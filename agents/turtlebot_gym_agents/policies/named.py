@@ -1,8 +1,7 @@
-"""Policies by name: the built-in laws, the bundles that come with the package, files, and callables of one's own."""
+"""Policies by name: the baselines, the bundles that come with the package, files, and callables of one's own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import import_module, resources
 from pathlib import Path
 from typing import Any, cast
@@ -10,16 +9,8 @@ from typing import Any, cast
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym_agents.policies.geometric import BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
+from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy
-
-POLICIES: dict[str, Callable[[Robot, float], Policy]] = {
-    "proportional": lambda robot, dt: ProportionalPolicy(robot),
-    "bearing": lambda robot, dt: BearingPolicy(robot, dt),
-    "polar": lambda robot, dt: PolarPolicy(robot, dt),
-    "rotate-drive-rotate": lambda robot, dt: RotateDriveRotatePolicy(robot, dt),
-}
-"""Makers of the built-in policies by name."""
 
 
 def pretrained_folder() -> Path:
@@ -32,18 +23,21 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     """Return a policy by its name.
 
     Args:
-        name: "proportional", "bearing", "polar" or "rotate-drive-rotate"; "ppo-nav", "ppo-pose" or "ppo-square", which come
-            with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy
-            itself, a class is made with ``robot`` and ``dt`` as keywords.
+        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate"; a tuned one, ``*.json``;
+            "ppo-nav", "ppo-pose" or "ppo-square", which come with the package; a bundle's file, ``*.onnx``; or
+            "module:callable" for one of your own: a function is the policy itself, a class is made with ``robot`` and ``dt``
+            as keywords.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
 
     Raises:
-        ValueError: If there is none of that name, or a bundle was trained for another robot or rate.
+        ValueError: If there is none of that name, or a file was made for another robot or rate.
         ImportError: If a bundle is asked for and onnxruntime is missing.
     """
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
+    if name.endswith(".json"):
+        return load_baseline(name, robot=robot, dt=dt)
     shipped = pretrained_folder() / f"{name}.onnx"
     if name.endswith(".onnx") or (name.isprintable() and "/" not in name and shipped.is_file()):
         from turtlebot_gym_agents.policies.bundle import BundlePolicy

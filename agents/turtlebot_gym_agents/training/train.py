@@ -27,7 +27,8 @@ from turtlebot_gym import Parameters, Robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_agents.policies.bundle import Card, describe_robot
+from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters, normalization
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path

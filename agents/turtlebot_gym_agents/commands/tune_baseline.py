@@ -1,0 +1,69 @@
+"""The subcommand ``tune-baseline``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress
+from turtlebot_gym_agents.provenance import write_json
+
+SHOWN = 5
+"""Tries in the table, the fastest first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuneBaseline(Setting):
+    """Tune a baseline's numbers for a scenario, and leave the best as OUT, a file that --policy takes.
+
+    A policy that was trained for a scenario is compared fairly only with a baseline that was tuned for it. A stopped search
+    resumes when the same is asked for again.
+    """
+
+    policy: str = "bearing"
+    """The baseline: proportional, bearing, corner, polar or rotate-drive-rotate."""
+    noise: str = "tutorial"
+    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    observation: str = "ekf"
+    """What the baseline is shown as the robot's pose: ekf, odometry, truth."""
+    delay: int = 0
+    """Steps by which commands come late."""
+    tries: int = 40
+    """How many sets of numbers to try, earlier ones included; the first one is the baseline's defaults."""
+    episodes: int = 2000
+    """Episodes of each try, the same for all; other ones than evaluations and trainings drive."""
+    seed: int = 0
+    """Seed of the search."""
+    out: Path = Path("baseline.json")
+    """The tuned baseline, with all tries."""
+    json: File = None
+    """Write configuration and all tries here, too."""
+
+    def run(self) -> None:
+        """Search, print a table, and write what is asked for."""
+        from turtlebot_gym_agents.evaluation.tune_baseline import tune_baseline
+
+        names = ("filter", "robot", "arrival", "noise", "observation", "delay")
+        with progress(self.tries) as advance_to:
+            tries = tune_baseline(
+                self.policy,
+                self.out,
+                env=self.env,
+                tries=self.tries,
+                episodes=self.episodes,
+                seed=self.seed,
+                progress=advance_to,
+                **{name: getattr(self, name) for name in names},
+            )
+        table = Table("try", "time, s", "success, %", "numbers", title=f"{self.env}, {self.policy}: the best of {len(tries)}")
+        ranked = sorted(range(len(tries)), key=lambda at: tries[at].time)
+        for at in dict.fromkeys([*ranked[:SHOWN], 0]):
+            one = tries[at]
+            numbers = ", ".join(f"{name} {value:g}" for name, value in one.numbers.items())
+            table.add_row(str(at) if at else "0, defaults", f"{one.time:.3f}", f"{100.0 * one.success:.1f}", numbers)
+        print_tables(table)
+        print(f"Use it with --policy {self.out}.")
+        if self.json is not None:
+            write_json(self.json, {"tries": [asdict(one) for one in tries]}, config=asdict(self))

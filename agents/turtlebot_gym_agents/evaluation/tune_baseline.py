@@ -1,0 +1,152 @@
+"""Search for the numbers with which a baseline is fastest in a scenario, so that a learned policy is compared with its best.
+
+Every try drives the same episodes, on seeds that neither trainings nor evaluations use. The first try has the baseline's
+defaults. The others are drawn: half of them anywhere in the baseline's ranges, the other half round the best so far, ever
+closer to it. A try depends only on the search's seed and length and on the tries before it, so a stopped search resumes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from turtlebot_gym import OBSERVATION_LAYOUT
+from turtlebot_gym.parameters import REFERENCE_PERIOD
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
+from turtlebot_gym_agents.files import replace_json
+from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
+from turtlebot_gym_agents.policies.fit import describe_robot
+from turtlebot_gym_agents.policies.geometric import Range
+from turtlebot_gym_agents.provenance import plain, provenance
+
+TUNING_SEED = 2**39
+"""First seed of the tries' episodes, apart from those that people choose and from the trainings'."""
+_SEEDS = 2**20  # for each seed of a search
+_FIRST_WIDTH, _LAST_WIDTH = 0.2, 0.03  # of the draws round the best, as shares of the ranges
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Try:
+    """A baseline's numbers, and how well it drove with them."""
+
+    numbers: Mapping[str, float]
+    """Tunable numbers by name."""
+    time: float
+    """Mean time of an episode, a failure as the limit, s: what the search minimizes."""
+    success: float
+    """Share of successful episodes."""
+
+
+def tune_baseline(
+    policy: str,
+    path: Path,
+    *,
+    env: str = NAV,
+    tries: int = 40,
+    episodes: int = 2000,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda ended: None,
+    **options: Any,
+) -> list[Try]:
+    """Tune a baseline for a scenario, and leave the best as a file that `make_policy` takes.
+
+    Args:
+        policy: The baseline's name.
+        path: The file, ``*.json``, replaced after each try. A search that it holds resumes.
+        env: The id of an environment of this package.
+        tries: How many the search is to have, earlier ones included.
+        episodes: Paired episodes of each try; as many as the policy's evaluation, for a fair comparison.
+        seed: Of the search.
+        progress: Called with the number of tries that have ended so far.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, delay ...
+
+    Returns:
+        All tries, in their order.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range, or the file holds something else.
+    """
+    kind = choose("policy", policy, POLICIES)
+    for name, number in (("tries", tries), ("episodes", episodes)):
+        if not (isinstance(number, int) and number > 0):
+            raise ValueError(f"{name} must be a positive whole number, got {number!r}.")
+    require_known(env, seed)
+    if path.suffix != ".json":
+        raise ValueError(f"out must be a file *.json, got {str(path)!r}.")
+    robot, dt = options.get("robot", "burger"), options.get("dt", REFERENCE_PERIOD)
+    config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": kind.RANGES, **options})
+    made = {"format": FORMAT, "policy": policy, "layout": OBSERVATION_LAYOUT, "robot": describe_robot(robot), "dt": dt}
+    done = _read(path, {**made, "config": config})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    while len(done) < tries:
+        progress(len(done))
+        numbers = _propose(policy, done, tries, seed)
+        driver = kind(make_robot(robot), dt, **numbers)
+        first = TUNING_SEED + seed * _SEEDS
+        driven = evaluate(driver, env=env, episodes=episodes, seed=first, **options)
+        done.append(Try(numbers=numbers, time=float(driven.times().mean()), success=float(driven.episodes.success.mean())))
+        content = {**made, "numbers": best_of(done).numbers, "config": config, **provenance()}
+        told = [{"numbers": one.numbers, "time": one.time, "success": one.success} for one in done]
+        replace_json(path, plain({**content, "tries": told}))
+    progress(len(done))
+    return done
+
+
+def best_of(tries: list[Try]) -> Try:
+    """Return the fastest try; of equal ones the first."""
+    return min(tries, key=lambda one: one.time)
+
+
+def _read(path: Path, wanted: Mapping[str, Any]) -> list[Try]:
+    """Return the tries that a file holds; none if there is no file.
+
+    Raises:
+        ValueError: If it holds another search, or anything else.
+    """
+    if not path.exists():
+        return []
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        same = all(content[name] == value for name, value in wanted.items())
+        tries = [Try(**one) for one in content["tries"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path} exists and is not a tuned baseline: choose another file.") from error
+    if not same:
+        raise ValueError(f"{path} holds a search of another configuration: choose another file.")
+    return tries
+
+
+def _propose(policy: str, done: list[Try], tries: int, seed: int) -> dict[str, float]:
+    """Return the numbers of the next try, rounded to what a person would read: 4 digits."""
+    if not done:
+        return default_numbers(policy)
+    ranges = POLICIES[policy].RANGES
+    random = np.random.default_rng((seed, len(done)))
+    shares = random.uniform(size=len(ranges))
+    if 2 * len(done) >= tries:
+        progress = 2.0 * len(done) / tries - 1.0
+        width = _FIRST_WIDTH * (_LAST_WIDTH / _FIRST_WIDTH) ** progress
+        around = np.array([_share(ranges[name], number) for name, number in best_of(done).numbers.items()])
+        shares = np.clip(around + width * random.normal(size=len(ranges)), 0.0, 1.0)
+    drawn = {name: _at(span, float(share)) for (name, span), share in zip(ranges.items(), shares, strict=True)}
+    return {name: float(f"{value:.4g}") for name, value in drawn.items()}
+
+
+def _at(span: Range, share: float) -> float:
+    """Return the value at a share of a range."""
+    return span.low * (span.high / span.low) ** share if span.log else span.low + share * (span.high - span.low)
+
+
+def _share(span: Range, value: float) -> float:
+    """Return at which share of a range a value lies."""
+    if span.log:
+        return math.log(value / span.low) / math.log(span.high / span.low)
+    return (value - span.low) / (span.high - span.low)

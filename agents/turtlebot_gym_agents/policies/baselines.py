@@ -1,0 +1,71 @@
+"""The baselines by name, and a baseline with tuned numbers as a JSON file, which holds no code."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from turtlebot_gym import OBSERVATION_LAYOUT, Robot
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.policies.fit import require_fit
+from turtlebot_gym_agents.policies.geometric import (
+    BearingPolicy,
+    CornerPolicy,
+    PolarPolicy,
+    ProportionalPolicy,
+    RotateDriveRotatePolicy,
+)
+from turtlebot_gym_agents.policies.policy import Policy
+
+FORMAT = "turtlebot-gym-baseline/1"
+
+Baseline: TypeAlias = type[BearingPolicy | CornerPolicy | PolarPolicy | ProportionalPolicy | RotateDriveRotatePolicy]
+
+POLICIES: dict[str, Baseline] = {
+    "proportional": ProportionalPolicy,
+    "bearing": BearingPolicy,
+    "corner": CornerPolicy,
+    "polar": PolarPolicy,
+    "rotate-drive-rotate": RotateDriveRotatePolicy,
+}
+"""The baselines by name: made with a robot and a control interval, and tunable numbers as keywords."""
+
+
+def default_numbers(name: str) -> dict[str, float]:
+    """Return the tunable numbers that a baseline has if none are given."""
+    kind = choose("policy", name, POLICIES)
+    known = {**inspect.signature(BearingPolicy).parameters, **inspect.signature(kind).parameters}  # some pass numbers on to it
+    return {number: float(known[number].default) for number in kind.RANGES}
+
+
+def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
+    """Return the baseline of a file that `turtlebot-gym tune-baseline` has written.
+
+    Args:
+        path: The file.
+        robot: The robot that it is to drive; None skips the comparison.
+        dt: The period that it is to run at, s; None skips the comparison.
+
+    Raises:
+        ValueError: If the file is no tuned baseline, or it was tuned for another robot, rate or layout of observations.
+    """
+    try:
+        content: Any = json.loads(Path(path).read_text(encoding="utf-8"))
+        found = {"format": content["format"], "layout": content["layout"]}
+        made_for, made_dt, name, numbers = dict(content["robot"]), content["dt"], content["policy"], dict(content["numbers"])
+        kind = choose("policy", name, POLICIES)
+        limits: dict[str, Any] = {key: math.inf if limit is None else limit for key, limit in made_for.items() if key != "name"}
+        unknown = sorted(set(numbers) - set(kind.RANGES))
+        if unknown:
+            raise ValueError(f"{name} has no numbers {', '.join(unknown)}")
+        policy = kind(Robot(**limits), made_dt, **numbers)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:  # also what is not JSON, or not text
+        raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
+    ours = {"format": FORMAT, "layout": OBSERVATION_LAYOUT}
+    if found != ours:
+        raise ValueError(f"{path}: made as {found}, but this version reads {ours}.")
+    require_fit(path, made_for, made_dt, robot, dt)
+    return policy

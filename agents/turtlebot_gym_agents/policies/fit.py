@@ -1,0 +1,43 @@
+"""For which robot and rate a policy was made, and the refusal to drive another with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from turtlebot_gym import Robot, make_robot
+from turtlebot_gym_agents.provenance import plain
+
+
+def describe_robot(robot: str | Robot) -> dict[str, Any]:
+    """Return a robot as a policy's file holds it."""
+    return plain({"name": robot if isinstance(robot, str) else "custom", **asdict(make_robot(robot))})
+
+
+def require_fit(
+    path: str | Path, made_for: Mapping[str, Any], made_dt: float, robot: str | Robot | None, dt: float | None
+) -> None:
+    """Refuse a policy that was made for another robot or rate.
+
+    Args:
+        path: Its file, for the message.
+        made_for: The robot that it was made for, see `describe_robot`.
+        made_dt: The period that it was made for, s.
+        robot: The robot that it is to drive; None skips the comparison.
+        dt: The period that it is to run at, s; None skips the comparison.
+
+    Raises:
+        ValueError: If one of them differs; the message names every difference.
+    """
+    wanted = made_for if robot is None else describe_robot(robot)
+    irrelevant = ("name", "radius")  # a radius is for drawing
+    others = [name for name, limit in wanted.items() if name not in irrelevant and limit != made_for.get(name)]
+    period = made_dt if dt is None else dt
+    if others or abs(period - made_dt) > 1e-9:
+        details = "; ".join(f"{name} {made_for.get(name)} there, {wanted[name]} here" for name in others)
+        raise ValueError(
+            f"{path}: made for {1.0 / made_dt:g} Hz {made_for['name']}, asked for {1.0 / period:g} Hz "
+            f"{wanted['name']}{f' ({details})' if others else ''}."
+        )

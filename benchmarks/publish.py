@@ -1,0 +1,53 @@
+"""Put what `robustness.py` and `pretrained.py` have left under `out/` into its places, and what the study says into the README.
+
+Nothing that belongs to the repository changes before, so that results carry a clean commit. `make study` runs it last.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from shutil import copyfile
+from textwrap import fill
+
+from robustness_text import conditions, summary
+
+BEGIN, END = "<!-- The study's findings, by benchmarks/publish.py -->", "<!-- The end of the study's findings -->"
+SHIPPED = tuple(f"out/pretrained/ppo-{task}.{kind}" for task in ("nav", "pose", "square") for kind in ("onnx", "md"))
+PLACES = {
+    "benchmarks": ("out/study/robustness.json", "out/study/robustness.png", "out/pretrained/pretrained.json"),
+    "agents/pretrained": SHIPPED,
+}
+"""Which files go to which folder."""
+WIDTH = 128
+
+
+def findings(study: Path) -> str:
+    """Return the README's passage, between its marks."""
+    results = json.loads(study.read_text(encoding="utf-8"))
+    lines = [fill(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False) for line in summary(results)]
+    return "\n".join([BEGIN, "", *lines, "", fill(conditions(results), WIDTH, break_on_hyphens=False), "", END])
+
+
+def with_findings(text: str, told: str) -> str:
+    """Return a page with the passage between its marks replaced."""
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise ValueError(f"README.md must hold {BEGIN!r} and {END!r}.")
+    return before + told + after
+
+
+def main() -> None:
+    """Copy the files that are there, and write the README's passage."""
+    for folder, sources in PLACES.items():
+        for source in filter(Path.is_file, map(Path, sources)):
+            copyfile(source, Path(folder) / source.name)
+            print(f"{source} -> {folder}")
+    readme = Path("README.md")
+    told = findings(Path("benchmarks/robustness.json"))
+    readme.write_text(with_findings(readme.read_text(encoding="utf-8"), told), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

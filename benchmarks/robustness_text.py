@@ -1,0 +1,88 @@
+"""What the study says, in sentences, the losses of learning first; README and documentation take them from here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+VERDICTS = {
+    "PPO slower": "PPO is slower than the tuned baseline in {n} of {all} scenarios",
+    "no difference found": "No difference is found in {n}",
+    "PPO faster": "PPO is faster in {n}",
+}
+
+
+def summary(results: Mapping[str, Any]) -> list[str]:
+    """Return the study's findings as Markdown bullets, from what `robustness.py` has written."""
+    rows = results["comparisons"]
+    return [
+        *_verdicts(rows),
+        *_untuned(rows),
+        *_filter(rows),
+        *_false_arrivals(results["false_arrivals"], results["config"]),
+    ]
+
+
+def conditions(results: Mapping[str, Any]) -> str:
+    """Return in a sentence how the figures were made."""
+    config, n = results["config"], len(results["comparisons"])
+    return (
+        f"Each scenario has {config['seeds']} trainings (seeds 0 to {config['seeds'] - 1}) and {config['episodes']} paired "
+        f"episodes (seeds from {config['first_seed']:,}). Each baseline is tuned for its scenario, in {config['tries']} tries "
+        f"of {config['episodes']} episodes on other seeds. Intervals are 95 %, over trainings and episodes. A difference is "
+        f"one whose p-value is below 0.05 after Holm's correction for {n} scenario{'s' * (n > 1)}."
+    )
+
+
+def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    bullets = []
+    for verdict, words in VERDICTS.items():
+        chosen = [row for row in rows if row["verdict"] == verdict]
+        if chosen:
+            told = "; ".join(f"{row['scenario']} ({_difference(row)})" for row in chosen)
+            bullets.append(f"* **{words.format(n=len(chosen), all=len(rows))}**: {told}.")
+    return bullets
+
+
+def _difference(row: Mapping[str, Any]) -> str:
+    told = row["ppo"]["difference"]
+    times = f"{row['ppo']['time']['value']:.2f} s to {row['baselines'][0]['time']['value']:.2f} s"
+    return f"{times}: {told['value']:+.2f} s, {told['low']:+.2f} to {told['high']:+.2f}"
+
+
+def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what the same comparison would say of baselines that nobody tuned."""
+    flattered = [
+        f"{row['scenario']} ({row['baselines'][0]['time_untuned']['value']:.2f} s instead of "
+        f"{row['baselines'][0]['time']['value']:.2f} s)"
+        for row in rows
+        if row["ppo"]["time"]["value"] < row["baselines"][0]["time_untuned"]["value"] and row["verdict"] != "PPO faster"
+    ]
+    if not flattered:
+        return []
+    return [f"* **Against the baselines' defaults PPO would have won {len(flattered)} more**: {'; '.join(flattered)}."]
+
+
+def _filter(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what the filter is worth to either policy, for each noise for which both were tried."""
+    by_name = {row["scenario"]: row for row in rows}
+    told = []
+    for noise in ("tutorial", "documented", "rough", "wheel"):
+        both = [by_name.get(f"Nav, {seen}, {noise}") for seen in ("raw odometry", "estimate")]
+        if all(both):
+            geometry = " to ".join(f"{row['baselines'][0]['time']['value']:.2f} s" for row in both if row)
+            ppo = " to ".join(f"{row['ppo']['time']['value']:.2f} s" for row in both if row)
+            told.append(f"`{noise}` {geometry} for geometry, {ppo} for PPO")
+    return [f"* **What the filter buys**, from raw odometry to its estimate: {'; '.join(told)}."] if told else []
+
+
+def _false_arrivals(rows: Sequence[Mapping[str, Any]], config: Mapping[str, Any]) -> list[str]:
+    shares = ", ".join(
+        f"{100.0 * row['false_arrival']['value']:.1f} % ({100.0 * row['false_arrival']['low']:.1f} to "
+        f"{100.0 * row['false_arrival']['high']:.1f}) under `{row['noise']}`"
+        for row in rows
+    )
+    return [
+        f"* **Where the episode ends on belief**, the robot is not within the 0.15 m in which it believes it is in {shares} "
+        f"(the bearing law, {config['episodes']} episodes each). Neither reward nor policy mends that; a smaller radius would."
+    ]

@@ -1,0 +1,202 @@
+"""Intervals and corrections: published examples, and coverage counted on simulated trainings, with wrong methods that fail."""
+
+import math
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from turtlebot_gym_agents.evaluation import comparison, metrics
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.metrics import Interval
+
+ROUNDED = 1e-4
+"""The published limits have four digits, rounded from Wilson limits with z = 1.96."""
+DATA_SETS = 2000
+MARGIN = 4.5 * math.sqrt(0.05 * 0.95 / DATA_SETS)
+"""A method that misses 5 % of the data sets is outside this for one seed in 1.5 * 10^5."""
+
+
+def outcomes(successes: int, n: int) -> list[bool]:
+    return [True] * successes + [False] * (n - successes)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "low", "high"),
+    [  # Newcombe (1998), "... independent proportions: comparison of eleven methods", table II, method 10
+        ((56, 70), (48, 80), 0.0524, 0.3339),
+        ((9, 10), (3, 10), 0.1705, 0.8090),
+        ((10, 10), (0, 20), 0.6791, 1.0),
+    ],
+)
+def test_newcombes_interval_for_independent_shares(one, other, low, high):
+    got = metrics.share_difference(metrics.share(outcomes(*one)), metrics.share(outcomes(*other)))
+    np.testing.assert_allclose(got, [one[0] / one[1] - other[0] / other[1], low, high], rtol=0, atol=ROUNDED)
+    back = metrics.share_difference(metrics.share(outcomes(*other)), metrics.share(outcomes(*one)))
+    np.testing.assert_allclose(back, [-got.value, -got.high, -got.low], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("both", "first", "second", "neither", "low", "high"),
+    [  # Newcombe (1998), "... binomial proportions based on paired data", table II, method 10
+        (36, 12, 2, 0, 0.0569, 0.3404),
+        (18, 12, 2, 18, 0.0562, 0.3290),
+        (53, 0, 0, 1, -0.0729, 0.0729),
+        (0, 30, 0, 0, 0.8395, 1.0),
+    ],
+)
+def test_newcombes_interval_for_paired_shares(both, first, second, neither, low, high):
+    one = [True] * (both + first) + [False] * (second + neither)
+    other = [True] * both + [False] * first + [True] * second + [False] * neither
+    got = metrics.paired_share_difference(one, other)
+    np.testing.assert_allclose(got, [(first - second) / len(one), low, high], rtol=0, atol=ROUNDED)
+
+
+def test_pairs_that_agree_tell_more_than_independent_shares():
+    one, other = np.arange(1000) % 10 != 0, np.arange(1000) % 9 != 0
+    alike = metrics.paired_share_difference(one, one & (np.arange(1000) != 5))
+    apart = metrics.share_difference(metrics.share(one), metrics.share(one))
+    assert alike.high - alike.low < 0.3 * (apart.high - apart.low)
+    assert metrics.paired_share_difference(one, other).low < 0.0111 < metrics.paired_share_difference(one, other).high
+
+
+@pytest.mark.parametrize(
+    ("given", "adjusted"),
+    [
+        # 4 * 0.005, 3 * 0.01, 2 * 0.03, and 0.04 not below the one before it.
+        ([0.01, 0.04, 0.03, 0.005], [0.03, 0.06, 0.06, 0.02]),
+        # Holm's procedure in R's p.adjust, on five values; nothing is above 1.
+        ([0.01, 0.02, 0.03, 0.04, 0.05], [0.05, 0.08, 0.09, 0.09, 0.09]),
+        ([0.9, 0.6], [1.0, 1.0]),
+        ([0.03], [0.03]),
+        ([], []),
+    ],
+)
+def test_holms_correction(given, adjusted):
+    assert metrics.holm(given) == pytest.approx(adjusted)
+
+
+def test_holm_keeps_the_rate_of_any_false_claim():
+    random = np.random.default_rng(5)
+    p_values = random.uniform(size=(DATA_SETS, 20))
+    corrected = np.mean([min(metrics.holm(row.tolist())) < 0.05 for row in p_values])
+    assert corrected < 0.05 + MARGIN
+    assert np.mean(p_values.min(axis=1) < 0.05) > 0.5  # uncorrected, some claim is nearly always false
+
+
+def tables(random, *, trainings=0.0, episodes=0.0, rest=1.0, k=5, n=60):
+    """Yield tables with mean 0: trainings in rows, the same episodes in columns, deviations of each part."""
+    for _ in range(DATA_SETS):
+        row, column = random.normal(scale=trainings, size=(k, 1)), random.normal(scale=episodes, size=(1, n))
+        yield row + column + random.normal(scale=rest, size=(k, n))
+
+
+def missed(intervals, truth=0.0) -> float:
+    """Return how often intervals do not contain the truth."""
+    return float(np.mean([not one.low <= truth <= one.high for one in intervals]))
+
+
+SPREADS = [
+    {"trainings": 1.0, "episodes": 1.0},
+    {"trainings": 1.0, "episodes": 0.0},
+    {"trainings": 0.3, "episodes": 2.0},
+    {"trainings": 0.0, "episodes": 2.0},
+    {"trainings": 0.0, "episodes": 0.0},
+    {"trainings": 1.0, "episodes": 1.0, "k": 2},
+]
+
+
+@pytest.mark.parametrize("parts", SPREADS)
+def test_intervals_over_trainings_cover_what_they_say(parts):
+    errors = missed(comparison.spread(table).interval() for table in tables(np.random.default_rng(6), **parts))
+    assert errors < 0.05 + MARGIN
+
+
+def test_intervals_over_trainings_are_no_wider_than_need_be():
+    # Where trainings differ much, the interval is Student's of their means, which is exact.
+    errors = missed(comparison.spread(table).interval() for table in tables(np.random.default_rng(7), trainings=3.0))
+    assert abs(errors - 0.05) < MARGIN
+    # Where only episodes differ, no interval could be much narrower than Student's over them.
+    table = next(tables(np.random.default_rng(8), episodes=3.0, rest=0.1, n=400))
+    width, least = (one.high - one.low for one in (comparison.spread(table).interval(), metrics.mean(table[0])))
+    assert width < 1.1 * least
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda table: metrics.mean(table.mean(axis=0)),  # the first release's: trainings averaged first, and forgotten
+        lambda table: metrics.mean(table.ravel()),  # as if all episodes of all trainings were independent
+    ],
+)
+def test_a_method_that_forgets_the_trainings_is_noticed(wrong):
+    assert missed(map(wrong, tables(np.random.default_rng(6), trainings=1.0, episodes=1.0))) > 0.05 + 4.0 * MARGIN
+
+
+def test_a_method_that_forgets_the_episodes_is_noticed():
+    errors = missed(metrics.mean(table.mean(axis=1)) for table in tables(np.random.default_rng(6), trainings=0.3, episodes=2.0))
+    assert errors > 0.05 + 4.0 * MARGIN
+
+
+def test_the_p_value_is_that_of_the_interval():
+    for table in islice(tables(np.random.default_rng(9), trainings=1.0), 100):
+        told = comparison.spread(table)
+        interval = told.interval()
+        assert (told.p_value() < 0.05) == (not interval.low <= 0.0 <= interval.high)
+        shifted = told._replace(value=told.margin(0.9))
+        assert shifted.p_value() == pytest.approx(0.1)
+    assert comparison.spread(np.zeros((2, 3))).p_value() == 1.0
+    assert comparison.spread(np.ones((2, 3))).p_value() == 0.0
+
+
+def test_by_hand():
+    # Rows' means 2 and 4, variance 2: error^2 2/2. Columns' means 1, 3, 5, variance 4: error^2 4/3. Student's quantiles for 1
+    # and 2 degrees of freedom, from a table: 12.706 and 4.303.
+    told = comparison.spread([[0.0, 2.0, 4.0], [2.0, 4.0, 6.0]])
+    assert told.value == 3.0
+    assert told.error() == pytest.approx(math.sqrt(7.0 / 3.0))
+    assert told.margin() == pytest.approx(math.sqrt(12.706**2 + 4.303**2 * 4.0 / 3.0), rel=1e-4)
+
+
+@pytest.mark.parametrize(("share", "differ"), [(0.5, 0.0), (0.9, 20.0), (0.98, 60.0)])
+def test_shares_over_trainings_cover_what_they_say(share, differ):
+    # Each training has a rate of its own, beta distributed about the share; the wrong method takes all episodes as independent.
+    random, right, wrong = np.random.default_rng(10), [], []
+    for _ in range(DATA_SETS):
+        rates = random.beta(share * differ, (1.0 - share) * differ, size=(5, 1)) if differ else np.full((5, 1), share)
+        table = random.uniform(size=(5, 200)) < rates
+        right.append(comparison.share(table))
+        wrong.append(metrics.share(table.ravel()))
+    assert missed(right, share) < 0.05 + MARGIN
+    if differ:
+        assert missed(wrong, share) > 0.05 + 4.0 * MARGIN
+
+
+def test_a_share_without_exception_is_worth_its_episodes():
+    # All trainings drove the same 100 episodes: Wilson's limit is 100 / (100 + 1.96^2).
+    got = comparison.share(np.ones((5, 100), bool))
+    assert got.value == got.high == 1.0
+    assert got.low == pytest.approx(100.0 / (100.0 + 1.96**2), abs=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(1, 10), (5, 1), (10,), (0, 3), (2, 2, 2)])
+def test_one_training_says_nothing_of_trainings(shape):
+    with pytest.raises(ValueError, match="at least two trainings and two episodes"):
+        comparison.spread(np.zeros(shape))
+
+
+def test_trainings_beside_a_baseline():
+    options = {"episodes": 40, "noise": "rough"}
+    learned = [evaluate(policy, **options) for policy in ("bearing", "proportional", "bearing")]
+    baseline = evaluate("bearing", **options)
+    told = comparison.compare(learned, baseline)
+    assert (told["trainings"], told["episodes"]) == (3, 40)
+    np.testing.assert_allclose(told["time_of_each_training"], [one.times().mean() for one in learned])
+    np.testing.assert_allclose(told["time"].value, np.mean(told["time_of_each_training"]))
+    assert told["difference"].value == pytest.approx((learned[1].times() - baseline.times()).mean() / 3.0)
+    assert told["difference"].low < 0.0 < told["difference"].high  # two of three are the baseline itself
+    assert told["p"] > 0.05
+    assert told["success"].value == pytest.approx((2.0 + learned[1].episodes.success.mean()) / 3.0)
+    assert isinstance(told["success_difference"], Interval)
+    with pytest.raises(ValueError, match="same seeds"):
+        comparison.compare(learned, evaluate("bearing", seed=1, **options))

@@ -1,0 +1,169 @@
+"""The study: what it says follows from its numbers, losses first; what is published is what it says; and it resumes."""
+
+import json
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.provenance import plain
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts, not a package
+pretrained, publish, robustness, scenarios, text = map(
+    import_module, ("pretrained", "publish", "robustness", "scenarios", "robustness_text")
+)
+
+
+def told(value, low, high):
+    return {"value": value, "low": low, "high": high}
+
+
+def row(scenario, untuned, tuned, ppo, margin, verdict):
+    """Return a comparison as the study writes it."""
+    gap = ppo - tuned
+    return {
+        "scenario": scenario,
+        "compared_with": "bearing",
+        "baselines": [{"policy": "bearing", "time": told(tuned, 0, 99), "time_untuned": told(untuned, 0, 99)}],
+        "ppo": {
+            "trainings": 5,
+            "episodes": 2000,
+            "time": told(ppo, ppo - 0.3, ppo + 0.3),
+            "difference": told(gap, gap - margin, gap + margin),
+        },
+        "p_holm": 0.01,
+        "verdict": verdict,
+    }  # fmt: skip
+
+
+RESULTS = {
+    "config": {"seeds": 5, "episodes": 2000, "first_seed": 1_000_000, "tries": 40},
+    "comparisons": [
+        row("Nav, raw odometry, tutorial", 16.5, 12.16, 12.18, 0.1, "no difference found"),
+        row("Nav, estimate, tutorial", 10.34, 10.3, 10.45, 0.05, "PPO slower"),
+        row("Nav, wheel", 12.0, 11.9, 11.0, 0.2, "PPO faster"),
+    ],
+    "false_arrivals": [{"noise": "tutorial", "policy": "bearing", "false_arrival": told(0.39, 0.37, 0.411)}],
+}
+
+
+def test_what_learning_loses_is_said_first():
+    assert text.summary(RESULTS) == [
+        "* **PPO is slower than the tuned baseline in 1 of 3 scenarios**: Nav, estimate, tutorial "
+        "(10.45 s to 10.30 s: +0.15 s, +0.10 to +0.20).",
+        "* **No difference is found in 1**: Nav, raw odometry, tutorial (12.18 s to 12.16 s: +0.02 s, -0.08 to +0.12).",
+        "* **PPO is faster in 1**: Nav, wheel (11.00 s to 11.90 s: -0.90 s, -1.10 to -0.70).",
+        "* **Against the baselines' defaults PPO would have won 1 more**: "
+        "Nav, raw odometry, tutorial (16.50 s instead of 12.16 s).",
+        "* **What the filter buys**, from raw odometry to its estimate: "
+        "`tutorial` 12.16 s to 10.30 s for geometry, 12.18 s to 10.45 s for PPO.",
+        "* **Where the episode ends on belief**, the robot is not within the 0.15 m in which it believes it is "
+        "in 39.0 % (37.0 to 41.1) under `tutorial` (the bearing law, 2000 episodes each). "
+        "Neither reward nor policy mends that; a smaller radius would.",
+    ]  # fmt: skip
+    assert "5 trainings (seeds 0 to 4) and 2000 paired episodes (seeds from 1,000,000)" in text.conditions(RESULTS)
+    assert "Holm's correction for 3 scenarios" in text.conditions(RESULTS)
+
+
+@pytest.mark.parametrize(
+    ("p", "difference", "verdict"),
+    [
+        (0.049, -0.1, "PPO faster"),
+        (0.049, 0.1, "PPO slower"),
+        (0.05, -0.1, "no difference found"),
+        (1.0, 0.1, "no difference found"),
+    ],
+)
+def test_a_verdict_needs_the_corrected_p_value(p, difference, verdict):
+    assert robustness.verdict({"p_holm": p, "ppo": {"difference": Interval(difference, -9.0, 9.0)}}) == verdict
+
+
+def test_the_readme_says_what_the_published_study_says():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert publish.findings(ROOT / "benchmarks" / "robustness.json") in readme
+    assert publish.with_findings(readme, publish.findings(ROOT / "benchmarks" / "robustness.json")) == readme
+    with pytest.raises(ValueError, match=r"README\.md must hold"):
+        publish.with_findings("nothing", "something")
+
+
+def test_every_published_claim_has_five_trainings_and_its_seeds():
+    study = json.loads((ROOT / "benchmarks" / "robustness.json").read_text(encoding="utf-8"))
+    assert study["comparisons"]
+    for one in study["comparisons"]:
+        assert one["ppo"]["trainings"] == len(one["ppo"]["time_of_each_training"]) == len(one["seeds"]["training"]) >= 5
+        first, end = one["seeds"]["evaluation"]
+        assert one["ppo"]["episodes"] == end - first >= 2000
+        assert one["compared_with"] == one["baselines"][0]["policy"]
+        assert one["verdict"] == robustness.verdict(
+            {"p_holm": one["p_holm"], "ppo": {"difference": Interval(**one["ppo"]["difference"])}}
+        )
+        assert len(one["commits"]) == 1
+        assert not one["commits"][0].endswith("-dirty")
+
+
+def test_scenarios_have_files_of_their_own():
+    names = [scenarios.slug(**options) for options in robustness.SCENARIOS.values()]
+    assert len(set(names)) == len(names)
+    assert max(map(len, names)) < 100
+    assert scenarios.slug(**robustness.SCENARIOS["Nav, no reverse, tutorial"]) == "TurtleBotNav-v0-ekf-tutorial-reverse-False"
+    assert scenarios.slug(**pretrained.scenario("pose", "tutorial")) == scenarios.slug(
+        **robustness.SCENARIOS["Pose, tutorial"]
+    )  # tuned once
+    assert scenarios.short("46bf714aaaabbbbccccdddd-dirty") == "46bf714aaaab-dirty"
+    assert scenarios.short(None) == "unknown"
+
+
+def test_the_figure_has_a_line_and_a_bar_for_each_scenario(tmp_path):
+    figure = import_module("robustness_figure").draw(RESULTS["comparisons"])
+    figure.savefig(tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    left, right = figure.axes
+    assert [label.get_text().partition("\n")[0] for label in left.get_yticklabels()] == [
+        "Nav, raw odometry, tutorial", "Nav, estimate, tutorial", "Nav, wheel"
+    ]  # fmt: skip
+    assert [bar.get_width() for bar in right.patches] == pytest.approx([16.5 - 12.16, 10.34 - 10.3, 12.0 - 11.9])
+    assert len({container.lines[0].get_color() for container in left.containers}) == 3
+
+
+@pytest.fixture
+def small(tmp_path):
+    return robustness.Config(seeds=2, steps=1024, episodes=12, tries=2, processes=1, out=tmp_path)
+
+
+def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
+    name = "Square, tutorial"
+    options = robustness.SCENARIOS[name]
+    bundle = robustness.training(tmp_path, small.steps, 0, options)
+    trained = bundle.stat().st_mtime_ns
+    found = plain(robustness.compared(small, tmp_path, name))
+    assert bundle.stat().st_mtime_ns == trained
+    assert found["seeds"] == {"training": [0, 1], "evaluation": [1_000_000, 1_000_012]}
+    assert [one["policy"] for one in found["baselines"]] == ["corner", "bearing"]  # the faster one first
+    assert found["compared_with"] == scenarios.best_baseline(tmp_path, small, **options) == "corner"
+    gap = found["ppo"]["time"]["value"] - found["baselines"][0]["time"]["value"]
+    assert found["ppo"]["difference"]["value"] == pytest.approx(gap)
+    assert found["ppo"]["success"]["value"] == 0.0  # after a thousand steps
+    files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.glob("*/*.json"))
+    assert [path for path in files if path.startswith("tuned")] == [
+        "tuned/bearing-TurtleBotSquare-v0-ekf-tutorial.json",
+        "tuned/corner-TurtleBotSquare-v0-ekf-tutorial.json",
+    ]
+
+
+def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
+    config = pretrained.Config(seeds=1, steps=1024, episodes=12, tries=1, tasks=("nav",), out=tmp_path)
+    pretrained.training(tmp_path, config.steps, "nav", 0)
+    assert pretrained.best_seed(tmp_path, config, "nav") == 0
+    bundle = tmp_path / "nav-0" / "policy.onnx"
+    rows = pretrained.compared(config, tmp_path, bundle, "nav")
+    text = pretrained.card("nav", config, bundle, rows)
+    losses = "Slower than the tuned `bearing` (tutorial), `bearing` (documented), `bearing` (rough).\n"
+    assert text.startswith(f"# ppo-nav\n\n{losses}")
+    assert "12 episodes on seeds from 2,000,000" in text
+    assert "--randomize --seed 0`" in text
+    assert text.count("| ppo-nav |") == 3
