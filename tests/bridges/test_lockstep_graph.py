@@ -170,8 +170,9 @@ def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
         graph.wait_until(lambda graph: graph.time > 3.0)
         (process,) = (each for each in graph._processes if name in each.args)
         process.send_signal(signal.SIGSTOP)
+        graph.wait_until(lambda graph: any(f"/{name} has not answered" in text for _, text in graph.reports.values()))
         with pytest.raises(TimeoutError, match=rf"waits for /(next_)?{topic} of the step .* /{name} has not answered"):
-            graph.wait_until(lambda graph: graph.time > 60.0, timeout=6.0)
+            graph.wait_until(lambda graph: graph.time > 60.0, timeout=0.5)
         process.send_signal(signal.SIGCONT)
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
