@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.safety import Safety
-from turtlebot_gym_ros.robot.sent import SystemClock, age_of
+from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
 
 NO_OBSTACLE_AVOIDANCE = "It drives without obstacle avoidance: whoever enables it watches the robot."
 
@@ -21,9 +21,9 @@ NO_OBSTACLE_AVOIDANCE = "It drives without obstacle avoidance: whoever enables i
 class Switch:
     """The service ``~/enable`` (SetBool), and the topics ``~/state`` and ``emergency_stop``.
 
-    The state (String, latched) is "silent: why", "active" or "stopping: why". Each button of the emergency stop (Bool) publishes
-    at 5 Hz or more, pressed or not. A press stops the robot however short; so does half a second of silence of a button that was
-    heard once. Enabling is refused while any button is pressed, or one of those that were heard is silent.
+    The state (String, latched) is "silent: why", "active" or "stopping: why". Each button of the emergency stop (Bool) is to
+    publish at 5 Hz or more, pressed or not. A press stops the robot however short, and so does half a second of silence of a
+    button that was heard once. Enabling is refused while any button is pressed, or one of those that were heard is silent.
 
     Args:
         node: The node.
@@ -104,7 +104,7 @@ class Switch:
     def _look(self) -> float:
         """Compare the clocks, which tells the ages of messages, and return the steady time: ``now`` may be a test's."""
         with self.safety.lock:
-            system, steady = time.time(), time.monotonic()
+            system, steady = read_clocks()
             self._clock.look(system=system, steady=steady)
             return steady
 

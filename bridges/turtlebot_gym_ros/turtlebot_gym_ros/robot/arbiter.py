@@ -109,13 +109,9 @@ class Arbiter:
         if gap > GAP:
             self._blind_until = now + BLIND
         if gap > self._p.max_age:
-            self.distrust(now)
-
-    def distrust(self, now: float) -> None:
-        """Forget what was heard, and stop first: how old it is, and what the wheels have done meanwhile, is not known."""
-        self._blind_until = now + BLIND
-        self._heard.clear()
-        self._halt, self._zeros_until = True, now + ZEROS
+            # How old is what was heard, and what the wheels have done meanwhile, is not known: stop first.
+            self._heard.clear()
+            self._halt, self._zeros_until = True, now + ZEROS
 
     def hear(self, source: str, command: Command, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""

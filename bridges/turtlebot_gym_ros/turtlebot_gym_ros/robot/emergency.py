@@ -68,7 +68,7 @@ class EmergencyStop:
             button = Button(began=sent, sent=sent)
         self._buttons.append(button)
         button.number, button.sent, button.pressed = number or 0, max(button.sent, sent), pressed
-        alive = self._alive(now)
+        alive = self._alive(button.sent)  # in the time in which they speak: what has waited comes all at once
         # A button that was started again is a new one. Both exist only if the old one spoke after the new one began.
         newest = max((each.began for each in alive), default=now)
         self._expected = max(self._expected, 1, sum(each.sent >= newest for each in alive))

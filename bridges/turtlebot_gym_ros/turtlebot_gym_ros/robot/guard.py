@@ -28,7 +28,6 @@ Parameters: see `arbiter.Parameters`. All times are of the steady clock, so it w
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -48,7 +47,7 @@ from std_srvs.srv import SetBool
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.report import Report
-from turtlebot_gym_ros.robot.sent import Age, SystemClock, age_of
+from turtlebot_gym_ros.robot.sent import Age, SystemClock, age_of, read_clocks
 from turtlebot_gym_ros.robot.standalone import declare, run
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -83,10 +82,9 @@ class CmdVelGuard(Node):
         self._publish(STOP)
 
     def _now(self) -> float:
-        """Return the steady time, s, after a look at the system clock; the order of the two matters, see `SystemClock`."""
-        system, now = time.time(), time.monotonic()
-        if self._clock_watch.look(system=system, steady=now):
-            self._arbiter.distrust(now)
+        """Return the steady time, s, after a look at the system clock."""
+        system, now = read_clocks()
+        self._clock_watch.look(system=system, steady=now)
         return now
 
     def _age(self, message: Any, info: Mapping[str, Any], now: float) -> Age:

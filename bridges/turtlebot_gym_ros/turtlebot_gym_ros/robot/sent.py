@@ -1,4 +1,4 @@
-"""How old a message is: the age of what was *sent*, not of what a callback got round to. Knows no ROS; clocks are arguments.
+"""How old a message is: the age of what was *sent*, not of what a callback got round to. Knows no ROS.
 
 A message carries up to three times of the system clock: the stamp in its header, DDS's source time (both by the sender's
 clock), and DDS's time of arrival here. Each gives an age, and **the oldest credible age counts**:
@@ -10,14 +10,15 @@ clock), and DDS's time of arrival here. Each gives an age, and **the oldest cred
 * *Arrival*: always. Where no other is credible it alone counts, and the message is *undated*: how long it was under way cannot
   be seen. To a process that was suspended, what waited for it has just arrived, so after a gap undated messages prove nothing.
 
-**The system clock may be set while it runs.** Ages are differences to the latest time that it has shown: after it was set back,
-the old offset from the steady clock counts for 10 s more, so nothing sent before becomes younger, and what is sent meanwhile is
-too old rather than too young. After it was set ahead, what was sent before is too old at once.
+**The system clock may be set while it runs.** Then its times are read by its offset from the steady clock before and after, for
+10 s more, and again the oldest credible age counts: nothing that was sent before becomes younger. What is sent within these 10 s
+after the clock was set back may be taken for older than it is, and refused.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -26,11 +27,9 @@ FUTURE = 0.1
 PAST = 3600.0
 """How old a time is credible, s: beyond, it is of another epoch, or of a clock that was never set."""
 HOLD = 10.0
-"""How long the old offset counts after the clock was set back, s: longer than a message is under way."""
+"""How long an offset counts after the clock was set, s: longer than a message is under way."""
 STEP = 1e-3
 """A change of the offset that is a step of the clock, s; less is a clock that is being slewed."""
-LEAP = 0.1
-"""A step ahead from which what was heard before is of unknown age, s: the machine slept, or the clock was wrong."""
 
 
 class Age(NamedTuple):
@@ -46,37 +45,32 @@ class Age(NamedTuple):
 
 
 class SystemClock:
-    """The system clock against the steady one.
-
-    Read the system clock first, then the steady one: a pause between the two must not look like a step ahead.
-    """
+    """The system clock against the steady one."""
 
     def __init__(self) -> None:
-        self._offset = -math.inf
-        self._behind_since: float | None = None
+        self._offsets: list[tuple[float, float]] = []
+        """Offsets from the steady clock, s, the present one last, and until when they count."""
 
-    def look(self, *, system: float, steady: float) -> bool:
-        """Compare the clocks, at least every 20 ms, and return whether the system clock has leapt ahead."""
-        offset, before = system - steady, self._offset
-        if offset >= before - STEP:
-            self._offset, self._behind_since = offset, None
-            return offset - before > LEAP and before > -math.inf
-        if self._behind_since is None:
-            self._behind_since = steady
-        if steady - self._behind_since >= HOLD:
-            self._offset, self._behind_since = offset, None
-        return False
+    def look(self, *, system: float, steady: float) -> None:
+        """Compare the clocks, at least every 20 ms."""
+        offset = system - steady
+        others = [(each, min(until, steady + HOLD)) for each, until in self._offsets if abs(each - offset) > STEP]
+        self._offsets = [*(each for each in others if each[1] > steady), (offset, math.inf)]
 
     def age(self, *, steady: float, source: float = 0.0, arrival: float = 0.0, header: float = 0.0) -> Age:
         """Return how old a message is at a steady time, from its times on the system clock, s; 0 is unknown."""
-        present = steady + self._offset
-        ages = {"DDS's source time": present - source, "its header's stamp": present - header}
-        credible = {by: max(0.0, age) for by, age in ages.items() if -FUTURE <= age <= PAST}
-        waited = present - arrival
-        arrived = {"its arrival": waited if 0.0 <= waited <= PAST else 0.0}
-        by, seconds = max({**arrived, **credible}.items(), key=lambda item: item[1])
-        ahead = 0.0 if credible else max((-age for age in ages.values() if age < -FUTURE), default=0.0)
-        return Age(seconds, bool(credible), by, ahead)
+        times = {"DDS's source time": source, "its header's stamp": header}
+        present = [steady + offset for offset, _ in self._offsets]
+        sent = [(at - time, by) for by, time in times.items() for at in present if -FUTURE <= at - time <= PAST]
+        came = [(at - arrival, "its arrival") for at in present if at - arrival <= PAST]
+        seconds, by = max((0.0, "its arrival"), *came, *sent)
+        ahead = 0.0 if sent else max(time - present[-1] for time in times.values())
+        return Age(seconds, bool(sent), by, max(ahead, 0.0))
+
+
+def read_clocks() -> tuple[float, float]:
+    """Return the system time and the steady time, s; the steady clock goes on while the machine sleeps, where that is known."""
+    return time.time(), time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
 def age_of(clock: SystemClock, info: Mapping[str, Any], header: Any, now: float) -> Age:
