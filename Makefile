@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check bench bench-ros docs notebooks build clean
+.PHONY: help demo test test-slow check bench bench-ros faults docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -57,6 +57,10 @@ docs: $(READY)  ## build the documentation into out/docs
 bench-ros: $(READY)  ## the live graph: latency, jitter, CPU, memory, time to a stop (15 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/ros.py --json $(OUT)/ros.json
+
+faults: $(READY)  ## 1000 faults injected into live guards, with an independent listener (15 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet

@@ -14,8 +14,8 @@ from turtlebot_gym_ros.robot import arbiter, sent
 TICK = 0.02
 COMMANDS = [(0.1, 0.2), (0.15, 0.0), (-0.1, 0.0), (0.0, 1.0), (9.0, -3.0), (0.0, 0.0), (math.nan, 0.1), (0.0, 1e9)]
 STAMPS = ["none", "set", "simulated", "minute", "ahead", "behind", "unset"]
-"""What the sender's times say: no header, a good one, one of a simulation, one a minute old; a computer whose clock is 5 s ahead
-(its times tell nothing) or 0.2 s behind; no source time at all."""
+"""What the sender's times say: no header, a good one, one of a simulation, one a minute old; a computer whose clock is 5 s
+ahead (its times tell nothing) or 0.2 s behind; no source time at all."""
 JUMPS = [-7200.0, -30.0, -1.0, -0.3, 0.05, 0.3, 1.0, 30.0, 7200.0]
 
 

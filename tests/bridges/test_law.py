@@ -21,7 +21,7 @@ from turtlebot_gym_ros.robot.emergency import EmergencyStop
 from turtlebot_gym_ros.robot.sent import Age, SystemClock
 
 sys.path.insert(0, str(Path(__file__).parent))
-from guard_world import World, judge  # noqa: E402
+from guard_world import World, judge
 
 KINDS = [
     "send",

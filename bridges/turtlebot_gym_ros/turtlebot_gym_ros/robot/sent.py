@@ -10,9 +10,9 @@ clock), and DDS's time of arrival here. Each gives an age, and **the oldest cred
 * *Arrival*: always. Where no other is credible it alone counts, and the message is *undated*: how long it was under way cannot
   be seen. To a process that was suspended, what waited for it has just arrived, so after a gap undated messages prove nothing.
 
-**The system clock may be set while it runs.** Then its times are read by its offset from the steady clock before and after, for
-10 s more, and again the oldest credible age counts: nothing that was sent before becomes younger. What is sent within these 10 s
-after the clock was set back may be taken for older than it is, and refused.
+**The system clock may be set while it runs.** Then its times are read by its offset from the steady clock before and after,
+for 10 s more, and again the oldest credible age counts: nothing that was sent before becomes younger. What is sent within these
+10 s after the clock was set back may be taken for older than it is, and refused. Two steps between two looks cannot be seen.
 """
 
 from __future__ import annotations
