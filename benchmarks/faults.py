@@ -355,7 +355,8 @@ def measure(config: Config) -> dict[str, dict[str, Any]]:
         process.start()
     for _ in workers:
         tasks.put(None)
-    found: dict[str, dict[str, Any]] = {
+    zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0}
+    found: dict[str, dict[str, Any]] = {name: dict(zero) for name in FAULTS}
         name: {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0} for name in FAULTS
     }
     try:
