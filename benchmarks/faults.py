@@ -358,8 +358,6 @@ def measure(config: Config) -> dict[str, dict[str, Any]]:
         tasks.put(None)
     zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0}
     found: dict[str, dict[str, Any]] = {name: dict(zero) for name in FAULTS}
-        name: {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0} for name in FAULTS
-    }
     try:
         with Progress(console=Console(stderr=True)) as progress:
             bar = progress.add_task("faults", total=len(order))
