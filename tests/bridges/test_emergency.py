@@ -120,3 +120,13 @@ def test_without_numbers_all_are_one():
     assert stop.refusal(51.0, publishers=1) == ""
     assert stop.refusal(51.0, publishers=2) == "1 of 2 publishers of the emergency stop are not heard"
     assert stop.trouble(51.41) == "the emergency stop is silent"
+
+
+def test_the_half_second_is_counted_with_its_end():
+    stop = EmergencyStop()
+    stop.hear(True, now=50.0, number=1)
+    stop.hear(False, now=50.25, number=2)
+    assert stop.trouble(50.5) == "the emergency stop is pressed"
+    assert stop.trouble(50.5625) == ""
+    assert stop.trouble(50.75) == ""
+    assert stop.trouble(50.8125) == "the emergency stop is silent"

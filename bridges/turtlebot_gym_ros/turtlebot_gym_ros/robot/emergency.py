@@ -33,9 +33,9 @@ class Button:
     """When the first message of it that was heard was sent, a steady time, s."""
     sent: float
     """When the latest one was sent."""
-    number: int = 0
+    number: int
     """The number of the last one heard."""
-    pressed: bool = False
+    pressed: bool
     """What it said last."""
 
 
@@ -65,7 +65,7 @@ class EmergencyStop:
             button = max(reversed(before), key=lambda each: each.number)
             self._buttons.remove(button)
         else:
-            button = Button(began=sent, sent=sent)
+            button = Button(began=sent, sent=sent, number=0, pressed=pressed)
         self._buttons.append(button)
         button.number, button.sent, button.pressed = number or 0, max(button.sent, sent), pressed
         alive = self._alive(button.sent)  # in the time in which they speak: what has waited comes all at once
