@@ -34,6 +34,8 @@ class Message:
     header: float
     number: int = 0
     button: int = -1
+    pressed: float = -math.inf
+    """When a press by a button that is known counts: as soon as the guard runs."""
 
 
 @dataclass
@@ -61,7 +63,7 @@ class World:
     def __init__(self, schedule, start=1234.5, **parameters):
         self.t, self.offset, self.jumped = start, 1.7e9, False
         self.log, self.flying, self.waiting = Log(), [], []
-        self.suspended_until = -math.inf
+        self.suspended_until = self.held_until = -math.inf
         self.seen = {}
         """Buttons: [number of the last message, pressed, time of the next message, alive, which of all lives]."""
         self.lives = 0
@@ -148,6 +150,8 @@ class World:
     def suspend(self, a, b):
         """Stop the guard's process while all others go on."""
         self.suspended_until = max(self.suspended_until, self.t) + (0.03, 0.09, 0.15, 0.35, 0.45, 0.7, 1.2, 3.0)[a]
+        if a > 1:  # what the buttons said comes a little after the guard is back
+            self.held_until = self.suspended_until + (0.0, 0.03, 0.09)[b % 3]
 
     def backlog(self, a, b):
         """Let commands from two sources wait while the guard is suspended, and end."""
@@ -178,6 +182,8 @@ class World:
         button[0] += 1
         button[1], button[2] = pressed, self.t + 0.1
         message = Message(self.t + 0.0002, "button", pressed, "none", self.t, self.t + self.offset, 0.0, button[0], button[4])
+        if button[4] in self.log.spoken:
+            message.pressed = max(message.at, self.suspended_until)
         self.flying.append(message)
 
     def wait(self, duration):
@@ -204,7 +210,7 @@ class World:
         if message.topic != "button":  # depth 1: the latest is kept
             self.waiting = [each for each in self.waiting if each.topic != message.topic]
         self.waiting.append(message)
-        if self.t >= self.suspended_until:
+        if self.t >= self.suspended_until and (message.topic != "button" or self.t >= self.held_until):
             message.at = self.t
             self.take(message)
             self.step()
@@ -234,7 +240,7 @@ class World:
         if message.topic == "button":
             log.spoken.setdefault(message.button, []).append((seen, message.made, message.value))
             if message.value:
-                log.presses.append(seen)
+                log.presses.append(message.pressed if message.pressed > -math.inf else seen)
             self.guard.hear_emergency(message.value, now, sent=now - age.seconds, dated=age.dated, number=message.number)
         else:
             made = message.made - (60.0 if message.stamp == "minute" else 0.0)
@@ -245,7 +251,7 @@ class World:
             self.guard.hear(message.topic, message.value, now, sent=now - age.seconds, dated=age.dated)
 
     def step(self):
-        for message in [each for each in self.waiting if each.topic == "button"]:
+        for message in [each for each in self.waiting if each.topic == "button" and self.t >= self.held_until]:
             message.at = self.t
             self.take(message)
         command = self.guard.step(self.look())

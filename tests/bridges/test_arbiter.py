@@ -265,6 +265,17 @@ def what_waited_meanwhile_is_not_obeyed(arbiter):
     assert drive(arbiter, 10.56, 0.2)[-1] == AHEAD
 
 
+def after_a_gap_every_button_is_heard_first(arbiter):
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    arbiter.hear("program", AHEAD, T + 1.25)  # 0.27 s without a look: a press may be on its way
+    assert arbiter.step(T + 1.25) == STOP
+    arbiter.hear_emergency(False, T + 1.26, sent=T + 1.24, number=11)
+    assert arbiter.step(T + 1.26) in (STOP, None)
+    arbiter.hear_emergency(False, T + 1.3, sent=T + 1.27, number=12)
+    assert arbiter.step(T + 1.3) != STOP
+    assert not arbiter.emergency
+
+
 def silence_is_not_judged_by_one_who_did_not_listen(arbiter):
     buttons(arbiter, 0.0, 1.0)
     assert arbiter.step(T + 1.6) == STOP  # it was suspended itself
@@ -394,6 +405,7 @@ LAWS = [
     (output_is_bounded, {}, sabotage("_paced", as_fast_as_it_can)),
     (stops_are_not_delayed_by_the_rate, {}, sabotage("_paced", slow)),
     (what_waited_meanwhile_is_not_obeyed, {}, sabotage("hear", believes_arrival)),
+    (after_a_gap_every_button_is_heard_first, {}, sabotage("_wake", never_blind)),
     (silence_is_not_judged_by_one_who_did_not_listen, {}, sabotage("_wake", never_blind)),
     (a_silent_emergency_stop_is_a_stop, {}, sabotage("hear_emergency", deaf)),
     (a_pressed_emergency_stop_refuses, {}, sabotage("enable", forget_no_command)),

@@ -199,6 +199,7 @@ DEFECTS = {
     "press: only the last button counts": (arbiter, "EmergencyStop", lambda original: LastButton),
     "press: it does not latch": (Arbiter, "hear_emergency", a_press_that_does_not_latch),
     "press: enabled without asking": (Arbiter, "enable", lambda original: enable_without_asking),
+    "press: what has waited is not waited for": (EmergencyStop, "spoken_since", lambda original: lambda self, time: True),
     "press: silence is none": (EmergencyStop, "_alive", lambda original: lambda self, now: list(self._buttons)),
     "press: all buttons are one": (EmergencyStop, "hear", one_button),
     "disabled: not at all": (Arbiter, "enable", disable_nothing),

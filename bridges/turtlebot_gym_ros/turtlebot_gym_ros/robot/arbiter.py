@@ -26,7 +26,7 @@ ZEROS = 1.0
 GAP = 0.1
 """Time between two calls from which the guard itself was suspended or starved, s."""
 BLIND = 0.5
-"""How long after such a gap messages may come that had waited: undated ones are refused, silence is not yet a press, s."""
+"""How long after such a gap messages may come that had waited, s: undated ones are refused, and silence is not yet a press."""
 
 
 def within(default: float, low: float, high: float, unit: str, *, above: bool = False) -> Any:
@@ -198,9 +198,15 @@ class Arbiter:
         """Return the command in force, within the limits; sets the state."""
         self.state = "stopped"
         trouble = self.buttons.trouble(now)
-        # After a gap of its own the guard has to hear the buttons first; until then it stands, and judges nobody.
-        self.emergency |= trouble != "" and now >= self._blind_until
-        if trouble or self.emergency or not self.enabled:
+        # After a gap of its own the guard stands until it has heard each button anew, and with that all that has waited.
+        blind = now < self._blind_until
+        self.emergency |= trouble != "" and not blind
+        if (
+            trouble
+            or self.emergency
+            or not self.enabled
+            or (blind and not self.buttons.spoken_since(self._blind_until - BLIND))
+        ):
             return None
         for source in ("teleop", "program"):
             heard = self._heard.get(source)

@@ -78,6 +78,10 @@ class EmergencyStop:
     def _alive(self, now: float) -> list[Button]:
         return [each for each in self._buttons if now - each.sent <= SILENCE]
 
+    def spoken_since(self, time: float) -> bool:
+        """Return whether every button has sent something since a steady time, so that all it sent before has been heard."""
+        return all(each.sent >= time for each in self._buttons)
+
     def trouble(self, now: float) -> str:
         """Return why the robot must stand, or nothing."""
         alive = self._alive(now)
