@@ -162,6 +162,13 @@ class World:
             self.command(topic, COMMANDS[a], STAMPS[stamp % 7], 0.0)
         self.wait(1.0)
 
+    def surprise(self, a, b):
+        """Press a button while the guard is suspended and a program commands; the press may arrive after the command."""
+        self.drive(1, 0)
+        self.suspend(2 + a % 3, b)
+        self.press(a, b % 4)
+        self.drive(0, 4)
+
     def jump(self, a, b):
         """Set the system clock, but not twice while the guard does not look: the time between would be seen by nobody."""
         if not self.jumped:

@@ -1,5 +1,6 @@
 """What the guard decides, exhaustively and without ROS: each protection is a law, with a sabotage that the law notices."""
 
+import dataclasses
 import math
 import re
 
@@ -462,3 +463,74 @@ def test_parameters_out_of_range_are_refused(parameters, rule):
 def test_the_ends_of_the_ranges_are_allowed():
     Parameters(max_age=0.5, rate=50.0, speed_scale=1.0, geofence=0.0)
     Parameters(max_age=1e-9, rate=200.0, speed_scale=1e-9, geofence=1e6)
+
+
+def test_defaults():
+    assert dataclasses.asdict(Parameters()) == {
+        "robot": "burger",
+        "enable_stamped_cmd_vel": True,
+        "body_frame": "base_footprint",
+        "start_enabled": True,
+        "max_age": 0.4,
+        "rate": 50.0,
+        "max_acceleration": 2.5,
+        "speed_scale": 1.0,
+        "geofence": 0.0,
+        "geofence_topic": "odom",
+    }
+
+
+def test_a_turn_starts_gently_too():
+    arbiter = new()
+    drive(arbiter, 0.0, 0.5)
+    turning = drive(arbiter, 0.5, 0.2, Command(0.0, 2.6))
+    assert turning[0] == (0.0, pytest.approx(0.625))  # 2.5 m/s^2 for 20 ms at a wheel 0.08 m from the middle
+    assert turning[1] == (0.0, pytest.approx(1.25))
+
+
+def test_ages_count_with_their_end():
+    arbiter = new(max_age=0.5, geofence=0.5)
+    arbiter.locate(0.3, 0.4, T)  # on the fence
+    arbiter.hear("program", AHEAD, T)
+    for k in range(1, 9):
+        arbiter.step(T + 0.0625 * k)
+        assert arbiter.state == "program"
+        assert not arbiter.outside(T + 0.0625 * k)
+    assert arbiter.outside(T + 0.5625)
+    assert arbiter.step(T + 0.5625) == STOP
+    assert arbiter.state == "stopped"
+
+
+def test_half_a_meter_is_a_fence():
+    arbiter = new(geofence=0.5)
+    arbiter.locate(0.3, 0.41, T)
+    assert arbiter.outside(T)
+    assert not new().outside(T)
+
+
+def test_an_undated_message_counts_from_half_a_second_after_a_gap():
+    for at, counts in ((10.4375, False), (10.5, True)):
+        arbiter = new()
+        arbiter.step(T + 10.0)
+        for k in range(1, 7):
+            arbiter.step(T + 10.0 + 0.0625 * k)
+        arbiter.hear("program", AHEAD, T + at, dated=False)
+        arbiter.hear_emergency(False, T + at, dated=False)
+        assert arbiter.refused["undated after a gap"] == (0 if counts else 1)
+        assert (arbiter.buttons.trouble(T + at) == "") is counts
+
+
+def test_it_says_what_it_does():
+    arbiter = new()
+    for at, state, act in (
+        (0.0, "stopped", lambda: None),
+        (0.1, "program", lambda: arbiter.hear("program", AHEAD, T + 0.1)),
+        (0.2, "teleop", lambda: arbiter.hear("teleop", AHEAD, T + 0.2)),
+        (1.9, "silent", lambda: drive(arbiter, 0.22, 1.68)),
+        (2.0, "stopped", lambda: arbiter.enable(False, T + 2.0)),
+        (3.1, "disabled", lambda: drive(arbiter, 2.02, 1.08)),
+        (3.2, "emergency", lambda: arbiter.hear_emergency(True, T + 3.2)),
+    ):
+        act()
+        arbiter.step(T + at)
+        assert arbiter.state == state

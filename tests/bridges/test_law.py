@@ -38,7 +38,7 @@ KINDS = [
     "disable",
     "suspend",
 ]
-KINDS += ["backlog", "jump", "button"]
+KINDS += ["backlog", "surprise", "jump", "button"]
 EVENTS = st.tuples(st.sampled_from(KINDS), st.integers(0, 7), st.integers(0, 9))
 SCHEDULES = st.lists(EVENTS, min_size=4, max_size=16)
 
@@ -111,6 +111,9 @@ class LastButton:
 
     def refusal(self, now, publishers=0):
         return self.trouble(now)
+
+    def spoken_since(self, time):
+        return True
 
 
 def one_button(original):
