@@ -45,7 +45,7 @@ class Config:
     faults: int = 1000
     """How many, the same number of each kind."""
     workers: int = 4
-    """How many guards at a time."""
+    """How many guards at a time, at least 2: every second one has emergency stops."""
     busy: int = 2
     """How many processes that only burn time run beside them."""
     seed: int = 0
@@ -57,9 +57,14 @@ class Config:
 
 
 class Robot:
-    """A guard's process, all who speak to it, and the listener."""
+    """A guard's process, all who speak to it, and the listener.
 
-    def __init__(self, domain: int) -> None:
+    Args:
+        domain: Its ROS domain.
+        buttons: Whether it has emergency stops. A suspended guard that has heard one stops for its silence too.
+    """
+
+    def __init__(self, domain: int, *, buttons: bool) -> None:
         import rclpy.node
         from geometry_msgs.msg import TwistStamped
         from rclpy.context import Context
@@ -82,7 +87,8 @@ class Robot:
         self.buttons = [self.node.create_publisher(Bool, "emergency_stop", latest) for _ in range(2)]
         self.client = self.node.create_client(SetBool, "cmd_vel_guard/enable")
         self.commands: dict[str, tuple[float, float]] = {}
-        self.pressed: list[bool | None] = [False, False]
+        self.has_buttons = buttons
+        self.pressed: list[bool | None] = [None, None]
         self.lock, self.over = threading.Lock(), threading.Event()
         executor = SingleThreadedExecutor(context=self.context)
         executor.add_node(self.node)
@@ -141,7 +147,7 @@ class Robot:
         """Bring the robot to drive, whatever was before."""
         until = time.monotonic() + patience
         with self.lock:
-            self.pressed = [False, False]
+            self.pressed = [False, False] if self.has_buttons else [None, None]
         while time.monotonic() < until:
             self.set(**{"in": (0.1, 0.2)})
             since = time.time()
@@ -295,27 +301,17 @@ def disabled(robot: Robot, rng: random.Random) -> int:
     return len(robot.motions(since))
 
 
-KINDS = (
-    suspended,
-    briefly_suspended,
-    short_press,
-    suspended_press,
-    two_buttons,
-    button_dies,
-    old_stamp,
-    flood,
-    nonsense,
-    disabled,
-)
-FAULTS = {each.__name__: each for each in KINDS}
+WITHOUT_BUTTONS = (suspended, briefly_suspended, old_stamp, flood, nonsense, disabled)
+WITH_BUTTONS = (short_press, suspended_press, two_buttons, button_dies)
+FAULTS = {each.__name__: each for each in (*WITHOUT_BUTTONS, *WITH_BUTTONS)}
 
 
-def work(at: int, config: Config, tasks: Any, results: Any) -> None:
+def work(at: int, config: Config, buttons: bool, tasks: Any, results: Any) -> None:
     """Inject the faults of one worker."""
     from turtlebot_gym_ros.node.discovery import prepare
 
     prepare()
-    robot = Robot(config.domain + at)
+    robot = Robot(config.domain + at, buttons=buttons)
     try:
         while (task := tasks.get()) is not None:
             name, number = task
@@ -345,17 +341,18 @@ def burn() -> None:
 def measure(config: Config) -> dict[str, dict[str, Any]]:
     """Inject all faults, and return the counts by kind."""
     spawn = multiprocessing.get_context("spawn")
-    tasks, results = spawn.Queue(), spawn.Queue()
+    tasks, results = {buttons: spawn.Queue() for buttons in (False, True)}, spawn.Queue()
     order = [(name, number) for name in FAULTS for number in range(math.ceil(config.faults / len(FAULTS)))]
     random.Random(config.seed).shuffle(order)
-    for task in order:
-        tasks.put(task)
+    for name, number in order:
+        tasks[FAULTS[name] in WITH_BUTTONS].put((name, number))
     neighbours = [spawn.Process(target=burn, daemon=True) for _ in range(config.busy)]
-    workers = [spawn.Process(target=work, args=(at, config, tasks, results)) for at in range(config.workers)]
+    share = [bool(at % 2) for at in range(config.workers)]
+    workers = [spawn.Process(target=work, args=(at, config, on, tasks[on], results)) for at, on in enumerate(share)]
     for process in (*neighbours, *workers):
         process.start()
-    for _ in workers:
-        tasks.put(None)
+    for on in share:
+        tasks[on].put(None)
     zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0}
     found: dict[str, dict[str, Any]] = {name: dict(zero) for name in FAULTS}
     try:

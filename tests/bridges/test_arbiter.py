@@ -512,7 +512,7 @@ def test_an_undated_message_counts_from_half_a_second_after_a_gap():
     for at, counts in ((10.4375, False), (10.5, True)):
         arbiter = new()
         arbiter.step(T + 10.0)
-        for k in range(1, 7):
+        for k in range(1, 8):
             arbiter.step(T + 10.0 + 0.0625 * k)
         arbiter.hear("program", AHEAD, T + at, dated=False)
         arbiter.hear_emergency(False, T + at, dated=False)
