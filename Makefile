@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep study docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep faults study docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -69,6 +69,10 @@ study: $(READY)  ## what learning is worth: train and tune it all, ship the poli
 	$(RUN)python benchmarks/robustness.py
 	$(RUN)python benchmarks/pretrained.py
 	$(RUN)python benchmarks/publish.py
+
+faults: $(READY)  ## 1000 faults injected into live guards, with an independent listener (15 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet

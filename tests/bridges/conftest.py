@@ -26,6 +26,7 @@ except ImportError:
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import GetParameters
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from rosbags.highlevel import AnyReader
@@ -273,7 +274,7 @@ class Bench:
         before = -1
         while before != received._received:
             before = received._received
-            time.sleep(0.05)
+            time.sleep(0.15)
 
     @property
     def steps(self):
@@ -294,7 +295,7 @@ class Bench:
         first = self.speeds.index(0.0)
         assert set(self.speeds[:first]) == {0.1}
         assert set(self.speeds[first:]) == {0.0}
-        self.enable(False)  # a round trip: what was on its way has arrived
+        self.peer.ask("mover/get_parameters", GetParameters, GetParameters.Request())  # a round trip that changes nothing
         sent = len(self.commands)
         for _ in range(10):
             self.advance(0.1)

@@ -1,19 +1,23 @@
 """What the guard decides, exhaustively and without ROS: each protection is a law, with a sabotage that the law notices."""
 
+import dataclasses
 import math
+import re
 
 import pytest
 
-from turtlebot_gym.robots import ROBOTS, Robot
+from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Heard, Parameters
 
 TICK = 0.02
+T = 100.0
+"""When all begins: not at 0."""
 AHEAD = Command(0.1, 0.2)
 
 
 def new(**parameters):
-    return Arbiter(Parameters(**parameters), now=0.0)
+    return Arbiter(Parameters(**parameters), now=T)
 
 
 def drive(arbiter, start, duration, command=None, source="program", every=5):
@@ -21,9 +25,9 @@ def drive(arbiter, start, duration, command=None, source="program", every=5):
     published = []
     for k in range(round(start / TICK), round((start + duration) / TICK)):
         if command is not None and k % every == 0:
-            arbiter.hear(source, command, k * TICK)
-            published.append(arbiter.step(k * TICK))
-        published.append(arbiter.step(k * TICK))
+            arbiter.hear(source, command, T + k * TICK)
+            published.append(arbiter.step(T + k * TICK))
+        published.append(arbiter.step(T + k * TICK))
     return [each for each in published if each is not None]
 
 
@@ -52,23 +56,26 @@ def silent_after_zeros(arbiter):
 
 
 def not_finite_is_zero(arbiter):
+    start = 0.0
     for bad in (math.nan, math.inf, -math.inf):
         for command in (Command(bad, 0.1), Command(0.1, bad), Command(bad, -bad)):
-            drive(arbiter, 0.0, 0.2, AHEAD)
-            after = drive(arbiter, 0.2, 0.3, command)
+            drive(arbiter, start, 0.2, AHEAD)
+            after = drive(arbiter, start + 0.2, 0.3, command)
             assert after
             assert set(after) == {STOP}
-    assert arbiter.refused == 27
+            start += 0.5
+    assert arbiter.refused == {"not finite": 27, "too old": 0, "undated after a gap": 0}
 
 
 def limits_hold(arbiter):
-    robot, start = ROBOTS["burger"], 0.0
+    """The burger's: 0.2108 m/s, 2.635 rad/s, 0.2097 m/s at a wheel 0.08 m from the middle."""
+    start = 0.0
     for v in (-9.0, -0.21, 0.0, 0.2, 1e300):
         for omega in (-99.0, -2.7, 0.0, 2.7, 1e300):
             for out in drive(arbiter, start, 1.0, Command(v, omega)):
-                assert abs(out.v) <= robot.max_linear * (1 + 1e-12)
-                assert abs(out.omega) <= robot.max_angular * (1 + 1e-12)
-                assert abs(out.v) + abs(out.omega) * robot.wheel_separation / 2 <= robot.max_wheel * (1 + 1e-12)
+                assert abs(out.v) <= 0.2108001
+                assert abs(out.omega) <= 2.6350001
+                assert abs(out.v) + abs(out.omega) * 0.08 <= 0.2097001
             start += 1.0
 
 
@@ -96,90 +103,192 @@ def stops_are_not_ramped(arbiter):
 
 def a_person_wins(arbiter):
     drive(arbiter, 0.0, 1.0, AHEAD)
-    arbiter.hear("teleop", Command(-0.05, 0.0), 1.0)
+    arbiter.hear("teleop", Command(-0.05, 0.0), T + 1.0)
     assert drive(arbiter, 1.0, 0.38, AHEAD)[-1] == Command(-0.05, 0.0)
     assert drive(arbiter, 1.42, 1.0, AHEAD)[-1] == AHEAD  # and hands back when fresh no longer
 
 
+def buttons(arbiter, start, duration, pressed=False, number=1):
+    """Let a button speak at 10 Hz while a program commands; return what was published."""
+    published = []
+    for k in range(round(duration / 0.1)):
+        arbiter.hear_emergency(pressed, T + start + 0.1 * k, number=number + k)
+        published += drive(arbiter, start + 0.1 * k, 0.1, AHEAD)
+    return published
+
+
 def emergency_stops_and_stays(arbiter):
-    drive(arbiter, 0.0, 1.0, AHEAD)
-    arbiter.hear_emergency(True, 1.0)
-    assert set(drive(arbiter, 1.0, 0.2, AHEAD)) == {STOP}
-    arbiter.hear_emergency(False, 1.2)
-    assert set(drive(arbiter, 1.2, 0.2, AHEAD)) == {STOP}  # released, but not enabled again
-    assert arbiter.enable(True, 1.4) == ""
-    arbiter.hear_emergency(False, 1.4)
-    assert drive(arbiter, 1.4, 0.4, AHEAD)[-1] == AHEAD
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    assert set(buttons(arbiter, 1.0, 0.2, pressed=True, number=11)) == {STOP}  # last pressed at 1.1 s
+    assert set(buttons(arbiter, 1.2, 0.4, number=13)) == {STOP}  # released, but not enabled again
+    assert arbiter.enable(True, T + 1.59) == "the emergency stop is pressed"
+    assert arbiter.enable(True, T + 1.61) == ""
+    assert buttons(arbiter, 1.62, 0.4, number=17)[-1] == AHEAD
+
+
+def a_press_that_is_released_at_once_counts(arbiter):
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    arbiter.hear_emergency(True, T + 1.0, number=11)
+    arbiter.hear_emergency(False, T + 1.0, number=12)
+    assert set(buttons(arbiter, 1.0, 3.0, number=13)) == {STOP}
 
 
 def a_silent_emergency_stop_is_a_stop(arbiter):
-    arbiter.hear_emergency(False, 0.0)
+    arbiter.hear_emergency(False, T)
     assert drive(arbiter, 0.0, 0.5, AHEAD)[-1] == AHEAD
     after = drive(arbiter, 0.52, 5.0, AHEAD)
     assert set(after) == {STOP}
-    assert arbiter.enable(True, 5.52) == "the emergency stop is silent"
+    assert arbiter.enable(True, T + 5.52) == "the emergency stop is silent"
     assert set(drive(arbiter, 5.52, 1.0, AHEAD)) == {STOP}
 
 
 def a_pressed_emergency_stop_refuses(arbiter):
-    arbiter.hear_emergency(True, 0.0)
-    assert arbiter.enable(True, 0.1) == "the emergency stop is pressed"
+    arbiter.hear_emergency(True, T)
+    assert arbiter.enable(True, T + 0.1) == "the emergency stop is pressed"
+
+
+def disabling_is_never_refused(arbiter):
+    buttons(arbiter, 0.0, 1.0, pressed=True)
+    assert arbiter.enable(False, T + 1.0) == ""
+    assert not arbiter.enabled
+    assert arbiter.emergency  # and forgets no emergency stop
+    buttons(arbiter, 1.0, 1.0, number=11)
+    assert arbiter.enable(True, T + 2.0) == ""
+    assert buttons(arbiter, 2.0, 0.5, number=21)[-1] == AHEAD
+
+
+def a_start_after_a_stop_is_as_gentle_as_the_first(arbiter):
+    assert drive(arbiter, 0.0, 1.0, Command(0.2, 0.0))[-1].v == 0.2
+    assert drive(arbiter, 1.0, 1.0)[-1] == STOP
+    again = drive(arbiter, 2.0, 0.2, Command(0.2, 0.0))
+    assert again[0].v == pytest.approx(0.05)  # 2.5 m/s^2 for the 20 ms since the last zero
+    assert [round(out.v, 6) for out in again[:4]] == [0.05, 0.1, 0.15, 0.2]
+
+
+def what_was_sent_before_it_was_enabled_does_not_count(arbiter):
+    arbiter.enable(False, T)
+    arbiter.enable(True, T + 0.1)
+    arbiter.hear("program", AHEAD, T + 0.15, sent=T + 0.09)
+    assert set(drive(arbiter, 0.16, 0.3)) == {STOP}
+    arbiter.hear("program", AHEAD, T + 0.46, sent=T + 0.45)
+    assert drive(arbiter, 0.46, 0.3)[-2:] != [STOP, STOP]
+
+
+def age_is_that_of_what_was_sent(arbiter):
+    arbiter.hear("program", AHEAD, T + 0.01, sent=T - 60.0)
+    assert set(drive(arbiter, 0.02, 0.2)) == {STOP}
+    assert arbiter.refused["too old"] == 1
+    drive(arbiter, 0.22, 0.4, AHEAD)
+    arbiter.hear("program", Command(0.2, 0.0), T + 0.62, sent=T + 0.3)  # older than what is in force
+    assert set(drive(arbiter, 0.62, 0.2)) <= {AHEAD}
+
+
+def output_is_bounded(arbiter):
+    """2000 messages a second for a second, each another one: 50 of them go out, and one at either end."""
+    published = 0
+    for k in range(2000):
+        arbiter.hear("program", Command(0.1 + 1e-5 * k, 0.0), T + k * 0.0005)
+        published += arbiter.step(T + k * 0.0005) is not None
+    assert 45 <= published <= 52
+
+
+def stops_are_not_delayed_by_the_rate(arbiter):
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("program", Command(0.12, 0.2), T + 1.0)
+    assert arbiter.step(T + 1.0) is not None
+    arbiter.hear("program", STOP, T + 1.0001)
+    assert arbiter.step(T + 1.0001) == STOP
 
 
 def disabled_it_stops(arbiter):
     drive(arbiter, 0.0, 1.0, AHEAD)
-    assert arbiter.enable(False, 1.0) == ""
+    assert arbiter.enable(False, T + 1.0) == ""
     assert set(drive(arbiter, 1.0, 0.9, AHEAD)) == {STOP}
     assert drive(arbiter, 2.1, 1.0, AHEAD) == []
-    arbiter.enable(True, 4.0)
+    arbiter.enable(True, T + 4.0)
     assert drive(arbiter, 4.0, 1.0, AHEAD)[-1] == AHEAD
 
 
 def enabling_forgets_what_was_said_before(arbiter):
-    arbiter.enable(False, 0.0)
-    arbiter.hear("program", AHEAD, 0.0)
-    arbiter.enable(True, 0.1)
+    arbiter.enable(False, T + 0.0)
+    arbiter.hear("program", AHEAD, T + 0.0)
+    arbiter.enable(True, T + 0.1)
     assert set(drive(arbiter, 0.1, 1.0)) == {STOP}
 
 
 def outside_the_fence_only_a_person_drives(arbiter):
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}  # no pose yet
-    arbiter.locate(1.0, 1.0, 1.0)
+    arbiter.locate(1.0, 1.0, T + 1.0)
     assert drive(arbiter, 1.0, 0.4, AHEAD)[-1] == AHEAD
-    arbiter.locate(1.5, 1.5, 1.4)
+    arbiter.locate(1.5, 1.5, T + 1.4)
     assert set(drive(arbiter, 1.4, 0.4, AHEAD)) == {STOP}
     assert drive(arbiter, 1.8, 0.2, AHEAD, "teleop")[-1] == AHEAD
-    arbiter.locate(math.nan, 0.0, 3.0)
+    arbiter.locate(math.nan, 0.0, T + 3.0)
     assert set(drive(arbiter, 3.0, 0.2, AHEAD)) == {STOP}
 
 
 def a_stale_pose_is_outside(arbiter):
-    arbiter.locate(0.0, 0.0, 0.0)
+    arbiter.locate(0.0, 0.0, T + 0.0)
     assert drive(arbiter, 0.0, 0.5, AHEAD)[-1] == AHEAD
     assert set(drive(arbiter, 0.54, 1.0, AHEAD)) == {STOP}
 
 
 def speed_is_scaled(arbiter):
-    assert drive(arbiter, 0.0, 1.0, Command(0.5, 0.0))[-1].v == pytest.approx(0.5 * 0.2097)
+    assert drive(arbiter, 0.0, 1.0, Command(0.5, 0.0))[-1].v == pytest.approx(0.10485)  # half of 0.2097
+    assert drive(arbiter, 1.0, 1.0, Command(0.0, 1.0))[-1].omega == pytest.approx(0.5)
 
 
 def a_suspended_process_does_not_leap(arbiter):
-    arbiter.step(0.0)
-    arbiter.hear("program", Command(0.2, 0.0), 0.3)
-    assert arbiter.step(0.3).v <= 2.5 * 0.04 + 1e-12
+    arbiter.step(T)
+    arbiter.hear("program", Command(0.2, 0.0), T + 0.3)
+    assert arbiter.step(T + 0.3).v == pytest.approx(0.1)  # 2.5 m/s^2 for 40 ms, however long it was
 
 
-def a_process_that_was_suspended_for_long_sends_zeros(arbiter):
+def a_process_that_was_suspended_for_long_stops_first(arbiter):
     assert drive(arbiter, 0.0, 1.0, AHEAD)[-1] == AHEAD  # which the wheels hold from then on
-    arbiter.hear("program", AHEAD, 10.0)  # was waiting for how long?
-    assert arbiter.step(10.0) == STOP
-    assert set(drive(arbiter, 10.02, 0.5)) == {STOP}
-    assert drive(arbiter, 10.52, 1.0, AHEAD)[-1] == AHEAD
+    arbiter.hear("program", AHEAD, T + 10.0, sent=T + 9.99)  # young enough, as it proves
+    assert arbiter.step(T + 10.0) == STOP
+    assert drive(arbiter, 10.02, 0.2)[-1] == AHEAD
+
+
+def what_waited_meanwhile_is_not_obeyed(arbiter):
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    for sent, dated in ((T + 8.0, True), (T + 10.0, False)):
+        arbiter.hear("program", AHEAD, T + 10.0, sent=sent, dated=dated)
+        arbiter.hear("teleop", AHEAD, T + 10.001, sent=sent, dated=dated)
+        assert arbiter.step(T + 10.001) in (STOP, None)
+    assert set(drive(arbiter, 10.02, 0.4)) == {STOP}
+    assert arbiter.refused == {"not finite": 0, "too old": 2, "undated after a gap": 2}
+    arbiter.hear("program", AHEAD, T + 10.45, dated=False)
+    assert arbiter.refused["undated after a gap"] == 3
+    drive(arbiter, 10.46, 0.1)
+    arbiter.hear("program", AHEAD, T + 10.55, dated=False)  # 0.5 s after the gap that counts again
+    assert drive(arbiter, 10.56, 0.2)[-1] == AHEAD
+
+
+def after_a_gap_every_button_is_heard_first(arbiter):
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    arbiter.hear("program", AHEAD, T + 1.25)  # 0.27 s without a look: a press may be on its way
+    assert arbiter.step(T + 1.25) == STOP
+    arbiter.hear_emergency(False, T + 1.26, sent=T + 1.24, number=11)
+    assert arbiter.step(T + 1.26) in (STOP, None)
+    arbiter.hear_emergency(False, T + 1.3, sent=T + 1.27, number=12)
+    assert arbiter.step(T + 1.3) != STOP
+    assert not arbiter.emergency
+
+
+def silence_is_not_judged_by_one_who_did_not_listen(arbiter):
+    buttons(arbiter, 0.0, 1.0)
+    assert arbiter.step(T + 1.6) == STOP  # it was suspended itself
+    arbiter.hear_emergency(False, T + 1.7, number=17)
+    assert not arbiter.emergency
+    arbiter.step(T + 1.75)
+    assert buttons(arbiter, 1.8, 0.4, number=18)[-1] == AHEAD
 
 
 def a_new_robot_is_told_to_stop(arbiter):
     drive(arbiter, 0.0, 3.0)
-    arbiter.greet(3.0)
+    arbiter.greet(T + 3.0)
     assert set(drive(arbiter, 3.0, 0.5)) == {STOP}
 
 
@@ -195,11 +304,61 @@ def parameter(name, value):
 
 
 def deaf(arbiter):
-    return lambda *_: None
+    return lambda *_, **options: None
 
 
 def talks_without_thinking(arbiter):
-    return lambda source, command, now: arbiter._heard.__setitem__(source, (now, command))
+    def hear(source, command, now):
+        arbiter._heard[source] = Heard(now, command)
+        arbiter._news.add(source)
+
+    return hear
+
+
+def believes_arrival(arbiter):
+    return lambda source, command, now, **options: Arbiter.hear(arbiter, source, command, now)
+
+
+def hears_the_last(arbiter):
+    return lambda pressed, now, **options: setattr(arbiter, "emergency", pressed)
+
+
+def asks_before_disabling(arbiter):
+    return lambda on, now: arbiter.buttons.refusal(now) or Arbiter.enable(arbiter, on, now)
+
+
+def as_fast_as_it_can(arbiter):
+    return lambda command, now: command
+
+
+def slow(arbiter):
+    def paced(command, now):
+        return None if now < arbiter._due else Arbiter._paced(arbiter, command, now)
+
+    return paced
+
+
+def remembers_its_speed(arbiter):
+    step = arbiter.step
+
+    def remember(now):
+        before, out = arbiter._last, step(now)
+        arbiter._last = before if out == STOP else arbiter._last
+        return out
+
+    return remember
+
+
+def makes_up_for_it(arbiter):
+    return lambda target, dt: Arbiter._ramp(arbiter, target, 0.3)
+
+
+def never_blind(arbiter):
+    def wake(now):
+        Arbiter._wake(arbiter, now)
+        arbiter._blind_until = now
+
+    return wake
 
 
 def unlimited(arbiter):
@@ -221,7 +380,7 @@ def ramps_stops(arbiter):
 
 
 def forget_no_command(arbiter):
-    def enable(on, now):
+    def enable(on, now, **options):
         arbiter.enabled = on
         return ""
 
@@ -239,15 +398,25 @@ LAWS = [
     (stops_are_not_ramped, {}, sabotage("_ramp", ramps_stops)),
     (a_person_wins, {}, sabotage("hear", lambda arbiter: lambda s, c, t: Arbiter.hear(arbiter, "program", c, t))),
     (emergency_stops_and_stays, {}, sabotage("hear_emergency", deaf)),
+    (a_press_that_is_released_at_once_counts, {}, sabotage("hear_emergency", hears_the_last)),
+    (disabling_is_never_refused, {}, sabotage("enable", asks_before_disabling)),
+    (a_start_after_a_stop_is_as_gentle_as_the_first, {}, sabotage("step", remembers_its_speed)),
+    (what_was_sent_before_it_was_enabled_does_not_count, {}, sabotage("hear", believes_arrival)),
+    (age_is_that_of_what_was_sent, {}, sabotage("hear", believes_arrival)),
+    (output_is_bounded, {}, sabotage("_paced", as_fast_as_it_can)),
+    (stops_are_not_delayed_by_the_rate, {}, sabotage("_paced", slow)),
+    (what_waited_meanwhile_is_not_obeyed, {}, sabotage("hear", believes_arrival)),
+    (after_a_gap_every_button_is_heard_first, {}, sabotage("_wake", never_blind)),
+    (silence_is_not_judged_by_one_who_did_not_listen, {}, sabotage("_wake", never_blind)),
     (a_silent_emergency_stop_is_a_stop, {}, sabotage("hear_emergency", deaf)),
     (a_pressed_emergency_stop_refuses, {}, sabotage("enable", forget_no_command)),
-    (disabled_it_stops, {}, sabotage("enable", lambda arbiter: lambda on, now: "")),
+    (disabled_it_stops, {}, sabotage("enable", lambda arbiter: lambda on, now, **options: "")),
     (enabling_forgets_what_was_said_before, {}, sabotage("enable", forget_no_command)),
     (outside_the_fence_only_a_person_drives, {"geofence": 2.0}, parameter("geofence", 0.0)),
     (a_stale_pose_is_outside, {"geofence": 2.0}, parameter("geofence", 0.0)),
     (speed_is_scaled, {"speed_scale": 0.5}, parameter("speed_scale", 1.0)),
-    (a_suspended_process_does_not_leap, {}, parameter("rate", 1.0)),
-    (a_process_that_was_suspended_for_long_sends_zeros, {}, parameter("max_age", 1e6)),
+    (a_suspended_process_does_not_leap, {}, sabotage("_ramp", makes_up_for_it)),
+    (a_process_that_was_suspended_for_long_stops_first, {}, parameter("max_age", 1e6)),
     (a_new_robot_is_told_to_stop, {}, sabotage("greet", deaf)),
 ]
 
@@ -264,5 +433,104 @@ def test_law(law, parameters, sabotage):
 def test_start_disabled():
     arbiter = new(start_enabled=False)
     assert set(drive(arbiter, 0.0, 2.0, AHEAD)) == {STOP}
-    arbiter.enable(True, 2.0)
+    arbiter.enable(True, T + 2.0)
     assert drive(arbiter, 2.0, 1.0, AHEAD)[-1] == AHEAD
+
+
+@pytest.mark.parametrize(
+    ("parameters", "rule"),
+    [
+        ({"max_age": 0.501}, "in (0, 0.5] s, got 0.501"),
+        ({"max_age": 0.0}, "in (0, 0.5] s, got 0.0"),
+        ({"max_age": math.nan}, "in (0, 0.5] s, got nan"),
+        ({"rate": 49.9}, "in [50, 200] Hz, got 49.9"),
+        ({"rate": 200.1}, "in [50, 200] Hz, got 200.1"),
+        ({"speed_scale": 1.01}, "in (0, 1], got 1.01"),
+        ({"speed_scale": 0.0}, "in (0, 1], got 0.0"),
+        ({"max_acceleration": 0.0}, "in (0, 1000] m/s^2, got 0.0"),
+        ({"max_acceleration": 1001.0}, "in (0, 1000] m/s^2, got 1001.0"),
+        ({"geofence": -0.1}, "in [0, 1e+06] m, got -0.1"),
+        ({"geofence": 2e6}, "in [0, 1e+06] m, got 2000000.0"),
+        ({"geofence_topic": "pose"}, "one of odom, estimate, got 'pose'"),
+    ],
+)
+def test_parameters_out_of_range_are_refused(parameters, rule):
+    (name,) = parameters
+    with pytest.raises(ValueError, match=re.escape(f"parameter '{name}' must be {rule}")):
+        Parameters(**parameters)
+
+
+def test_the_ends_of_the_ranges_are_allowed():
+    Parameters(max_age=0.5, rate=50.0, speed_scale=1.0, geofence=0.0)
+    Parameters(max_age=1e-9, rate=200.0, speed_scale=1e-9, geofence=1e6)
+
+
+def test_defaults():
+    assert dataclasses.asdict(Parameters()) == {
+        "robot": "burger",
+        "enable_stamped_cmd_vel": True,
+        "body_frame": "base_footprint",
+        "start_enabled": True,
+        "max_age": 0.4,
+        "rate": 50.0,
+        "max_acceleration": 2.5,
+        "speed_scale": 1.0,
+        "geofence": 0.0,
+        "geofence_topic": "odom",
+    }
+
+
+def test_a_turn_starts_gently_too():
+    arbiter = new()
+    drive(arbiter, 0.0, 0.5)
+    turning = drive(arbiter, 0.5, 0.2, Command(0.0, 2.6))
+    assert turning[0] == (0.0, pytest.approx(0.625))  # 2.5 m/s^2 for 20 ms at a wheel 0.08 m from the middle
+    assert turning[1] == (0.0, pytest.approx(1.25))
+
+
+def test_ages_count_with_their_end():
+    arbiter = new(max_age=0.5, geofence=0.5)
+    arbiter.locate(0.3, 0.4, T)  # on the fence
+    arbiter.hear("program", AHEAD, T)
+    for k in range(1, 9):
+        arbiter.step(T + 0.0625 * k)
+        assert arbiter.state == "program"
+        assert not arbiter.outside(T + 0.0625 * k)
+    assert arbiter.outside(T + 0.5625)
+    assert arbiter.step(T + 0.5625) == STOP
+    assert arbiter.state == "stopped"
+
+
+def test_half_a_meter_is_a_fence():
+    arbiter = new(geofence=0.5)
+    arbiter.locate(0.3, 0.41, T)
+    assert arbiter.outside(T)
+    assert not new().outside(T)
+
+
+def test_an_undated_message_counts_from_half_a_second_after_a_gap():
+    for at, counts in ((10.4375, False), (10.5, True)):
+        arbiter = new()
+        arbiter.step(T + 10.0)
+        for k in range(1, 8):
+            arbiter.step(T + 10.0 + 0.0625 * k)
+        arbiter.hear("program", AHEAD, T + at, dated=False)
+        arbiter.hear_emergency(False, T + at, dated=False)
+        assert arbiter.refused["undated after a gap"] == (0 if counts else 1)
+        assert (arbiter.buttons.trouble(T + at) == "") is counts
+
+
+def test_it_says_what_it_does():
+    arbiter = new()
+    for at, state, act in (
+        (0.0, "stopped", lambda: None),
+        (0.1, "program", lambda: arbiter.hear("program", AHEAD, T + 0.1)),
+        (0.2, "teleop", lambda: arbiter.hear("teleop", AHEAD, T + 0.2)),
+        (1.9, "silent", lambda: drive(arbiter, 0.22, 1.68)),
+        (2.0, "stopped", lambda: arbiter.enable(False, T + 2.0)),
+        (3.1, "disabled", lambda: drive(arbiter, 2.02, 1.08)),
+        (3.2, "emergency", lambda: arbiter.hear_emergency(True, T + 3.2)),
+    ):
+        act()
+        arbiter.step(T + at)
+        assert arbiter.state == state

@@ -1,11 +1,13 @@
 """The guard as a real process on real DDS; what it decides is tested in test_arbiter."""
 
 import signal
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import DescribeParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -221,3 +223,47 @@ def test_wrong_parameters_are_refused_before_anything_is_published(launch, argum
     assert process.returncode == 2
     assert stderr.count("\n") == 1
     assert stderr.startswith(f"error: {text}")
+
+
+def test_two_robots_in_namespaces_do_not_collide(start, peer, wait_for):
+    for name in ("left", "right"):
+        start("-r", f"__ns:=/{name}", "-p", f"body_frame:={name}/base_footprint")
+    told = {name: peer.hear(f"/{name}/cmd_vel", TwistStamped) for name in ("left", "right")}
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    wait_for(lambda: {"/left/cmd_vel_guard", "/right/cmd_vel_guard"} <= {each.status[0].name for each in list(reports)})
+    speaker = peer.speak("/left/cmd_vel_in", TwistStamped, 1)
+    message = TwistStamped()
+    message.twist.linear.x = 0.1
+    wait_for(lambda: speaker.publish(message) or any(each.twist.linear.x == 0.1 for each in list(told["left"])))
+    assert {each.twist.linear.x for each in told["right"]} <= {0.0}
+    assert {each.header.frame_id for each in told["left"]} == {"left/base_footprint"}
+
+
+def test_its_parameters_are_described(start, peer):
+    start()
+    names = ["max_age", "robot", "speed_scale"]
+    answer = peer.ask("/cmd_vel_guard/describe_parameters", DescribeParameters, DescribeParameters.Request(names=names))
+    age, robot, scale = answer.descriptors
+    assert age.description.startswith("Age from which a command no longer counts, s; at most 0.5.")
+    assert (age.floating_point_range[0].from_value, age.floating_point_range[0].to_value) == (0.0, 0.5)
+    assert age.read_only
+    assert robot.additional_constraints == "one of burger, waffle, turtlebot4, tutorial"
+    assert scale.floating_point_range[0].to_value == 1.0
+
+
+def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, probe, peer):
+    start()
+    speaker = peer.speak("cmd_vel_teleop", TwistStamped, 1)
+    for offset, said in ((-60, "messages are 60."), (1000, "nobody")):
+        message = TwistStamped()
+        message.header.stamp.sec = int(time.time()) + offset
+        message.twist.linear.x = 0.1
+        timer = probe.node.create_timer(0.05, lambda message=message: speaker.publish(message))
+        if offset < 0:
+            status = probe.until_reported(said)
+            assert status.level == DiagnosticStatus.WARN
+            assert "/cmd_vel_teleop" in status.message
+            assert set(probe.heard) <= {STOP}
+        else:  # a stamp of another epoch is none: DDS's own time counts
+            probe.until(lambda: Command(0.1, 0.0) in probe.heard)
+        probe.node.destroy_timer(timer)

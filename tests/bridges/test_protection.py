@@ -13,13 +13,14 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
 from turtlebot_gym.values import Command
-from turtlebot_gym_ros.node import convert, rosclock, safety
+from turtlebot_gym_ros.node import convert, rosclock
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.node.switch import Switch
 from turtlebot_gym_ros.node.triggers import Messages
+from turtlebot_gym_ros.robot.emergency import EmergencyStop
 
 
 def starts_disabled(make_bench, patience):
@@ -120,9 +121,9 @@ def the_emergency_stop_stops(make_bench, patience):
     bench.patience = patience
     emergency.publish(Bool(data=True))
     bench.stops("emergency stop")
-    assert not bench.enable().success
-    emergency.publish(Bool(data=False))
-    bench.wait_for(lambda: bench.enable().success)
+    assert bench.enable().message == "the emergency stop is silent"  # pressed 2 s ago, and not heard since
+    bench.wait_for(lambda: bench.advance(0.2) and (emergency.publish(Bool(data=False)) or bench.enable().success))
+    bench.now.at += 0.01
     bench.drive()
 
 
@@ -133,7 +134,7 @@ def a_silent_emergency_stop_stops(make_bench, patience):
     bench.drive()
     bench.patience = patience
     emergency.publish(Bool(data=False))
-    bench.wait_for(lambda: bench.shell.switch.safety._heard is not None)
+    bench.wait_for(lambda: bench.shell.switch.safety._buttons._buttons)
     for _ in range(6):  # the odometry goes on
         bench.now.at += 0.1
         bench.settle()
@@ -226,8 +227,15 @@ def nothing(*arguments, **options):
 
 
 def enabled_from_the_start(original):
-    def init(self, *, enabled):
-        original(self, enabled=True)
+    def init(self, *, enabled, **options):
+        original(self, enabled=True, **options)
+
+    return init
+
+
+def never_blocked(original):
+    def init(self, *, enabled, blocked=0.5):
+        original(self, enabled=enabled, blocked=math.inf)
 
     return init
 
@@ -241,9 +249,9 @@ PROTECTIONS = {
     infinity_stops: (convert, "_finite", nothing),
     nonsense_stops: (Shell, "_fault", nothing),
     blocked_steps_stop: (Shell, "_watch", nothing),
-    blocked_steps_are_faults: (safety, "BLOCKED", math.inf),
+    blocked_steps_are_faults: (Safety, "__init__", never_blocked(Safety.__init__)),
     the_emergency_stop_stops: (Safety, "hear_emergency", nothing),
-    a_silent_emergency_stop_stops: (safety, "SILENCE", math.inf),
+    a_silent_emergency_stop_stops: (EmergencyStop, "_alive", lambda self, now: self._buttons),
     a_clock_that_stands_still_stops: (rosclock, "SILENCE", math.inf),
     leaping_ahead: (Shell, "_jumped", nothing),
     leaping_back: (Shell, "_jumped", nothing),

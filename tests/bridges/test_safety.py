@@ -1,10 +1,11 @@
 """The state machine that decides whether a robot may move, told the time by the test."""
 
+import math
 from itertools import pairwise
 
 import pytest
 
-from turtlebot_gym_ros.node.safety import BLOCKED, SILENCE, STOP_FOR, STOP_PERIOD, Safety
+from turtlebot_gym_ros.node.safety import Safety
 
 
 def active(now=0.0):
@@ -37,15 +38,18 @@ def test_enabled_it_is_active_with_the_first_step():
 
 
 @pytest.mark.parametrize("disable", [True, False])
-def test_a_stop_is_one_second_of_zeros_and_then_silence(disable):
-    safety = active()
+def test_a_stop_is_one_second_of_zeros_every_50_ms_and_then_silence(disable):
+    safety = active(now=9.9)
     safety.stop("because", now=10.0, disable=disable)
     assert safety.state == "stopping: because"
     times = stops(safety, 10.0, 13.0)
     assert times[0] == 10.0  # at once
-    assert 10.0 + STOP_FOR - 2 * STOP_PERIOD < times[-1] < 10.0 + STOP_FOR
-    assert max(b - a for a, b in pairwise(times)) < STOP_PERIOD + 0.011
+    assert 10.93 < times[-1] < 11.0
+    assert 16 <= len(times) <= 20
+    assert min(b - a for a, b in pairwise(times)) > 0.049
+    assert max(b - a for a, b in pairwise(times)) < 0.061
     assert safety.state == "silent: because"
+    assert safety.enabled is not disable
 
 
 def test_a_stop_of_what_does_not_move_is_silent():
@@ -70,37 +74,109 @@ def test_the_result_of_a_step_that_was_overtaken_by_a_stop_is_dropped():
     assert safety.activate(safety.begin(now=0.2))
 
 
+def test_a_plain_stop_enables_nobody():
+    safety = active(now=5.0)
+    safety.stop("a fault", now=5.1, disable=True)
+    safety.stop("old input", now=5.2)
+    assert not safety.enabled
+    assert not safety.activate(safety.begin(now=5.3))
+
+
+def test_the_reason_of_a_stop_stays_that_of_the_first():
+    safety = active(now=5.0)
+    safety.stop("a fault", now=5.1, disable=True)
+    stops(safety, 5.1, 6.5)
+    safety.stop("old input", now=7.0)
+    assert safety.state == "silent: a fault"
+
+
+def test_a_second_stop_does_not_prolong_the_zeros():
+    safety = active(now=5.0)
+    safety.stop("one", now=5.1)
+    safety.stop("two", now=5.9)
+    assert 6.03 < stops(safety, 5.1, 8.0)[-1] < 6.1
+
+
+def test_enabling_twice_changes_nothing():
+    safety = active(now=5.0)
+    assert safety.enable(now=5.1) is None
+    assert safety.state == "active"
+
+
 def test_a_blocked_step_is_a_fault():
-    safety = active()
-    safety.begin(now=0.0)
-    assert stops(safety, 0.0, BLOCKED - 0.01) == []
-    assert stops(safety, BLOCKED + 0.01, 3.0)
+    safety = active(now=20.0)
+    safety.begin(now=20.0)
+    assert stops(safety, 20.0, 20.499) == []
+    assert safety.enabled
+    assert safety.tick(now=20.501)
+    assert safety.state == "stopping: fault: a step takes longer than 0.5 s"
     assert not safety.enabled
-    assert safety.enable(now=3.0) == "the last step is still blocked"
+    stops(safety, 20.51, 23.0)
+    assert safety.enable(now=23.0) == "the last step is still blocked"
     safety.end()
-    assert safety.enable(now=3.1) is None
+    assert safety.enable(now=23.1) is None
 
 
-def test_an_emergency_stop_needs_enabling_again():
-    safety = active()
-    safety.hear_emergency(False, now=0.0)
-    assert safety.phase == "active"
-    safety.hear_emergency(True, now=0.1)
-    assert safety.state == "stopping: emergency stop"
-    assert safety.enable(now=0.2) is not None
-    safety.hear_emergency(False, now=0.3)
-    assert not safety.enabled
-    assert safety.enable(now=0.3) is None
+def test_how_long_a_step_may_take_is_given():
+    for blocked, holds in ((0.5, False), (2.0, True), (math.inf, True)):
+        safety = Safety(enabled=True, blocked=blocked)
+        safety.activate(safety.begin(now=20.0))
+        safety.tick(now=21.9)
+        assert safety.enabled is holds
+
+
+def test_a_step_that_has_ended_is_not_blocked():
+    safety = active(now=20.0)
+    assert not safety.tick(now=25.0)
     assert safety.enabled
 
 
+def test_an_emergency_stop_needs_enabling_again():
+    safety = active(now=7.0)
+    safety.hear_emergency(False, now=7.0)
+    assert safety.phase == "active"
+    safety.hear_emergency(True, now=7.1)
+    safety.hear_emergency(False, now=7.101)  # however short
+    assert safety.state == "stopping: emergency stop"
+    safety.hear_emergency(False, now=7.5)
+    assert safety.enable(now=7.599) == "the emergency stop is pressed"
+    safety.hear_emergency(False, now=7.7)
+    assert not safety.enabled
+    assert safety.enable(now=7.7) is None
+    assert safety.activate(safety.begin(now=7.75))
+
+
+def test_each_button_counts():
+    safety = active(now=7.0)
+    for k in range(30):
+        safety.hear_emergency(10 <= k < 14, now=7.0 + 0.1 * k, number=k + 1)  # pressed from 8.0 to 8.3 s
+        safety.hear_emergency(False, now=7.05 + 0.1 * k, number=k + 1)
+        if k >= 10:
+            refusal = safety.enable(now=7.06 + 0.1 * k)  # 0.5 s after 8.3 s is 8.8 s
+            assert refusal == (None if k >= 18 else "the emergency stop is pressed")
+        assert safety.enabled is (k < 10 or k >= 18)
+    assert safety.enable(now=10.0, buttons=3) == "1 of 3 publishers of the emergency stop are not heard"
+
+
 def test_an_emergency_stop_that_falls_silent_is_a_stop():
-    safety = active()
-    safety.hear_emergency(False, now=0.0)
-    assert stops(safety, 0.0, SILENCE - 0.01) == []
-    assert stops(safety, SILENCE + 0.01, 3.0)
+    safety = active(now=7.0)
+    safety.hear_emergency(False, now=7.0)
+    assert stops(safety, 7.0, 7.499) == []
+    assert safety.enabled
+    assert safety.tick(now=7.501)
+    assert not safety.enabled
+    assert not safety.activate(safety.begin(now=7.51))
+    assert safety.state == "stopping: the emergency stop is silent"
+    stops(safety, 7.51, 10.0)
     assert safety.state == "silent: the emergency stop is silent"
-    assert safety.enable(now=3.0) is not None
+    assert safety.enable(now=10.0) == "the emergency stop is silent"
+
+
+def test_silence_is_told_by_what_was_sent():
+    safety = active(now=7.0)
+    safety.hear_emergency(False, now=7.4, sent=7.0)
+    assert not safety.tick(now=7.499)
+    assert safety.tick(now=7.501)
 
 
 def test_an_emergency_stop_that_was_never_heard_is_not_needed():

@@ -5,21 +5,20 @@
                        +------step--------+
 
 Steps count only while it is enabled. A fault and an emergency stop disable it; so it starts, unless told otherwise. Whatever
-stops it advances the ``ticket``, so that the result of a step that began before can be told and dropped.
+stops it advances the ``ticket``, so that the result of a step that began before can be told and dropped. The rule of the
+emergency stop, for any number of buttons, is the guard's: `turtlebot_gym_ros.robot.emergency`.
 """
 
 from __future__ import annotations
 
 from threading import RLock
 
+from turtlebot_gym_ros.robot.emergency import EmergencyStop
+
 STOP_FOR = 1.0
 """So long are zeros sent before the topic is left to others, s ..."""
 STOP_PERIOD = 0.05
 """... with this period, s."""
-SILENCE = 0.5
-"""An emergency stop that was heard once and is silent for longer is a stop, s."""
-BLOCKED = 0.5
-"""A step that takes longer is a fault, s."""
 
 
 class Safety:
@@ -27,11 +26,10 @@ class Safety:
 
     Args:
         enabled: Whether it starts enabled.
-        blocked: A step that takes longer is a fault, s; infinite for never, None for `BLOCKED`.
+        blocked: A step that takes longer is a fault, s; infinite where no step can take too long.
     """
 
-    def __init__(self, *, enabled: bool, blocked: float | None = None) -> None:
-        self._blocked = BLOCKED if blocked is None else blocked
+    def __init__(self, *, enabled: bool, blocked: float = 0.5) -> None:
         self.lock = RLock()
         self.enabled = enabled
         self.phase = "silent"
@@ -39,8 +37,8 @@ class Safety:
         self.ticket = 0
         self._stop_until = 0.0
         self._next_stop = 0.0
-        self._emergency = False
-        self._heard: float | None = None
+        self._blocked = blocked
+        self._buttons = EmergencyStop()
         self._began: float | None = None
 
     @property
@@ -48,11 +46,16 @@ class Safety:
         """The phase, and in words what keeps it from being active."""
         return self.phase if self.phase == "active" else f"{self.phase}: {self.reason}"
 
-    def enable(self, *, now: float) -> str | None:
-        """Let it move the robot again, or return why not."""
+    def enable(self, *, now: float, buttons: int = 0) -> str | None:
+        """Let it move the robot again, or return why not.
+
+        Args:
+            now: The present, a steady time, s.
+            buttons: How many publishers the emergency stop has.
+        """
         with self.lock:
-            if self._emergency:
-                return "the emergency stop is pressed, or was heard and is silent"
+            if why := self._buttons.refusal(now, buttons):
+                return why
             if self._began is not None and now - self._began > self._blocked:
                 return "the last step is still blocked"
             if not self.enabled:
@@ -88,10 +91,10 @@ class Safety:
             self.phase = "active"
             return True
 
-    def hear_emergency(self, pressed: bool, *, now: float) -> None:
-        """Note what the emergency stop says."""
+    def hear_emergency(self, pressed: bool, *, now: float, sent: float | None = None, number: int | None = None) -> None:
+        """Note what a button of the emergency stop says; the arguments are those of `EmergencyStop.hear`."""
         with self.lock:
-            self._heard, self._emergency = now, pressed
+            self._buttons.hear(pressed, now=now, sent=sent, number=number)
             if pressed:
                 self.stop("emergency stop", now=now, disable=True)
 
@@ -100,9 +103,9 @@ class Safety:
         with self.lock:
             if self._began is not None and now - self._began > self._blocked and self.enabled:
                 self.stop(f"fault: a step takes longer than {self._blocked} s", now=now, disable=True)
-            if self._heard is not None and now - self._heard > SILENCE and not self._emergency:
-                self._emergency = True
-                self.stop("the emergency stop is silent", now=now, disable=True)
+            why = self._buttons.trouble(now)
+            if why and self.enabled:
+                self.stop(why, now=now, disable=True)
             if self.phase != "stopping" or now < self._next_stop:
                 return False
             if now >= self._stop_until:

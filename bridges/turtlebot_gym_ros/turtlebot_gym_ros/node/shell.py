@@ -121,7 +121,7 @@ class Shell:
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
         self.switch: Switch | None = None
         if self.outputs.moving:
-            enabled, blocked = self.common.start_enabled, math.inf if lock_step else None
+            enabled, blocked = self.common.start_enabled, math.inf if lock_step else 0.5
             self.switch = Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled, blocked=blocked)
         ignore = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignore, jumped=self._jumped, now=self._now())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.node import Node
@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.safety import Safety
+from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
 
 NO_OBSTACLE_AVOIDANCE = "It drives without obstacle avoidance: whoever enables it watches the robot."
 
@@ -20,8 +21,9 @@ NO_OBSTACLE_AVOIDANCE = "It drives without obstacle avoidance: whoever enables i
 class Switch:
     """The service ``~/enable`` (SetBool), and the topics ``~/state`` and ``emergency_stop``.
 
-    The state (String, latched) is "silent: why", "active" or "stopping: why". An emergency stop (Bool) is to be published at
-    5 Hz or more, pressed or not: once heard, half a second of silence stops the robot as well.
+    The state (String, latched) is "silent: why", "active" or "stopping: why". Each button of the emergency stop (Bool) is to
+    publish at 5 Hz or more, pressed or not. A press stops the robot however short, and so does half a second of silence of a
+    button that was heard once. Enabling is refused while any button is pressed, or one of those that were heard is silent.
 
     Args:
         node: The node.
@@ -29,7 +31,7 @@ class Switch:
         enabled: Whether it starts enabled.
         now: The steady clock, s.
         restart: Called when it is enabled: the block begins anew.
-        blocked: A step that takes longer is a fault, s; infinite where time waits for it, None for the usual limit.
+        blocked: A step that takes longer is a fault, s; infinite where no step can take too long.
     """
 
     def __init__(
@@ -40,20 +42,22 @@ class Switch:
         enabled: bool,
         now: Callable[[], float],
         restart: Callable[[], None],
-        blocked: float | None = None,
+        blocked: float = 0.5,
     ) -> None:
-        self.safety = Safety(enabled=enabled) if blocked is None else Safety(enabled=enabled, blocked=blocked)
+        self.safety = Safety(enabled=enabled, blocked=blocked)
+        self._clock = SystemClock()
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
-        node.create_subscription(Bool, "emergency_stop", self._hear_emergency, SENSOR)
+        hear: Any = self._hear_emergency  # takes the message's times too, which rclpy allows and its types do not know
+        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, SENSOR)
         self._tell()
 
     def enable(self) -> str | None:
         """Let the block move the robot, as soon as its inputs are there; or return why not."""
         if not self.safety.enabled:
-            refusal = self.safety.enable(now=self._now())
+            refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
             if refusal:
                 return refusal
             self._restart()
@@ -72,6 +76,7 @@ class Switch:
 
     def watch(self) -> None:
         """Send a stop if one is due, and tell the state if it has changed."""
+        self._look()
         with self.safety.lock:  # so that nothing else is published between the decision and the zeros
             if self.safety.tick(now=self._now()):
                 self._outputs.publish_stops()
@@ -90,9 +95,18 @@ class Switch:
         response.message = refusal or (f"enabled. {NO_OBSTACLE_AVOIDANCE}" if request.data else "disabled")
         return response
 
-    def _hear_emergency(self, message: Bool) -> None:
-        self.safety.hear_emergency(message.data, now=self._now())
+    def _hear_emergency(self, message: Bool, info: Mapping[str, Any]) -> None:
+        age = age_of(self._clock, info, None, self._look()).seconds
+        now, number = self._now(), info["publication_sequence_number"]
+        self.safety.hear_emergency(message.data, now=now, sent=now - age, number=number)
         self.watch()
+
+    def _look(self) -> float:
+        """Compare the clocks, which tells the ages of messages, and return the steady time: ``now`` may be a test's."""
+        with self.safety.lock:
+            system, steady = read_clocks()
+            self._clock.look(system=system, steady=steady)
+            return steady
 
     def close(self) -> None:
         """Stop the robot if it moves."""

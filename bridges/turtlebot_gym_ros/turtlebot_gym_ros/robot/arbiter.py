@@ -1,151 +1,221 @@
 """What the guard decides: who may tell the wheels what. Knows no ROS; steady times come in as arguments.
 
-On the core's pure limits alone, and on nothing of the other nodes; the node around it is in `guard`.
+The law: **no motion later than** ``max_age`` **after the newest command that was sent, none while any emergency stop is pressed
+or silent, none while disabled, none above the limits** (axis, wheel, acceleration of a start), and no more messages than
+``rate``; a stop is never delayed, neither by the ramp nor by the rate.
+
+The age of a command is that of what was sent, see `sent`. The rule of the emergency stop stands in `emergency`. Both, and the
+core's pure limits, are all that it builds on; the node around it is in `guard`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
 
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.robot.emergency import EmergencyStop
 
-EMERGENCY_SILENCE = 0.5
-"""Silence of a publisher of ``/emergency_stop``, once seen, that is a stop, s."""
 POSE_AGE = 0.5
 """Age from which a pose no longer proves that the robot is inside the geofence, s."""
 ZEROS = 1.0
 """How long zeros are sent before the silence, s."""
+GAP = 0.1
+"""Time between two calls from which the guard itself was suspended or starved, s."""
+BLIND = 0.5
+"""How long after such a gap messages may come that had waited, s: undated ones are refused, and silence is not yet a press."""
+
+
+def within(default: float, low: float, high: float, unit: str, *, above: bool = False) -> Any:
+    """Return a parameter with its range, of which the lower end may be left out."""
+    rule = f"in {'(' if above else '['}{low:g}, {high:g}]{unit}"
+    return field(default=default, metadata={"range": (low, high), "above": above, "rule": rule})
+
+
+def one_of(default: str, *names: str) -> Any:
+    """Return a parameter that is one of some names."""
+    return field(default=default, metadata={"names": names, "rule": f"one of {', '.join(names)}"})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
-    robot: str = "burger"
+    robot: str = one_of("burger", *ROBOTS)
     """Preset whose limits hold, per axis and per wheel."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; else Twist."""
+    body_frame: str = "base_footprint"
+    """The robot's frame, named in the commands."""
     start_enabled: bool = True
     """Whether commands pass from the start on; if not, ``~/enable`` is needed after every (re)start."""
-    max_age: float = 0.4
-    """Age from which a command no longer counts, s; at most 0.5."""
-    rate: float = 50.0
-    """How often ages are checked, Hz; 50 to 200."""
-    max_acceleration: float = 2.5
+    max_age: float = within(0.4, 0.0, 0.5, " s", above=True)
+    """Age from which a command no longer counts, s; at most 0.5. It is the age of what was sent."""
+    rate: float = within(50.0, 50.0, 200.0, " Hz")
+    """How often ages are checked, and how often a command is sent at most, Hz; 50 to 200."""
+    max_acceleration: float = within(2.5, 0.0, 1000.0, " m/s^2", above=True)
     """Limit of each wheel's acceleration at the rim, m/s^2. A stop is never delayed by it."""
-    speed_scale: float = 1.0
-    """Factor on every command, in (0, 1]."""
-    geofence: float = 0.0
+    speed_scale: float = within(1.0, 0.0, 1.0, "", above=True)
+    """Factor on every command, at most 1."""
+    geofence: float = within(0.0, 0.0, 1e6, " m")
     """Radius about the origin of the pose's frame beyond which only a person drives, m; 0 is no fence."""
-    geofence_topic: str = "odom"
+    geofence_topic: str = one_of("odom", "odom", "estimate")
     """Where the pose for the geofence comes from: ``odom`` or ``estimate``."""
 
     def __post_init__(self) -> None:
-        for name, holds, rule in (
-            ("robot", self.robot in ROBOTS, f"one of {', '.join(ROBOTS)}"),
-            ("max_age", 0.0 < self.max_age <= 0.5, "in (0, 0.5] s"),
-            ("rate", 50.0 <= self.rate <= 200.0, "in [50, 200] Hz"),
-            ("max_acceleration", self.max_acceleration > 0.0, "positive"),
-            ("speed_scale", 0.0 < self.speed_scale <= 1.0, "in (0, 1]"),
-            ("geofence", 0.0 <= self.geofence < math.inf, "a radius in m, or 0"),
-            ("geofence_topic", self.geofence_topic in ("odom", "estimate"), "odom or estimate"),
-        ):
-            if not holds:
-                raise ValueError(f"parameter {name!r} must be {rule}, got {getattr(self, name)!r}")
+        for each in fields(self):
+            value, rule = getattr(self, each.name), each.metadata
+            low, high = rule.get("range", (value, value))
+            in_range = low <= value <= high and not (rule.get("above") and value == low)
+            if not in_range or value not in rule.get("names", (value,)):
+                raise ValueError(f"parameter {each.name!r} must be {rule['rule']}, got {value!r}")
+
+
+class Heard(NamedTuple):
+    """A command, and the steady time at which it was sent, s."""
+
+    sent: float
+    command: Command
 
 
 class Arbiter:
-    """Decide at every moment what the wheels are told; ``now`` is a steady time, s."""
+    """Decide at every moment what the wheels are told.
+
+    ``now`` is a steady time, s. Messages also have a time ``sent``: when they were sent at the latest that is credible (None:
+    now), and whether they are ``dated``: whether that time is the sender's, or only that of their arrival here.
+    """
 
     def __init__(self, parameters: Parameters, now: float) -> None:
         self._p = parameters
         self._robot = ROBOTS[parameters.robot]
-        self._heard: dict[str, tuple[float, Command]] = {}
-        self._news = ""
-        self._last, self._then = STOP, now
-        self._zeros_until = now + ZEROS
-        self._emergency: tuple[float, bool] | None = None
+        self.buttons = EmergencyStop()
+        self._heard: dict[str, Heard] = {}
+        self._news: set[str] = set()
         self._distance = (-math.inf, math.inf)
+        self._awake, self._since, self._blind_until = now, now, now
+        self._zeros_until = now + ZEROS
+        self._last, self._last_at, self._due, self._halt = STOP, now, now, False
         self.enabled = parameters.start_enabled
         self.emergency = False
         self.state = "stopped"
-        self.refused = 0
+        self.refused = {"not finite": 0, "too old": 0, "undated after a gap": 0}
 
-    def hear(self, source: str, command: Command, now: float) -> None:
+    def _wake(self, now: float) -> None:
+        """Notice a gap of one's own, whoever calls first."""
+        gap, self._awake = now - self._awake, now
+        if gap > GAP:
+            self._blind_until = now + BLIND
+        if gap > self._p.max_age:
+            # How old is what was heard, and what the wheels have done meanwhile, is not known: stop first.
+            self._heard.clear()
+            self._halt, self._zeros_until = True, now + ZEROS
+
+    def hear(self, source: str, command: Command, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""
+        self._wake(now)
+        sent = now if sent is None else min(sent, now)
         if not math.isfinite(command.v + command.omega):
-            command, self.refused = STOP, self.refused + 1
-        self._heard[source], self._news = (now, command), source
+            command = STOP
+            self.refused["not finite"] += 1
+        if not dated and now < self._blind_until:
+            self.refused["undated after a gap"] += 1
+        elif now - sent > self._p.max_age:
+            self.refused["too old"] += 1
+        elif sent >= self._since and (source not in self._heard or sent >= self._heard[source].sent):
+            self._heard[source] = Heard(sent, command)
+            self._news.add(source)
 
-    def hear_emergency(self, pressed: bool, now: float) -> None:
-        """Take the state of the emergency stop."""
-        self._emergency = now, pressed
+    def hear_emergency(
+        self, pressed: bool, now: float, *, sent: float | None = None, dated: bool = True, number: int | None = None
+    ) -> None:
+        """Take what a button says. A press always counts; that it lives is proved only by what was certainly sent lately."""
+        self._wake(now)
         self.emergency |= pressed
+        unproved = not dated and now < self._blind_until
+        self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number)
 
-    def locate(self, x: float, y: float, now: float) -> None:
+    def locate(self, x: float, y: float, now: float, *, sent: float | None = None) -> None:
         """Take the robot's position, m."""
-        self._distance = now, math.hypot(x, y)
+        self._wake(now)
+        self._distance = now if sent is None else min(sent, now), math.hypot(x, y)
 
     def greet(self, now: float) -> None:
         """Send zeros to a robot that has just connected, unless it is commanded: it may hold an older command."""
         self._zeros_until = now + ZEROS
 
-    def enable(self, on: bool, now: float) -> str:
-        """Let commands pass that come from now on, or stop; return why it is refused, or nothing."""
-        if on and self._emergency is not None:
-            heard, pressed = self._emergency
-            if pressed or now - heard > EMERGENCY_SILENCE:
-                return f"the emergency stop is {'pressed' if pressed else 'silent'}"
+    def enable(self, on: bool, now: float, *, buttons: int = 0) -> str:
+        """Let commands pass that are sent from now on, or stop; return why it is refused, or nothing.
+
+        Args:
+            on: Whether they may pass.
+            now: The present.
+            buttons: How many publishers the emergency stop has.
+        """
+        self._wake(now)
+        if on and (why := self.buttons.refusal(now, buttons)):
+            return why
         if on:
             self.emergency = False
-        self.enabled = on
+        self.enabled, self._since = on, now
         self._heard.clear()
         self._zeros_until = now + ZEROS
         return ""
 
     def step(self, now: float) -> Command | None:
-        """Return what to publish now; nothing if nobody commands or nothing has changed."""
-        # A process that was suspended knows neither how old is what it hears now, nor what the wheels have held meanwhile ...
-        if now - self._then > self._p.max_age:
-            self._heard.clear()
-            self._zeros_until = now + ZEROS
-        # ... and must not make up for it by one large step of the ramp.
-        dt, self._then = min(now - self._then, 2.0 / self._p.rate), now
-        if self._emergency is not None and now - self._emergency[0] > EMERGENCY_SILENCE:
-            self.emergency = True
+        """Return what to publish now; nothing if nobody commands, nothing has changed, or the rate is used up."""
+        self._wake(now)
         target = self._target(now)
-        news, self._news = self._news == self.state, ""
+        if self._halt:
+            self._halt, target = False, None
         if target is None:
-            self._last = STOP
             if self.emergency:
                 self.state = "emergency"
-            elif now >= self._zeros_until:
+            elif now >= self._zeros_until and self._last == STOP:
                 self.state = "silent" if self.enabled else "disabled"
                 return None
-            return STOP
+            return self._paced(STOP, now)
         self._zeros_until = now + ZEROS
-        command = self._ramp(target, dt)
-        if command == self._last and not news:
+        command = self._ramp(target, min(now - self._last_at, 2.0 / self._p.rate))
+        if command == self._last and self.state not in self._news:
             return None
-        self._last = command
+        return self._paced(command, now)
+
+    def _paced(self, command: Command, now: float) -> Command | None:
+        """Return the command if the rate allows it, or if it stops the wheels."""
+        period = 1.0 / self._p.rate
+        stops = command == STOP and self._last != STOP
+        if now < self._due - 0.5 * period and not stops:
+            return None
+        self._due = max(self._due, now) + period
+        self._last, self._last_at = command, now
+        self._news.clear()
         return command
 
     def _target(self, now: float) -> Command | None:
         """Return the command in force, within the limits; sets the state."""
         self.state = "stopped"
-        if self.emergency or not self.enabled:
+        trouble = self.buttons.trouble(now)
+        # After a gap of its own the guard stands until it has heard each button anew, and with that all that has waited.
+        blind = now < self._blind_until
+        self.emergency |= trouble != "" and not blind
+        if (
+            trouble
+            or self.emergency
+            or not self.enabled
+            or (blind and not self.buttons.spoken_since(self._blind_until - BLIND))
+        ):
             return None
         for source in ("teleop", "program"):
-            heard, command = self._heard.get(source, (-math.inf, STOP))
-            if now - heard > self._p.max_age:
+            heard = self._heard.get(source)
+            if heard is None or now - heard.sent > self._p.max_age:
                 continue
             self.state = source
             if source == "program" and self.outside(now):
                 return STOP
-            v, omega = limit(command, self._robot)
+            v, omega = limit(heard.command, self._robot)
             return Command(v * self._p.speed_scale, omega * self._p.speed_scale)
         return None
 

@@ -5,14 +5,17 @@ The guard and the logger must not fail by a fault that they share with the nodes
 
 from __future__ import annotations
 
+import ast
+import inspect
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import Field, fields
+from itertools import pairwise
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -23,6 +26,31 @@ from turtlebot_gym_ros.node.discovery import leave
 P = TypeVar("P")
 
 
+def described(params: type) -> dict[str, str]:
+    """Return the docstring under each field of a class, on one line; nothing where the source is not there."""
+    try:
+        (made,) = ast.parse(inspect.getsource(params)).body
+    except (OSError, SyntaxError):
+        return {}
+    assert isinstance(made, ast.ClassDef)
+    return {
+        item.target.id: " ".join(text.value.value.split())
+        for item, text in pairwise(made.body)
+        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
+
+
+def _descriptor(each: Field[Any], description: str) -> ParameterDescriptor:
+    """Return what ``ros2 param describe`` shows of a parameter."""
+    descriptor = ParameterDescriptor(read_only=True, description=description)
+    descriptor.additional_constraints = str(each.metadata.get("rule", ""))
+    if "range" in each.metadata:
+        low, high = each.metadata["range"]
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    return descriptor
+
+
 def declare(node: Node, params: type[P]) -> P:
     """Read a node's parameters, read-only from now on; refuse unknown names, wrong types and wrong values.
 
@@ -30,7 +58,8 @@ def declare(node: Node, params: type[P]) -> P:
 
     Args:
         node: A node made with ``automatically_declare_parameters_from_overrides=True``.
-        params: Dataclass whose fields name the parameters; its defaults give the types.
+        params: Dataclass whose fields name the parameters; its defaults give the types, the docstrings under its fields the
+            descriptions, and the fields' metadata, where given, ``range`` and ``rule``.
 
     Raises:
         ValueError: With one line that names the parameter, the rule and the value.
@@ -49,11 +78,12 @@ def declare(node: Node, params: type[P]) -> P:
             given[name] = value = float(value)
         if type(value) is not type(default):
             raise ValueError(f"parameter {name!r} must be of type {type(default).__name__}, got {value!r}")
-    parameters = params(**given)
-    for name in known:
+    parameters, descriptions = params(**given), described(params)
+    for each in fields(params):  # type: ignore[arg-type]
+        name = each.name
         if name in given:
             node.undeclare_parameter(name)
-        descriptor = ParameterDescriptor(read_only=True)
+        descriptor = _descriptor(each, descriptions.get(name, ""))
         node.declare_parameter(name, getattr(parameters, name), descriptor, ignore_override=True)
     return parameters
 

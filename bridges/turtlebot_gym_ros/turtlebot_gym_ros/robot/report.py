@@ -1,0 +1,112 @@
+"""What the guard reports: its gravest problem in ``/diagnostics``, and on the log where it is new."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.sent import Age
+
+RECENT = 2.0
+"""How long what is wrong with a message's time is reported, s."""
+
+
+class Report:
+    """The diagnostics of the guard.
+
+    Args:
+        node: The guard's node.
+        arbiter: What it decides.
+        parameters: Its parameters.
+        velocity: The type of its commands.
+    """
+
+    def __init__(self, node: Node, arbiter: Arbiter, parameters: Parameters, velocity: type) -> None:
+        self._node, self._arbiter, self._p, self._type = node, arbiter, parameters, velocity
+        self._said = ""
+        self._times: dict[str, tuple[float, str]] = {}
+
+    def note(self, topic: str, age: Age, now: float) -> None:
+        """Note how old a message of a topic was when it came."""
+        if age.seconds > self._p.max_age:
+            why = f"{topic}: messages are {age.seconds:.2f} s old by {age.by} when they come, more than {self._p.max_age} s: "
+            self._times[topic] = now, why + "are the clocks of both computers set (NTP), and is the connection quick enough?"
+        elif age.ahead > 0.0:
+            why = f"{topic}: the sender's clock is {age.ahead:.2f} s ahead of this computer's, so only arrival counts: "
+            self._times[topic] = now, why + "set the clocks of both (NTP)"
+
+    def message(self, now: float, *, robots: int) -> DiagnosticArray:
+        """Return the diagnostics of this second, and log what is new.
+
+        Args:
+            now: The present, a steady time, s.
+            robots: How many listen to the commands.
+        """
+        node = self._node
+        level, text = self._problem(now, robots)
+        if text != self._said:
+            # one line for each severity: rclpy raises where a line changes its own
+            if level == DiagnosticStatus.OK:
+                node.get_logger().info(text)
+            elif level == DiagnosticStatus.WARN:
+                node.get_logger().warning(text)
+            else:
+                node.get_logger().error(text)
+        self._said = text
+        status = DiagnosticStatus(
+            level=level,
+            name=node.get_fully_qualified_name(),
+            message=text,
+            hardware_id=self._p.robot,
+            values=[KeyValue(key=f"refused, {why}", value=str(count)) for why, count in self._arbiter.refused.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = node.get_clock().now().to_msg()
+        return message
+
+    def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
+        """Return the level and the text of the gravest problem, or of the state."""
+        node = self._node
+        topics = [node.resolve_topic_name(name) for name in ("cmd_vel", "cmd_vel_teleop", "cmd_vel_in")]
+        speakers = node.get_publishers_info_by_topic(topics[0])
+        if len(speakers) > 1:
+            names = ", ".join(sorted(_name(info) for info in speakers))
+            return DiagnosticStatus.ERROR, f"{topics[0]} must have one publisher, the guard, but has {names}"
+        if mismatch := self._mismatch(topics):
+            return DiagnosticStatus.ERROR, mismatch
+        if self._arbiter.emergency:
+            service = node.resolve_service_name("~/enable")
+            why = self._arbiter.buttons.trouble(now) or "the emergency stop was pressed, or silent"
+            return DiagnosticStatus.ERROR, (
+                f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"'
+            )
+        if self._arbiter.outside(now):
+            return DiagnosticStatus.WARN, f"not known to be within {self._p.geofence} m of the origin: only a person drives"
+        for heard, why in self._times.values():
+            if now - heard <= RECENT:
+                return DiagnosticStatus.WARN, why
+        if robots == 0:
+            return DiagnosticStatus.WARN, f"nobody listens to {topics[0]}"
+        return DiagnosticStatus.OK, self._arbiter.state
+
+    def _mismatch(self, topics: list[str]) -> str:
+        """Return which node uses the other type of command, and what to type; or nothing."""
+        node, stamped = self._node, self._p.enable_stamped_cmd_vel
+        package, name = self._type.__module__.split(".")[0], self._type.__name__
+        for topic in topics:
+            for info in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
+                if info.topic_type != f"{package}/msg/{name}":
+                    mine, other = (f"-p enable_stamped_cmd_vel:={str(each).lower()}" for each in (stamped, not stamped))
+                    return (
+                        f"{_name(info)} has {info.topic_type} on {topic}, the guard {name}: start the guard with {other}, "
+                        f"or that node with {mine}"
+                    )
+        return ""
+
+
+def _name(info: Any) -> str:
+    """Return the full name of a topic's user."""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"

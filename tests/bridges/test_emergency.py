@@ -1,0 +1,132 @@
+"""The rule of the emergency stop: presses however short, buttons however many, told apart by the numbers that DDS gives."""
+
+import pytest
+
+from turtlebot_gym_ros.robot.emergency import EmergencyStop
+
+
+def play(*events):
+    """Let buttons speak: (time, number) or (time, number, pressed)."""
+    stop = EmergencyStop()
+    for at, number, *pressed in sorted(events):
+        stop.hear(bool(pressed and pressed[0]), now=at, number=number)
+    return stop
+
+
+def button(start, end, first=1, pressed=()):
+    """One that speaks every 0.2 s."""
+    count = round((end - start) / 0.2)
+    return [(start + 0.2 * k, first + k, k in pressed) for k in range(count)]
+
+
+def test_without_a_button_there_is_no_trouble():
+    assert EmergencyStop().trouble(50.0) == ""
+    assert EmergencyStop().refusal(50.0, publishers=2) == ""
+
+
+def test_a_press_lasts_half_a_second_for_all():
+    stop = play(*button(50.0, 52.0), *button(50.1, 52.0, 300, pressed=(5,)))  # pressed at 51.1, released at 51.3
+    assert stop.trouble(51.9) == ""
+    stop = play(*button(50.0, 51.4), *button(50.1, 51.5, 300, pressed=(5,)))
+    assert stop.trouble(51.59) == "the emergency stop is pressed"
+    assert stop.trouble(51.61) == ""
+
+
+def test_a_button_that_is_held_is_pressed():
+    stop = play((50.0, 1, True), (50.2, 2, True), (50.3, 700, False))
+    assert stop.trouble(50.3) == "the emergency stop is pressed"
+    stop = play((50.0, 1, True), (50.4, 700, False), (50.45, 2, True), (50.9, 701, False))
+    assert stop.trouble(50.94) == "the emergency stop is pressed"
+    assert stop.trouble(50.96) == "1 of 2 emergency stops are silent"  # it was pressed, and is not heard
+
+
+def test_one_button_that_falls_silent():
+    stop = play(*button(50.0, 51.0))
+    assert stop.trouble(51.29) == ""
+    assert stop.trouble(51.31) == "the emergency stop is silent"
+    stop.hear(False, now=52.0, number=6)
+    assert stop.trouble(52.0) == ""
+
+
+@pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
+@pytest.mark.parametrize("which", [0, 1])
+def test_one_of_two_that_falls_silent(offset, which):
+    ends = [52.0, 53.0] if which else [53.0, 52.0]
+    stop = play(*button(50.0, ends[0]), *button(50.07, ends[1], 1 + offset))
+    assert stop.trouble(52.95) == "1 of 2 emergency stops are silent"
+    assert stop.refusal(52.95) == "1 of 2 emergency stops are silent"
+
+
+@pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
+def test_two_that_go_on(offset):
+    stop = play(*button(50.0, 53.0), *button(50.07, 53.0, 1 + offset))
+    assert stop.trouble(53.0) == ""
+    assert stop.refusal(53.0, publishers=2) == ""
+    assert stop.refusal(53.0, publishers=3) == "1 of 3 publishers of the emergency stop are not heard"
+
+
+def test_three_of_which_one_falls_silent():
+    stop = play(*button(50.0, 53.0, 9000), *button(50.07, 53.0, 5000), *button(50.13, 52.0, 7000))
+    assert stop.trouble(52.95) == "1 of 3 emergency stops are silent"
+
+
+@pytest.mark.parametrize("gap", [0.1, 0.4, 3.0])
+def test_a_button_that_is_started_again_takes_its_own_place(gap):
+    stop = play(*button(50.0, 52.0), *button(51.8 + gap, 54.0 + gap))
+    assert stop.trouble(53.9 + gap) == ""
+    assert stop.refusal(53.9 + gap, publishers=1) == ""
+
+
+def test_a_button_that_comes_back_among_two():
+    stop = play(*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0))
+    assert stop.trouble(54.9) == ""
+
+
+def test_lost_messages_make_no_second_button():
+    stop = play(*(each for k, each in enumerate(button(50.0, 56.0)) if k % 3))
+    assert stop.refusal(55.9, publishers=1) == ""
+    assert stop._expected == 1
+
+
+def test_what_waited_comes_all_at_once_and_is_still_two():
+    stop = EmergencyStop()
+    for at, number, _ in sorted([*button(50.0, 52.0), *button(50.07, 52.0, 400)]):
+        stop.hear(False, now=52.0, sent=at, number=number)
+    assert stop.trouble(52.2) == ""
+    stop.hear(False, now=52.4, number=11)
+    assert stop.trouble(52.5) == "1 of 2 emergency stops are silent"
+
+
+def test_age_is_that_of_what_was_sent():
+    stop = EmergencyStop()
+    stop.hear(False, now=60.0, sent=50.0, number=1)
+    assert stop.trouble(60.0) == "the emergency stop is silent"
+    stop.hear(False, now=60.1, sent=99.0, number=2)  # not in the future
+    assert stop.trouble(60.59) == ""
+    assert stop.trouble(60.61) == "the emergency stop is silent"
+
+
+def test_an_old_press_counts_from_when_it_is_heard():
+    stop = EmergencyStop()
+    stop.hear(True, now=60.0, sent=50.0, number=1)
+    stop.hear(False, now=60.0, number=2)
+    assert stop.trouble(60.49) == "the emergency stop is pressed"
+
+
+def test_without_numbers_all_are_one():
+    stop = EmergencyStop()
+    for k in range(10):
+        stop.hear(False, now=50.0 + 0.1 * k)
+    assert stop.refusal(51.0, publishers=1) == ""
+    assert stop.refusal(51.0, publishers=2) == "1 of 2 publishers of the emergency stop are not heard"
+    assert stop.trouble(51.41) == "the emergency stop is silent"
+
+
+def test_the_half_second_is_counted_with_its_end():
+    stop = EmergencyStop()
+    stop.hear(True, now=50.0, number=1)
+    stop.hear(False, now=50.25, number=2)
+    assert stop.trouble(50.5) == "the emergency stop is pressed"
+    assert stop.trouble(50.5625) == ""
+    assert stop.trouble(50.75) == ""
+    assert stop.trouble(50.8125) == "the emergency stop is silent"

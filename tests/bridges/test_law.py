@@ -1,0 +1,249 @@
+"""The guard's law, in schedules that hypothesis draws: senders, buttons, gaps, delays, floods and clocks, in any order.
+
+**No motion later than 0.4 s after the newest command that was sent, none after a press until enabled again, none while a known
+button is silent, none while disabled, none above the limits, no more than 50 messages a second.** For each clause there is a
+planted defect that the same search finds.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.values import STOP
+from turtlebot_gym_ros.robot import arbiter
+from turtlebot_gym_ros.robot.arbiter import Arbiter
+from turtlebot_gym_ros.robot.emergency import EmergencyStop
+from turtlebot_gym_ros.robot.sent import Age, SystemClock
+
+sys.path.insert(0, str(Path(__file__).parent))
+from guard_world import World, judge
+
+KINDS = [
+    "send",
+    "teleop",
+    "drive",
+    "drive",
+    "flood",
+    "silence",
+    "button",
+    "end",
+    "press",
+    "release",
+    "enable",
+    "disable",
+    "suspend",
+]
+KINDS += ["backlog", "surprise", "jump", "button"]
+EVENTS = st.tuples(st.sampled_from(KINDS), st.integers(0, 7), st.integers(0, 9))
+SCHEDULES = st.lists(EVENTS, min_size=4, max_size=16)
+
+
+def search(check, number, *, draw=0, shrink=True):
+    """Let hypothesis draw so many schedules, the same for the same draw."""
+    options = settings(
+        max_examples=number,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate, Phase.shrink] if shrink else [Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    seed(draw)(options(given(SCHEDULES)(check)))()
+
+
+@pytest.mark.parametrize("share", range(5))
+def test_the_law_holds(share):
+    """2,000 schedules in each share: 10,000 in all. The partner of this test is the next one."""
+    moved = []
+
+    def check(schedule):
+        world = World(schedule, start=1234.5 + 77.7 * share, start_enabled=share != 4, speed_scale=0.5 if share == 3 else 1.0)
+        moved.append(any((v, omega) != (0.0, 0.0) for _, v, omega in world.log.told))
+        assert not judge(world.log)
+
+    search(check, 2000, draw=share)
+    assert len(moved) >= 2000
+    assert sum(moved) > 0.1 * len(moved)  # a guard that lets nothing pass would keep the law too
+
+
+def age_of_arrival(self, *, steady, source=0.0, arrival=0.0, header=0.0):
+    return Age(max(0.0, steady + self._offsets[-1][0] - arrival), True, "its arrival", 0.0)
+
+
+def age_of_source(original):
+    def age(self, *, steady, source=0.0, arrival=0.0, header=0.0):
+        return original(self, steady=steady, source=source, arrival=arrival)
+
+    return age
+
+
+def present_offset_only(original):
+    def look(self, *, system, steady):
+        leapt = original(self, system=system, steady=steady)
+        del self._offsets[:-1]
+        return leapt
+
+    return look
+
+
+def all_dated(original):
+    def hear(self, source, command, now, *, sent=None, dated=True):
+        original(self, source, command, now, sent=sent)
+
+    return hear
+
+
+class LastButton:
+    """The rule of the first release: the last message counts, whoever sent it."""
+
+    def __init__(self):
+        self.at, self.pressed = math.inf, False
+
+    def hear(self, pressed, *, now, sent=None, number=None):
+        self.at, self.pressed = now, pressed
+
+    def trouble(self, now):
+        return "pressed" if self.pressed else "silent" if now - self.at > 0.5 else ""
+
+    def refusal(self, now, publishers=0):
+        return self.trouble(now)
+
+    def spoken_since(self, time):
+        return True
+
+
+def one_button(original):
+    def hear(self, pressed, *, now, sent=None, number=None):
+        original(self, pressed, now=now, sent=sent)
+
+    return hear
+
+
+def a_press_that_does_not_latch(original):
+    def hear(self, pressed, now, **options):
+        before = self.emergency
+        original(self, pressed, now, **options)
+        self.emergency = before
+
+    return hear
+
+
+def enable_without_asking(self, on, now, *, buttons=0):
+    self.enabled, self.emergency, self._since = on, False, now
+    self._heard.clear()
+    return ""
+
+
+def enable_without_forgetting(original):
+    def enable(self, on, now, *, buttons=0):
+        since, heard = self._since, dict(self._heard)
+        why = original(self, on, now, buttons=buttons)
+        self._since = since
+        self._heard.update(heard)
+        return why
+
+    return enable
+
+
+def disable_nothing(original):
+    def enable(self, on, now, *, buttons=0):
+        return original(self, on, now, buttons=buttons) if on else ""
+
+    return enable
+
+
+def no_pace(self, command, now):
+    self._last, self._last_at = command, now
+    self._news.clear()
+    return command
+
+
+def stops_wait(self, command, now):
+    if now < self._due - 0.01:
+        return None
+    self._due, self._last, self._last_at = max(self._due, now) + 0.02, command, now
+    self._news.clear()
+    return command
+
+
+def forget_the_old_speed(original):
+    """The defect by which a ramp restarts from the speed before a stop."""
+
+    def step(self, now):
+        before = self._last
+        command = original(self, now)
+        if command == STOP:
+            self._last = before
+        return command
+
+    return step
+
+
+def lazy(original):
+    """Of a gap only the first callback takes notice, and arrival tells the age: the defect of the first release."""
+
+    def age(self, *, steady, source=0.0, arrival=0.0, header=0.0):
+        return Age(0.0, True, "its arrival", 0.0)
+
+    return age
+
+
+DEFECTS = {
+    "old: the age of arrival": (SystemClock, "age", lambda original: age_of_arrival),
+    "old: no age at all": (SystemClock, "age", lazy),
+    "old: the header does not count": (SystemClock, "age", age_of_source),
+    "old: the clock set back": (SystemClock, "look", present_offset_only),
+    "old: undated after a gap": (Arbiter, "hear", all_dated),
+    "old: max_age": (Arbiter, "__init__", None),
+    "press: only the last button counts": (arbiter, "EmergencyStop", lambda original: LastButton),
+    "press: it does not latch": (Arbiter, "hear_emergency", a_press_that_does_not_latch),
+    "press: enabled without asking": (Arbiter, "enable", lambda original: enable_without_asking),
+    "press: what has waited is not waited for": (EmergencyStop, "spoken_since", lambda original: lambda self, time: True),
+    "press: silence is none": (EmergencyStop, "_alive", lambda original: lambda self, now: list(self._buttons)),
+    "press: all buttons are one": (EmergencyStop, "hear", one_button),
+    "disabled: not at all": (Arbiter, "enable", disable_nothing),
+    "disabled: what was said before counts": (Arbiter, "enable", enable_without_forgetting),
+    "limits: none": (arbiter, "limit", lambda original: lambda command, robot: command),
+    "limits: no wheel": (arbiter, "ROBOTS", lambda original: {"burger": wheelless(original["burger"])}),
+    "limits: no ramp": (Arbiter, "_ramp", lambda original: lambda self, target, dt: target),
+    "limits: the ramp goes on where it was": (Arbiter, "step", forget_the_old_speed),
+    "rate: none": (Arbiter, "_paced", lambda original: no_pace),
+    "rate: stops wait for it": (Arbiter, "_paced", lambda original: stops_wait),
+}
+
+
+def wheelless(robot):
+    return Robot(max_linear=robot.max_linear, max_angular=robot.max_angular, wheel_separation=0.16, max_wheel=math.inf)
+
+
+def twice_as_old(original):
+    def init(self, parameters, now):
+        object.__setattr__(parameters, "max_age", 0.8)
+        original(self, parameters, now)
+
+    return init
+
+
+CLAUSES = {
+    "old": "motion without a command of the last 0.4 s",
+    "press": "press|silent",
+    "disabled": "while disabled|without a command",
+    "limits": "above the limits|a wheel changes|messages in",
+    "rate": "messages in|motion",
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_planted_defect_is_found(monkeypatch, name):
+    owner, attribute, defect = DEFECTS[name]
+    monkeypatch.setattr(owner, attribute, (defect or twice_as_old)(getattr(owner, attribute)))
+
+    def check(schedule):
+        assert not judge(World(schedule).log)
+
+    with pytest.raises(AssertionError, match=CLAUSES[name.partition(":")[0]]):
+        search(check, 2000, shrink=False)
