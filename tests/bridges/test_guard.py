@@ -254,7 +254,7 @@ def test_its_parameters_are_described(start, peer):
 def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, probe, peer):
     start()
     speaker = peer.speak("cmd_vel_teleop", TwistStamped, 1)
-    for offset, said in ((-60, "messages are 60."), (1000, "nobody")):
+    for offset, said in ((-60, "s old by its header's stamp"), (1000, "nobody")):
         message = TwistStamped()
         message.header.stamp.sec = int(time.time()) + offset
         message.twist.linear.x = 0.1
