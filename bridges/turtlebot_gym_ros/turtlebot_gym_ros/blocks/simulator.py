@@ -43,6 +43,9 @@ class TurtlebotSimulator:
         limit, and 0 is as fast as the nodes answer."""
         seed: int = 0
         """Seed of the noise."""
+        witness: bool = False
+        """Whether in lock-step time also waits for the recorder of a `Graph`, which says on ``recorded`` how far it has
+        heard."""
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
 
@@ -59,7 +62,7 @@ class TurtlebotSimulator:
     def __init__(self, params: Params) -> None:
         task = replace(NAV, random=params.random_start, max_steps=math.inf)
         p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
-        self.trigger = Every(params.period, params.speed, through=THROUGH)
+        self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed)  # it has no waypoints: others drive
         self._begun = False
 

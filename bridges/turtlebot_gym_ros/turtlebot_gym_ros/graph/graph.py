@@ -83,7 +83,7 @@ class Graph:
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
-            chosen = {"speed": speed, **chosen}
+            chosen = {"speed": speed, "witness": self._lock_step, **chosen}
         if self._lock_step:
             return {"lock_step": True, **chosen}
         return chosen if speed == 1.0 or name == "turtlebot_simulator" else {"use_sim_time": True, **chosen}

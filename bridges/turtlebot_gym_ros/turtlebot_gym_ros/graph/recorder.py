@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from threading import Lock
 from typing import Any
 
@@ -18,7 +19,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.time import Time
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.trajectory import Trajectory
@@ -39,6 +40,8 @@ TOPICS: dict[str, type] = {
 """What it hears, and as which values."""
 STEP = ("true_state", "odom", "estimate", "reference")
 """The topics of a row; the reference is not tied to a step in real time."""
+TELL = 50
+"""After so many steps it says how far it has heard, so that the plant does not outrun it."""
 _UPPER = np.triu_indices(5)
 
 
@@ -68,6 +71,7 @@ class Recorder:
         self._first = 0
         self._waits_for_rest = False
         self._heard: list[Subscription] = []
+        self._tell = self.node.create_publisher(Header, "recorded", LOCK_STEP)
         for topic, kind in TOPICS.items():
             way = conversion(kind, stamped=stamped)
             qos, group = (LOCK_STEP, Swift()) if lock_step else (SENSOR, None)
@@ -98,15 +102,19 @@ class Recorder:
     def _add(self, stamp: int, topic: str, value: Any) -> None:
         """Take a value of a step; an episode begins where the stamps of the true state leap."""
         if topic == "true_state":
-            if not self._rows or not 0 <= stamp - self._last < EPISODE_GAP * SECOND:
+            if not self._rows or stamp < self._last or stamp - self._last == EPISODE_GAP * SECOND:
                 # What the other topics have said already of the new episode's first step is kept.
                 self._rows = {at: row for at, row in self._rows.items() if at >= stamp > self._last}
                 self._first, self._span = stamp, -1
             self._last = stamp
         row = self._rows.setdefault(stamp, {})
+        again = topic == "true_state" and len(row) == len(STEP)
         row[topic] = value
-        if len(row) == len(STEP):
-            self._span = max(self._span, stamp - self._first)
+        if len(row) < len(STEP):
+            return
+        self._span = max(self._span, stamp - self._first)
+        if again or stamp == self._first or len(self._rows) % TELL == 0:
+            self._tell.publish(Header(stamp=Time(nanoseconds=stamp).to_msg()))
 
     def _at(self, stamp: int) -> dict[str, Any]:
         """Return the sample of a stamp; a new one holds the reference and the command of its time."""
@@ -147,10 +155,16 @@ class Recorder:
             return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
     def trajectory(self) -> Trajectory:
-        """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step."""
+        """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step.
+
+        Raises:
+            RuntimeError: If in lock-step a step before that one was not heard as a whole.
+        """
         with self._lock:
             first, end = (self._first, self._first + self._span) if self._lock_step else (-math.inf, math.inf)
             rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows) if first <= stamp <= end]
+        if self._lock_step:
+            _require_whole(rows)
         nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3}
 
         def column(topic: str, pick: Callable[[Any], Any] = tuple) -> Any:
@@ -182,3 +196,11 @@ class Recorder:
     def close(self) -> None:
         """Destroy the node."""
         self.node.destroy_node()
+
+
+def _require_whole(rows: list[tuple[int, dict[str, Any]]]) -> None:
+    """Refuse rows of which one is incomplete or missing."""
+    stamps = [stamp for stamp, _ in rows]
+    gaps = {after - before for before, after in pairwise(stamps)}
+    if len(gaps) > 1 or any(len(row) < len(STEP) for _, row in rows):
+        raise RuntimeError(f"the recorder lost some of {len(rows)} steps: the machine was too busy for it.")

@@ -6,12 +6,13 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Header
 
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.chain import Chain
 from turtlebot_gym_ros.node.drives import ByClock, ByMessages, Drive, Hands
 from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
-from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.node.qos import LOCK_STEP, STREAM
 from turtlebot_gym_ros.node.swift import Swift
 
 
@@ -81,6 +82,8 @@ class AsPlant(Drive):
         hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
         self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())
         self._later.cancel()
+        if trigger.witness:
+            hands.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=Swift())
 
     def present(self) -> int:
         """Return the stamp of the step that is to be answered, ns."""
@@ -92,9 +95,17 @@ class AsPlant(Drive):
         return feed is None or stamp == self._rule.present != feed.stamp
 
     def heard(self, key: str, stamp: int) -> None:
-        """Take the next step if this one has been answered."""
-        if self._started and self._rule.answers(feed.stamp for feed in self._answers.values()):
+        """Take the next step if this one has been answered, and the witness has heard."""
+        answered = self._rule.answers(feed.stamp for feed in self._answers.values())
+        if self._started and answered and self._rule.is_witnessed:
             self._go_on()
+
+    def _witness(self, message: Header) -> None:
+        """Note how far the recorder has heard, and go on if that was all that was missing."""
+        waited = not self._rule.is_witnessed
+        self._rule.witnessed = Time.from_msg(message.stamp).nanoseconds
+        if waited:
+            self.heard("", 0)
 
     def _go_on(self) -> None:
         """Take the next step, or set the timer for it."""

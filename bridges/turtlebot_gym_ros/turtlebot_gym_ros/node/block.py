@@ -57,6 +57,9 @@ class Every:
     lock-step its inputs answer its outputs; the speed is then the upper limit, and 0 is none."""
     answers: str | None = None
     """Name of the input on which another block runs in lock-step, at its stamp."""
+    witness: str | None = None
+    """Topic on which a recorder says how far it has heard a plant in lock-step: time waits for it too, so that nothing is
+    lost."""
     through: Mapping[str, type] = field(default_factory=dict)
     """Topics, with their value types, over which a plant's outputs lead to its inputs: for the report of who does not
     answer."""

@@ -19,6 +19,8 @@ RESEND = 0.2
 """Time after which a step that is not answered is published again, s, by the steady clock."""
 OVERDUE = 2.0
 """Time after which the plant says who has not answered, s, by the steady clock."""
+AHEAD = 200
+"""So many steps at most is a plant ahead of its witness, a recorder on a busy machine."""
 EPISODE_GAP = 60
 """Between two episodes the stamps leap by so much, s: no message is ever lost here, so who finds a gap begins anew."""
 WALL = 1_000_000_000 * SECOND
@@ -123,12 +125,23 @@ class Plant:
         self.present = SECOND - self._period_ns
         """The stamp of the step that is to be answered, ns."""
         self._leap = False
+        self.witnessed: int | None = None
+        """Stamp up to which the witness has heard, ns; None before its first word."""
+        self._waits_for_witness = trigger.witness is not None
         self._due = now
         self._began = self._sent = now
 
     def answers(self, stamps: Iterable[int | None]) -> bool:
         """Return whether inputs with these stamps answer the present step."""
         return all(stamp == self.present for stamp in stamps)
+
+    @property
+    def is_witnessed(self) -> bool:
+        """Return whether the witness, if there is one, has heard the steps so far but a few; of an episode's first one, that
+        one."""
+        if not self._waits_for_witness:
+            return True
+        return self.witnessed is not None and abs(self.present - self.witnessed) <= AHEAD * self._period_ns
 
     def wait(self, now: float) -> float:
         """Return how long the next step has to wait for its time, s; 0 if not at all."""
@@ -168,7 +181,7 @@ def missing_link(stamp: int, heard: Mapping[str, int | None], speakers: Mapping[
     """
     topic = next((topic for topic, newest in heard.items() if newest != stamp), None)
     if topic is None:
-        return f"the step at {stamp / SECOND:.3f} s was answered, but the answer did not arrive"
+        return f"waits for the recorder, which has not heard the steps up to {stamp / SECOND:.3f} s"
     names = ", ".join(sorted(speakers[topic]))
     waits = f"waits for {topic} of the step at {stamp / SECOND:.3f} s"
     return f"{waits}: {names} has not answered" if names else f"{waits}: nobody publishes it"

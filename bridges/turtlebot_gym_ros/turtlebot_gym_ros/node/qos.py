@@ -5,8 +5,8 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 STREAM = QoSProfile(depth=10)
 """Reliable and volatile: what is lost is sent again, what was sent before somebody listened is gone."""
-LOCK_STEP = QoSProfile(depth=1000)
-"""Reliable, with histories that no listener falls behind: in lock-step every message counts."""
+LOCK_STEP = QoSProfile(depth=10_000)
+"""Reliable, with long histories: in lock-step every message counts, and a recorder may be suspended for seconds meanwhile."""
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """A subscription with it understands reliable and best-effort publishers."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
