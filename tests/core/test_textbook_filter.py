@@ -251,7 +251,7 @@ def test_the_reference_filter_starts_at_the_origin_with_p0_and_is_the_textbooks(
         np.testing.assert_allclose(reference.P, book.P, rtol=1e-10, atol=1e-13)
         np.testing.assert_allclose(np.delete(reference.x - book.x, 2), 0.0, atol=1e-12)
         assert difference(reference.x[2] - book.x[2]) == pytest.approx(0.0, abs=1e-12)
-    reference.predict()  # without a command it stops
+    reference.predict_x()  # without a command it stops
     assert reference.x[3:].tolist() == [0.0, 0.0]
 
 
