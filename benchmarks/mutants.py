@@ -11,6 +11,7 @@ project in a temporary folder: an interrupted run leaves nothing behind.
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -230,9 +231,11 @@ def judge_all(modules: list[Module], config: Config) -> list[Result]:
                     free.put(copy)
 
             bar = bars.add_task("mutants", total=len(waiting))
-            for done in as_completed([pool.submit(one, *pair) for pair in waiting]):
+            for count, done in enumerate(as_completed([pool.submit(one, *pair) for pair in waiting]), 1):
                 results.append(done.result())
                 bars.advance(bar)
+                if not bars.console.is_terminal and count % 20 == 0:
+                    print(f"{count} of {len(waiting)}", file=sys.stderr, flush=True)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for copy in made:
@@ -255,10 +258,13 @@ def summary(modules: list[Module], results: list[Result]) -> dict[str, dict[str,
 
 def main() -> None:
     """Draw, test, print and write."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended from outside"))  # as Ctrl-C does, so that copies are removed
     config = tyro.cli(Config, description=__doc__)
     modules, start = table(config), time.monotonic()
     results = sorted(judge_all(modules, config), key=lambda result: (result.mutant.path, result.mutant.line, result.mutant.now))
     scores, minutes = summary(modules, results), (time.monotonic() - start) / 60.0
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    busy = (used.ru_utime + used.ru_stime) / 60.0
     shown = Table("module", "mutants", "killed", "timeout", "survived", "equivalent", "score")
     for name, row in scores.items():
         score = "" if row["score"] is None else f"{100 * row['score']:.0f} %"
@@ -272,10 +278,10 @@ def main() -> None:
         if result.outcome == "survived":
             print(f"{m.path}:{m.line} {m.function} {m.operator}\n- {m.was}\n+ {m.now}\n")
     print_tables(shown)
-    print(f"{minutes:.0f} minutes, seed {config.seed}")
+    print(f"{minutes:.0f} minutes, {busy:.0f} of processor time; seed {config.seed}")
     if config.json:
         settings = {"seed": config.seed, "quota": {module.path: module.quota for module in modules}, "jobs": config.jobs}
-        write_json(config.json, {"minutes": minutes, "modules": scores, **told}, config=settings)
+        write_json(config.json, {"minutes": minutes, "processor_minutes": busy, "modules": scores, **told}, config=settings)
 
 
 if __name__ == "__main__":

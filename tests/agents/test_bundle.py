@@ -244,6 +244,17 @@ def test_periods_are_the_same_up_to_rounding(bundle, dt, same):
             BundlePolicy(bundle, dt=dt)
 
 
+def test_a_card_cannot_be_changed():
+    with pytest.raises(AttributeError):
+        CARD.dt = 0.2  # type: ignore[misc]
+
+
+def test_a_missing_onnxruntime_is_named_with_the_remedy(bundle, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)  # importing it raises
+    with pytest.raises(ImportError, match=r"needs onnxruntime: pip install 'turtlebot-gym\[deploy\]'"):
+        BundlePolicy(bundle)
+
+
 def test_the_refusal_names_every_difference_and_nothing_else(bundle):
     with pytest.raises(ValueError, match="trained") as caught:
         BundlePolicy(bundle, robot=replace(ROBOTS["burger"], max_linear=0.1, radius=1.0), dt=0.25)

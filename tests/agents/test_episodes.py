@@ -133,6 +133,13 @@ def test_a_waypoint_is_reached_strictly_within_its_radius():
     assert e.reached.tolist() == [1, 0, 0]
 
 
+def test_a_waypoint_that_was_missed_does_not_count_as_reached_with_the_next_one():
+    r = record()
+    r.true_state[2:, 0, :2] = [(0.6, 0.0), (0.65, 0.1), (1.0, 0.9)]  # 0.4 and 0.36 m from the first, 0.1 m from the second
+    e = measure(r, make_parameters(TASK, robot=ROBOT, dt=0.25), 0)
+    assert e.reached.tolist() == [1, 1, 0]
+
+
 def test_the_trajectory_is_the_first_environments():
     drive = record().trajectory(dt=0.25)
     np.testing.assert_array_equal(drive.time, [0.0, 0.25, 0.5, 0.75, 1.0])
@@ -198,6 +205,11 @@ def test_an_evaluation_says_what_was_evaluated():
     assert evaluate("proportional", env=SQUARE, episodes=1, dt=0.05).limit == 30.0  # 600 steps of 0.05 s
     assert evaluate("proportional", episodes=1, max_episode_steps=20).limit == 2.0
     assert BATCH == 1024
+
+
+def test_an_evaluation_is_shown_in_a_line():
+    shown = repr(evaluate("proportional", episodes=2, noise="clean"))
+    assert shown == "Evaluation(limit=30.0)"  # in a notebook, not pages of arrays
 
 
 def test_without_a_number_it_is_1000_episodes_from_seed_0():

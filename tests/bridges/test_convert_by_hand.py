@@ -88,6 +88,13 @@ def test_a_message_is_read_place_by_place():
     assert (estimate.belief, estimate.rejections) == (got, 0.0)
 
 
+@pytest.mark.parametrize("place", ["pose_14", "pose_21", "pose_28", "twist_7", "twist_21", "twist_28"])
+def test_one_place_that_a_planar_robot_leaves_empty_marks_another_filters_message(place):
+    estimate = Estimate(BELIEF, 2.5, 0.0)
+    assert conversion(Estimate).read(write(estimate)).nis == 2.5
+    assert conversion(Estimate).read(filled(write(estimate), **{place: 1e-9})).nis == 0.0
+
+
 @pytest.mark.parametrize("place", ["pose_0", "pose_7", "pose_35", "twist_0", "twist_35"])
 def test_no_variance_may_be_negative(place):
     conversion(Belief).read(filled(write(BELIEF), **{place: 0.0}))

@@ -177,7 +177,7 @@ def test_a_covariance_lies_row_by_row():
     full = [[1, 2, 3, 4, 5], [2, 6, 7, 8, 9], [3, 7, 10, 11, 12], [4, 8, 11, 13, 14], [5, 9, 12, 14, 15]]
     assert matrix(P).tolist() == full
     diagonal = np.diag([100.0] * 5) + np.array(full)
-    assert entries(diagonal) == (101, 2, 3, 4, 5, 106, 7, 8, 9, 110, 11, 12, 113, 14, 115)
+    assert entries(diagonal) == entries(diagonal.tolist()) == (101, 2, 3, 4, 5, 106, 7, 8, 9, 110, 11, 12, 113, 14, 115)
     assert Covariance._fields == (
         "xx", "xy", "xt", "xv", "xw", "yy", "yt", "yv", "yw", "tt", "tv", "tw", "vv", "vw", "ww",
     )  # fmt: skip

@@ -52,3 +52,10 @@ def test_what_scales_is_finite(name):
 @pytest.mark.parametrize("name", ["max_wheel", "max_linear_acceleration", "max_angular_acceleration"])
 def test_what_limits_may_be_infinite(name):
     assert getattr(Robot(**{"max_linear": 0.2, "max_angular": 2.0, name: INF}), name) == INF
+
+
+def test_a_robot_is_made_with_keywords_and_cannot_be_changed():
+    with pytest.raises(TypeError):
+        Robot(0.2, 2.0)  # type: ignore[misc]
+    with pytest.raises(AttributeError):
+        ROBOTS["burger"].max_linear = 9.0  # type: ignore[misc]

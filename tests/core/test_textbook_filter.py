@@ -234,12 +234,14 @@ def test_without_a_start_a_lost_measurement_is_only_a_prediction():
     assert stepped.belief == predicted.belief
 
 
-def test_the_reference_filter_starts_at_the_origin_with_p0():
-    reference = reference_filter(BY_HAND)
+@pytest.mark.parametrize("remember", [False, True])
+def test_the_reference_filter_starts_at_the_origin_with_p0_and_is_the_textbooks(remember):
+    tuning = replace(BY_HAND, remember_velocity=remember)
+    reference = reference_filter(tuning)
     assert reference.x.tolist() == [0.0] * 5
     np.testing.assert_array_equal(reference.P, np.diag([0.1, 0.2, 0.3, 0.4, 0.5]))
     np.testing.assert_array_equal(reference.R, np.diag([0.5, 0.4, 0.25]))
-    book = Textbook(np.zeros(5), reference.P, BY_HAND, 0.1, "euler")
+    book = Textbook(np.zeros(5), reference.P, tuning, 0.1, "euler")
     for command, z in (((0.3, 1.0), (0.1, -0.2, 3.0)), ((0.2, -1.0), (0.0, 0.0, -3.1)), ((0.1, 0.5), None)):
         reference.predict(command)
         reference.update(z)
@@ -249,6 +251,8 @@ def test_the_reference_filter_starts_at_the_origin_with_p0():
         np.testing.assert_allclose(reference.P, book.P, rtol=1e-10, atol=1e-13)
         np.testing.assert_allclose(np.delete(reference.x - book.x, 2), 0.0, atol=1e-12)
         assert difference(reference.x[2] - book.x[2]) == pytest.approx(0.0, abs=1e-12)
+    reference.predict_x()  # without a command it stops
+    assert reference.x[3:].tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("options", [{}, {"dt": 0.1, "integrator": "euler"}, {"dt": 0.25, "integrator": "midpoint"}], ids=str)
