@@ -11,7 +11,10 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.values import STOP, Belief, Covariance, Pose, Senses, State
 from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.answering import AsPlant
 from turtlebot_gym_ros.node.lockstep import Plant
 
@@ -225,3 +228,21 @@ def test_a_robots_odometry_moves_nobody_in_lock_step(launch, peer, wait_for):
 
     wait_for(refused)
     assert not estimates
+
+
+def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
+    """Topics come in any order: what is said of a step before its true state belongs to it all the same."""
+    recorder = Recorder(runner.context, lock_step=True)
+    try:
+        values = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": Senses(Pose(0.0, 0.0, 0.0), STOP, True)}
+        belief = Belief(values["true_state"], Covariance(*[0.0] * 15))
+        values |= {"estimate": Estimate(belief, 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
+        for first in values:
+            start = {"true_state": 1, "odom": 62, "estimate": 123, "reference": 184}[first] * 10**9  # episodes, a minute apart
+            for k in range(2):
+                for topic in sorted(values, key=lambda topic, first=first: topic != first):
+                    recorder._add(start + k * 10**9, topic, values[topic])
+            assert recorder.time == 1.0
+            np.testing.assert_array_equal(recorder.trajectory().time, [0.0, 1.0])
+    finally:
+        recorder.close()

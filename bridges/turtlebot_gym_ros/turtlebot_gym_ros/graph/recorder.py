@@ -66,7 +66,7 @@ class Recorder:
         """The controller's state."""
         self._lock_step = lock_step
         self._rows: dict[int, dict[str, Any]] = {}
-        self._last = 0
+        self._last: int | None = None
         self._span = -1
         self._first = 0
         self._waits_for_rest = False
@@ -102,9 +102,10 @@ class Recorder:
     def _add(self, stamp: int, topic: str, value: Any) -> None:
         """Take a value of a step; an episode begins where the stamps of the true state leap."""
         if topic == "true_state":
-            if not self._rows or stamp < self._last or stamp - self._last == EPISODE_GAP * SECOND:
+            last = self._last
+            if last is None or stamp < last or stamp - last == EPISODE_GAP * SECOND:
                 # What the other topics have said already of the new episode's first step is kept.
-                self._rows = {at: row for at, row in self._rows.items() if at >= stamp > self._last}
+                self._rows = {at: row for at, row in self._rows.items() if at >= stamp > (last or 0)}
                 self._first, self._span = stamp, -1
             self._last = stamp
         row = self._rows.setdefault(stamp, {})
