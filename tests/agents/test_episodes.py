@@ -2,6 +2,7 @@
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -210,6 +211,25 @@ def test_an_evaluation_says_what_was_evaluated():
 def test_an_evaluation_is_shown_in_a_line():
     shown = repr(evaluate("proportional", episodes=2, noise="clean"))
     assert shown == "Evaluation(limit=30.0)"  # in a notebook, not pages of arrays
+
+
+def test_an_evaluation_cannot_be_changed():
+    result = evaluate("proportional", episodes=1, max_episode_steps=2)
+    with pytest.raises(AttributeError):
+        result.limit = 1.0  # type: ignore[misc]
+
+
+def test_environments_are_closed(monkeypatch):
+    made, make = [], gym.make_vec
+
+    def remembered(*args, **options):
+        made.append(make(*args, **options))
+        return made[-1]
+
+    monkeypatch.setattr(gym, "make_vec", remembered)
+    monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 2)
+    evaluate("proportional", episodes=3, max_episode_steps=2)
+    assert [envs.closed for envs in made] == [True, True]
 
 
 def test_without_a_number_it_is_1000_episodes_from_seed_0():

@@ -1,5 +1,7 @@
 """The adapter to Stable-Baselines3 over a scripted environment, so that all that it tells is written down by hand."""
 
+import time
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -102,13 +104,15 @@ def test_a_reset_forgets_the_episodes_that_were_running():
     assert (infos[0]["episode"]["r"], infos[0]["episode"]["l"]) == (4.0, 3)
 
 
-def test_the_clock_of_an_episode_is_the_adapters():
+def test_the_clock_of_an_episode_is_the_adapters_to_a_microsecond(monkeypatch):
+    now = 1_000_000.0
+    monkeypatch.setattr(time, "time", lambda: now)
     env = Sb3VecEnv(Scripted())
-    env._start -= 1000.0
     env.reset()
+    now += 2.1234567
     for _ in range(3):
         *_, infos = env.step(STILL)
-    assert infos[0]["episode"]["t"] == pytest.approx(1000.0, abs=30.0)
+    assert infos[0]["episode"]["t"] == 2.123457  # as Monitor has it
 
 
 def test_seeds_and_options_count_for_one_reset():

@@ -65,6 +65,7 @@ def test_innovation_its_covariance_and_nis_belong_together():
     kf = KalmanFilter(TUNING)
     assert np.isnan(kf.innovation).all()
     assert np.isnan(kf.innovation_covariance).all()
+    assert (kf.innovation.shape, kf.innovation_covariance.shape) == ((3,), (3, 3))
     for command, odometry in drive(2):
         kf.step(command, odometry)
         if odometry is not None:
