@@ -71,9 +71,9 @@ def test_a_bundle_gets_the_robot_and_the_period_that_it_is_to_drive(name, tmp_pa
     if name == "own.onnx":
         (tmp_path / name).write_bytes((pretrained_folder() / "ppo-nav.onnx").read_bytes())
         name = str(tmp_path / name)
-    with pytest.raises(ValueError, match="trained at 10 Hz for burger, asked for 10 Hz waffle"):
+    with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 10 Hz waffle"):
         make_policy(name, robot="waffle")
-    with pytest.raises(ValueError, match="trained at 10 Hz for burger, asked for 4 Hz burger"):
+    with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 4 Hz burger"):
         make_policy(name, dt=0.25)
 
 
