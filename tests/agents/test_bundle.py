@@ -258,9 +258,7 @@ def test_a_missing_onnxruntime_is_named_with_the_remedy(bundle, monkeypatch):
 def test_the_refusal_names_every_difference_and_nothing_else(bundle):
     with pytest.raises(ValueError, match="made for") as caught:
         BundlePolicy(bundle, robot=replace(ROBOTS["burger"], max_linear=0.1, radius=1.0), dt=0.25)
-    assert str(caught.value) == (
-        f"{bundle}: made for 10 Hz burger, asked for 4 Hz custom (max_linear 0.2108 there, 0.1 here)."
-    )
+    assert str(caught.value) == (f"{bundle}: made for 10 Hz burger, asked for 4 Hz custom (max_linear 0.2108 there, 0.1 here).")
     with pytest.raises(ValueError, match="made for") as caught:
         BundlePolicy(bundle, robot="waffle")
     details = re.search(r"\((.*)\)", str(caught.value))
