@@ -119,7 +119,8 @@ class Loop:
             time.sleep(0.1)
             given, estimate = self.controller._feeds["estimate"]._latest, self.filter.block._estimate
             goes_round = self.estimates and self.commands and given and estimate
-            return goes_round and self.filter.block._odometry.x == mark and given[0].belief.mean.x == estimate.belief.mean.x
+            filtered = self.filter.block._senses.odometry.x == mark
+            return goes_round and filtered and given[0].belief.mean.x == estimate.belief.mean.x
 
         self.wait_for(has_arrived)
         for shell in (self.filter, self.controller):

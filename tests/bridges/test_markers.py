@@ -105,9 +105,8 @@ def points(array, name):
 def test_it_shows_a_running_graph_and_a_reset_begins_a_new_path(runner, peer, wait_for):
     heard = peer.hear("markers", MarkerArray)
     runner.add(Shell(Visualization, Visualization.Params, context=runner.context))
-    with Graph(noise="clean"):
-        wait_for(lambda: heard and len(points(heard[-1], "believed_path")) > 10)
-        array = heard[-1]
+    with Graph(noise="clean", speed=5.0):
+        array = wait_for(lambda: next((each for each in heard if len(points(each, "believed_path")) > 10), None))
         assert {marker.header.frame_id for marker in array.markers} == {"odom"}
         (place,) = (marker.pose.position for marker in array.markers if marker.ns == "waypoint")
         assert (place.x, place.y) == SQUARE_WAYPOINTS[0][:2]
