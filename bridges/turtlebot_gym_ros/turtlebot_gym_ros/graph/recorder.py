@@ -22,8 +22,9 @@ from rclpy.time import Time
 from std_msgs.msg import Header, String
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.trajectory import Trajectory
-from turtlebot_gym.values import Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Command, Pose, Senses, State
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
@@ -42,7 +43,6 @@ STEP = ("true_state", "odom", "estimate", "reference")
 """The topics of a row; the reference is not tied to a step in real time."""
 TELL = 50
 """After so many steps it says how far it has heard, so that the plant does not outrun it."""
-_UPPER = np.triu_indices(5)
 
 
 class Recorder:
@@ -175,9 +175,7 @@ class Recorder:
         covariance = np.full((len(rows), 5, 5), np.nan)
         for k, (_, row) in enumerate(rows):
             if "estimate" in row:
-                upper = np.zeros((5, 5))
-                upper[_UPPER] = Covariance(*row["estimate"].belief.covariance)
-                covariance[k] = upper + np.triu(upper, 1).T
+                covariance[k] = matrix(row["estimate"].belief.covariance)
         return Trajectory(
             time=self._time_of([stamp for stamp, _ in rows]),
             true_state=column("true_state"),
