@@ -23,7 +23,7 @@ FAST = dict.fromkeys(NODES, ("lock_step:=true",)) | {
     "turtlebot_simulator": ("lock_step:=true", "speed:=10"),
     "velocity_controller": ("lock_step:=true", "start_enabled:=true"),
 }
-LEAST = 1e-9
+LEAST = 0.0
 """Largest difference from the environment. Headings survive their quaternion; a limit that is applied twice may round twice."""
 CLOSE = 0.4
 """A waypoint counts for the nodes within 0.3 m of the believed position, which errs by 3 cm on average."""

@@ -19,7 +19,7 @@ from turtlebot_gym_ros.node.answering import AsPlant
 from turtlebot_gym_ros.node.lockstep import Plant
 
 STEPS = 300
-LEAST = 1e-9
+LEAST = 0.0
 """Largest difference from the environment. Headings survive their quaternion; a limit that is applied twice may round twice."""
 CHAIN = ("turtlebot_simulator", "kalman_filter", "waypoint_generator", "velocity_controller")
 LAZY = """

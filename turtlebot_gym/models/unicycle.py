@@ -24,6 +24,10 @@ def command_of(forward: float, turn: float, robot: Robot) -> Command:
     return Command(min(max(forward, -1.0), 1.0) * robot.max_linear, min(max(turn, -1.0), 1.0) * robot.max_angular)
 
 
+ROUNDING = 1e-12
+"""Share of a limit below which an excess is rounding: a command that was limited is within its limits, to the bit."""
+
+
 @kernel
 def limit(command: Command, robot: Robot) -> Command:
     """Scale a command into a robot's limits, per axis and per wheel, and keep the curvature of its path.
@@ -33,7 +37,8 @@ def limit(command: Command, robot: Robot) -> Command:
     forward = command.v if robot.reverse else max(command.v, 0.0)
     v, omega = abs(forward), abs(command.omega)
     wheel = v + omega * robot.wheel_separation * 0.5
-    excess = max(max(v / robot.max_linear, omega / robot.max_angular), max(wheel / robot.max_wheel, 1.0))
+    excess = max(max(v / robot.max_linear, omega / robot.max_angular), wheel / robot.max_wheel)
+    excess = excess if excess > 1.0 + ROUNDING else 1.0
     return Command(forward / excess, command.omega / excess)
 
 
