@@ -11,6 +11,9 @@ VERDICTS = {
     "PPO faster": "PPO is faster in {n}",
 }
 
+LISTED = 4
+"""Scenarios that are listed one by one; of more there stand the two ends, and the others in the tables of the documentation."""
+
 
 def summary(results: Mapping[str, Any]) -> list[str]:
     """Return the study's findings as Markdown bullets, from what `robustness.py` has written."""
@@ -37,11 +40,16 @@ def conditions(results: Mapping[str, Any]) -> str:
 def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     bullets = []
     for verdict, words in VERDICTS.items():
-        chosen = [row for row in rows if row["verdict"] == verdict]
+        chosen = sorted((row for row in rows if row["verdict"] == verdict), key=lambda row: row["ppo"]["difference"]["value"])
         if chosen:
-            told = "; ".join(f"{row['scenario']} ({_difference(row)})" for row in chosen)
+            told = _listed([f"{row['scenario']} ({_difference(row)})" for row in chosen])
             bullets.append(f"* **{words.format(n=len(chosen), all=len(rows))}**: {told}.")
     return bullets
+
+
+def _listed(items: Sequence[str]) -> str:
+    """Return what was sorted, all of it or its two ends."""
+    return "; ".join(items) if len(items) <= LISTED else f"from {items[0]} to {items[-1]}"
 
 
 def _difference(row: Mapping[str, Any]) -> str:
@@ -52,15 +60,16 @@ def _difference(row: Mapping[str, Any]) -> str:
 
 def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return what the same comparison would say of baselines that nobody tuned."""
-    flattered = [
-        f"{row['scenario']} ({row['baselines'][0]['time_untuned']['value']:.2f} s instead of "
-        f"{row['baselines'][0]['time']['value']:.2f} s)"
+    gains = {
+        row["scenario"]: (row["baselines"][0]["time_untuned"]["value"], row["baselines"][0]["time"]["value"])
         for row in rows
         if row["ppo"]["time"]["value"] < row["baselines"][0]["time_untuned"]["value"] and row["verdict"] != "PPO faster"
-    ]
-    if not flattered:
+    }
+    if not gains:
         return []
-    return [f"* **Against the baselines' defaults PPO would have won {len(flattered)} more**: {'; '.join(flattered)}."]
+    ordered = sorted(gains.items(), key=lambda item: item[1][0] - item[1][1])
+    told = _listed([f"{name} ({untuned:.2f} s instead of {tuned:.2f} s)" for name, (untuned, tuned) in ordered])
+    return [f"* **Against the baselines' defaults PPO would have won {len(gains)} more**: {told}."]
 
 
 def _filter(rows: Sequence[Mapping[str, Any]]) -> list[str]:
