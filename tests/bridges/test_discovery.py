@@ -95,3 +95,22 @@ def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wa
     assert process.wait(30) == 0
     wait_for(lambda: name not in peer.node.get_node_names(), 10.0)
     assert not list(Path("/dev/shm").glob(f"{Path(lock).stem.removesuffix('_el')}*"))
+
+
+LIBRARY_THREAD = """
+import signal, threading, time
+from turtlebot_gym_ros.node.runner import endings_wait
+thread = threading.Thread(target=time.sleep, args=(60,), daemon=True)  # as those that linear algebra starts when it is imported
+thread.start()
+with endings_wait() as wait_for_the_end:
+    signal.pthread_kill(thread.ident, signal.SIGTERM)  # before anybody waits for it
+    wait_for_the_end()
+    signal.pthread_kill(thread.ident, signal.SIGINT)
+    wait_for_the_end()
+print("both noted", signal.getsignal(signal.SIGTERM) is signal.SIG_DFL)
+"""
+
+
+def test_an_ending_that_a_librarys_thread_takes_is_noted():
+    run = subprocess.run([sys.executable, "-c", LIBRARY_THREAD], capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stdout) == (0, "both noted True\n")

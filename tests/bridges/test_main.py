@@ -153,13 +153,18 @@ def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, worl
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_node_with_the_handlers_of_rclpy_would_not_have_said_it(launch, world, number):
-    process = launch("-c", NAIVE)
-    world.wait_for(lambda: len(world.commands) > 5)
-    process.send_signal(number)
-    process.wait(30)
-    time.sleep(0.3)  # long enough for what will not come
-    assert 0.0 not in world.speeds
+def test_a_node_with_the_handlers_of_rclpy_cannot_be_relied_on_to_say_it(launch, world, number):
+    """They end the context beside the node: which of the two comes first is chance, so it is tried until the node is late."""
+    for _ in range(10):
+        world.commands.clear()
+        process = launch("-c", NAIVE)
+        world.wait_for(lambda: len(world.commands) > 5)
+        process.send_signal(number)
+        process.wait(30)
+        time.sleep(0.3)  # long enough for what will not come
+        if 0.0 not in world.speeds:
+            return
+    pytest.fail("it always said it")
 
 
 def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -92,16 +93,30 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def endings_wait() -> Iterator[None]:
-    """Hold the signals of `ENDINGS` back, in this thread and in those that it starts, for `signal.sigwait` to take.
+def endings_wait() -> Iterator[Callable[[], None]]:
+    """Note the signals of `ENDINGS`, and yield a function that waits for the first of them, also for one that came before.
 
-    So none is lost while a node comes up, and no handler runs at a moment that nobody thought of.
+    So none is lost while a node comes up, and none does anything by itself. Blocking them is not enough: a library's threads
+    that were there before do not block them, and a signal that such a thread takes ends the process. The handler's note
+    arrives by a pipe, whichever thread the handler ran in.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDINGS)
+    noted, note = os.pipe()
+    os.set_blocking(note, False)
+    handlers = {ending: signal.signal(ending, lambda *_: None) for ending in ENDINGS}
+    before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while os.read(noted, 1)[0] not in ENDINGS:
+            pass
+
     try:
-        yield
+        yield wait
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.set_wakeup_fd(before)
+        for ending, handler in handlers.items():
+            signal.signal(ending, handler)
+        os.close(noted)
+        os.close(note)
 
 
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
@@ -117,7 +132,7 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
         The exit code 2 where the parameters were refused, with one line on stderr. Otherwise it ends the process, with 0.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    with endings_wait():
+    with endings_wait() as wait_for_the_end:
         try:
             runner = Runner(arguments)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
@@ -131,5 +146,5 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
             runner.close()
             return refuse(error)
         runner.start()
-        signal.sigwait(ENDINGS)
+        wait_for_the_end()
         return leave(runner.context, runner.close)
