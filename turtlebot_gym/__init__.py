@@ -61,6 +61,12 @@ def _register_environments() -> None:
             max_episode_steps=steps,
             kwargs={"task": name.lower()},
         )
+    register(
+        id="turtlebot_gym/TurtleBotRooms-v0",
+        entry_point="turtlebot_gym.envs.rooms:RoomsEnv",
+        vector_entry_point="turtlebot_gym.envs.rooms:RoomsVectorEnv",
+        max_episode_steps=600,
+    )
 
 
 if find_spec("gymnasium") is not None:

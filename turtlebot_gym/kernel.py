@@ -31,8 +31,18 @@ def sqrt(x: float) -> float:
     return math.sqrt(x)
 
 
+def times(a: int, b: int) -> int:
+    """Return the product of two 64-bit integers, modulo 2^64."""
+    return (a * b) & 0xFFFFFFFFFFFFFFFF
+
+
+def plus(a: int, b: int) -> int:
+    """Return the sum of two 64-bit integers, modulo 2^64."""
+    return (a + b) & 0xFFFFFFFFFFFFFFFF
+
+
 if extending is not None:
-    from numba import float64
+    from numba import float64, int64
 
     def _emit_sqrt(typing_context, x):
         def emit(context, builder, signature, arguments):
@@ -40,10 +50,31 @@ if extending is not None:
 
         return float64(float64), emit
 
-    _sqrt_instruction: Any = extending.intrinsic(_emit_sqrt)
+    _intrinsic: Any = extending.intrinsic
+    _sqrt_instruction = _intrinsic(_emit_sqrt)
     _overload: Any = extending.overload
 
     @_overload(sqrt, jit_options={"forceinline": True})
     def _sqrt(x):
         # Compiled math.sqrt is a call that may set errno, which keeps a loop from being vectorized; this is one instruction.
         return lambda x: _sqrt_instruction(x)
+
+    def _emitting(operation: str) -> Any:
+        def typing(typing_context, a, b):
+            def emit(context, builder, signature, arguments):
+                return getattr(builder, operation)(*arguments)
+
+            return int64(int64, int64), emit
+
+        return _intrinsic(typing)
+
+    # numba declares that its own integers never overflow, and LLVM then drops masks that only an overflow would need.
+    _multiply, _add = _emitting("mul"), _emitting("add")
+
+    @_overload(times, jit_options={"forceinline": True})
+    def _times(a, b):
+        return lambda a, b: _multiply(int64(a), int64(b))
+
+    @_overload(plus, jit_options={"forceinline": True})
+    def _plus(a, b):
+        return lambda a, b: _add(int64(a), int64(b))

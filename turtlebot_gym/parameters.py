@@ -143,6 +143,13 @@ class Reward:
     """Subtracted, times the squared speed and turning rate as shares of their limits."""
     success: float = 10.0
     """Added when the episode ends in success."""
+    collision: float = 10.0
+    """Subtracted when it ends in a collision; in a room, as are the next two."""
+    nearness: float = 0.5
+    """Subtracted at every step, times the share of `near` by which the clearance falls short of it."""
+    near: float = 0.15
+    """Clearance below which it counts, m."""
 
     def __post_init__(self) -> None:
-        require(self, "finite", *(weight.name for weight in fields(self)))
+        require(self, "finite", *(weight.name for weight in fields(self) if weight.name != "near"))
+        require(self, "positive", "near")

@@ -21,8 +21,10 @@ def picture_of(spec: EnvSpec) -> bytes:
     observation, _ = env.reset(seed=0)
     picture: Any = env.render()
     for _ in range(STEPS):
-        observation, *_ = env.step(policy(observation))
+        observation, _, terminated, *_ = env.step(policy(observation))
         picture = env.render()  # each one lengthens the trails
+        if terminated:
+            break
     env.close()
     imsave(png, picture)
     return png.getvalue()
@@ -30,14 +32,16 @@ def picture_of(spec: EnvSpec) -> bytes:
 
 specs = [spec for spec in gym.registry.values() if spec.namespace == "turtlebot_gym"]
 with mkdocs_gen_files.open("reference/environments.md", "w") as page:
-    print("# Environments\n\n| id | task | steps at most |\n|---|---|---|", file=page)
+    print("# Environments\n\n| id | steps at most |\n|---|---|", file=page)
     for spec in specs:
-        print(f"| `{spec.id}` | `task={spec.kwargs['task']!r}` | {spec.max_episode_steps} |", file=page)
-    print(f"\nNav, Pose and Square after {STEPS} steps of the policy `bearing`, seed 0:\n", file=page)
+        print(f"| `{spec.id}` | {spec.max_episode_steps} |", file=page)
+    print(f"\nAfter {STEPS} steps of the policy `bearing`, which drives straight on, seed 0:\n", file=page)
     for spec in specs:
-        name = f"{spec.kwargs['task']}.png"
+        name = f"{spec.name}.png"
         with mkdocs_gen_files.open(f"reference/{name}", "wb") as file:
             file.write(picture_of(spec))
-        print(f"![{spec.id} after {STEPS} steps: robot, estimate, odometry and waypoint]({name}){{ width=32% }}", file=page)
+        print(f"![{spec.id} after {STEPS} steps: robot, estimate, odometry and waypoint]({name}){{ width=24% }}", file=page)
     print("\n::: turtlebot_gym.envs.navigation.NavigationEnv\n", file=page)
     print("::: turtlebot_gym.envs.navigation_vector.NavigationVectorEnv\n", file=page)
+    print("::: turtlebot_gym.envs.rooms.RoomsEnv\n", file=page)
+    print("::: turtlebot_gym.envs.rooms.RoomsVectorEnv\n", file=page)

@@ -91,7 +91,7 @@ def test_the_name_and_the_drawing_of_a_robot_do_not_matter(bundle):
     BundlePolicy(bundle, robot=replace(ROBOTS["burger"], radius=0.2))
 
 
-@pytest.mark.parametrize("change", [{"layout": 2}, {"format": "turtlebot-gym-policy/9"}, {"action": "wheel speeds"}])
+@pytest.mark.parametrize("change", [{"layout": 3}, {"format": "turtlebot-gym-policy/9"}, {"action": "wheel speeds"}])
 def test_refuses_another_layout_format_or_action(tmp_path, change):
     write_bundle(tmp_path / "policy.onnx", linear_model(), replace(CARD, **change))
     with pytest.raises(ValueError, match=str(next(iter(change.values())))):

@@ -73,9 +73,19 @@ def record():
         reference=reference,
         command=command,
         is_success=np.array([[no, no, no], [no, no, no], [no, yes, yes], [no, no, yes], [no, no, yes]]),
+        collision=np.array([[no, no, no], [yes, no, no], [no, no, no], [no, no, yes], [no, yes, no]]),
+        clearance=np.array([[0.9, 0.8, 0.2], [0.7, 0.3, 0.4], [0.8, 0.5, -FAR], [0.75, -FAR, -FAR], [0.9, -FAR, -FAR]]),
+        way_left=np.array([[3.0, 2.0, 5.0], [FAR] * 3, [FAR] * 3, [FAR] * 3, [FAR] * 3]),
         running=np.array([[yes, yes, yes], [yes, yes, yes], [yes, yes, no], [yes, no, no], [yes, no, no]]),
         covariance=np.arange(5.0)[:, None, None] * np.eye(5),
     )
+
+
+def test_collisions_and_clearances_are_those_of_the_episode_and_not_of_the_next():
+    episodes = measured()
+    assert episodes.collision.tolist() == [True, False, False]
+    assert episodes.clearance.tolist() == [0.7, 0.3, 0.2]
+    assert episodes.shortest == pytest.approx([3.0 - TASK.radius, 2.0 - TASK.radius, 5.0 - TASK.radius])
 
 
 def measured(observation="ekf"):

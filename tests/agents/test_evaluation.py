@@ -93,6 +93,8 @@ def test_an_episode_is_that_of_the_scalar_environment(policy, options):
         got = {name: getattr(e, name)[row] for name in e._fields if name not in ("seed", "estimate", "odometry")}
         for source in ("estimate", "odometry"):
             got |= {f"{source}_{name}": values[row] for name, values in getattr(e, source)._asdict().items()}
+        rooms = [got.pop(name) for name in ("collision", "clearance", "shortest")]
+        assert rooms == [False, pytest.approx(math.nan, nan_ok=True), pytest.approx(math.nan, nan_ok=True)]
         assert got.keys() == expected.keys()
         for name, number in expected.items():
             assert got[name] == pytest.approx(number, rel=1e-9, abs=1e-12, nan_ok=True), name

@@ -36,6 +36,9 @@ BOUNDS = {
     (Reward, "time"): FINITE,
     (Reward, "effort"): FINITE,
     (Reward, "success"): FINITE,
+    (Reward, "collision"): FINITE,
+    (Reward, "nearness"): FINITE,
+    (Reward, "near"): POSITIVE,
 }
 TUPLES = {
     (OdometryNoise, "bias"): (3, FINITE),
@@ -130,7 +133,9 @@ def test_the_defaults_of_a_filter_and_of_the_reward():
         "max_rejections": 10.0,
         "odometry_input": False,
     }
-    assert asdict(Reward()) == {"progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0}
+    assert asdict(Reward()) == {
+        "progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "collision": 10.0, "nearness": 0.5, "near": 0.15
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

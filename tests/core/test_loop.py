@@ -19,7 +19,7 @@ from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.presets import NOISES, matched
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Episode, make_parameters, system_for
+from turtlebot_gym.systems import Episode, make_parameters, system_of
 from turtlebot_gym.values import Pose
 
 WAYPOINTS = turtlebot_gym.SQUARE_WAYPOINTS
@@ -134,11 +134,11 @@ import json
 import numpy as np
 import turtlebot_gym.compiled.batch as batch_module
 from turtlebot_gym.compiled.loop import loops_of
-from turtlebot_gym.systems import make_parameters, system_for
+from turtlebot_gym.systems import make_parameters, system_of
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 p = make_parameters(SQUARE, noise="clean")
-loops = loops_of(system_for(p.tuning))
+loops = loops_of(system_of(p))
 report = {{"file": batch_module.__file__}}
 for parallel, size in ((False, 1), (True, {PARALLEL_FROM})):
     batch = batch_module.Batch(size, p, SQUARE_WAYPOINTS)
@@ -302,7 +302,7 @@ def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bi
 def test_matched_tunings_have_a_loop_in_common():
     # All parameters are packed in one form, so changing noise, filter or robot compiles nothing anew.
     p = make_parameters(SQUARE)
-    loop = loops_of(system_for(p.tuning)).step
+    loop = loops_of(system_of(p)).step
     started(2, p).step(np.zeros((2, 2), np.float32))
     compiled = len(loop.signatures)
     for name, noise in NOISES.items():

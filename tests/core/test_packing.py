@@ -10,7 +10,7 @@ import pytest
 
 from turtlebot_gym.compiled.loop import layout_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, packing
-from turtlebot_gym.systems import Parameters, make_parameters, system_for
+from turtlebot_gym.systems import Parameters, make_parameters, system_of
 
 
 class Inner(NamedTuple):
@@ -83,7 +83,7 @@ def test_dataclasses_become_tuples_with_the_same_attributes():
 
 def test_parameters_and_worlds_have_a_place_each():
     p = as_tuple(make_parameters(noise="rough"))
-    layout = layout_of(system_for(p.tuning))
+    layout = layout_of(system_of(p))
     buffer = np.zeros(layout.parameters.size * TILE)
     layout.parameters.store(buffer, 0, p)
     assert layout.parameters.load(buffer.tolist(), 0) == p

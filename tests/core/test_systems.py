@@ -20,7 +20,7 @@ from turtlebot_gym.models import odometry
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Body, Episode, make_parameters, open_ground, system_for
+from turtlebot_gym.systems import Body, Episode, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due, make_task
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, Senses, State
 
@@ -178,7 +178,7 @@ def test_an_episode_takes_another_plant_that_is_no_kernel():
         return body._replace(true_state=State(where[0], 0.0, 0.0, 2.5, 0.0), command=command)
 
     p = make_parameters(SQUARE, noise="clean")
-    episode = Episode(p, SQUARE_WAYPOINTS, system=system_for(p.tuning)._replace(move=engine))
+    episode = Episode(p, SQUARE_WAYPOINTS, system=system_of(p)._replace(move=engine))
     reached = []
     for k in range(1, 8):
         reached.append(episode.step(STOP).reached)
@@ -294,6 +294,22 @@ def test_waypoints_are_due_by_time_half_a_step_before_it_is_up():
     # 1.5 s at 0.07 s: 21.43 steps, so after 21.
     assert [due(float(k), 0.0, task, 0.07) for k in (20, 21, 22)] == [False, True, True]
     assert not due(1e9, 0.0, NAV, 0.1)
+
+
+def test_an_episode_begins_with_seed_0_and_nothing_told():
+    p = make_parameters(NAV)
+    episode = Episode(p)
+    assert episode.world == Episode(p, seed=0).world
+    assert episode.outcome[2:] == (False, False, False, False)
+    assert episode.outcome.reward == 0.0
+
+
+def test_an_episode_that_is_stepped_beyond_its_end_stays_at_its_end():
+    task, waypoints = make_task("square", waypoints=[Pose(0.2, 0.0, 0.0)])
+    episode = Episode(make_parameters(task, noise="clean"), waypoints)
+    ends = [episode.step(Command(0.2, 0.0)).terminated for _ in range(5)]
+    assert ends == [True] * 5  # within 0.3 m from the beginning
+    assert episode.world.course.visited == 5.0
 
 
 def test_an_episode_counts_its_episodes_and_can_be_repeated():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import ROBOTS
@@ -25,6 +25,7 @@ from turtlebot_gym.tasks import (
     draw_goal,
     make_task,
     observe,
+    remaining,
     reward_of,
     start_pose,
     stated_deviations,
@@ -48,6 +49,48 @@ def test_observation_in_the_body_frame():
     looking_left = seen(State(0.0, 0.0, math.pi / 2.0, 0.0, 0.0))
     assert (looking_left.cos_bearing, looking_left.sin_bearing) == pytest.approx((0.0, -1.0))
     assert (looking_left.cos_turn, looking_left.sin_turn) == pytest.approx((math.sin(1.0), -math.cos(1.0)))
+
+
+def test_rounding_takes_no_direction_out_of_its_bounds():
+    """The quotient behind the sine of this bearing is rounded to just above 1."""
+    theta, distance = -2.6123836423026234, 2.5146680281948535
+    sine, cosine = sincos(theta)
+    beside = seen(State(0.0, 0.0, theta, 0.0, 0.0), reference=Pose(-sine * distance, cosine * distance, 0.0))
+    assert beside.sin_bearing == 1.0
+
+
+def test_the_way_that_is_left_is_counted_past_a_waypoint_that_is_done_with():
+    """Waypoints at (2, 1) and (2, 4), 3 m apart; the robot is 5 m away from the second."""
+    robot, reference, following = State(-2.0, 1.0, 0.0, 0.0, 0.0), Pose(2.0, 1.0, 0.0), Pose(2.0, 4.0, 0.0)
+    assert remaining(robot, reference, following, False) == pytest.approx(4.0)
+    assert remaining(robot, reference, following, True) == pytest.approx(5.0 - 3.0)
+
+
+def test_starts_and_goals_of_a_seed_stay_what_they_are():
+    key = episode_key(0, 0)
+    start = start_pose(key, NAV)
+    assert start == pytest.approx((1.0276587377302349, -0.45520104886963964, 2.472382222860634), abs=1e-12)
+    assert draw_goal(key, start, NAV) == pytest.approx((1.6204953831620514, 1.1028859433718026, -2.3374442318659665), abs=1e-12)
+
+
+def test_the_square_is_the_tutorials():
+    square = [(2, 0, 0), (2, 2, math.pi / 2), (0, 2, -math.pi), (0, 0, -math.pi / 2)]
+    np.testing.assert_allclose(make_task("square")[1], square, atol=1e-15)
+    task = make_task("square")[0]
+    assert (task.radius, task.max_steps, task.random, task.laps) == (0.3, 600.0, False, 1.0)
+
+
+@pytest.mark.parametrize(
+    "name", ["arena", "radius", "heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps"]
+)
+def test_a_task_has_positive_numbers(name):
+    with pytest.raises(ValueError, match=f"Task.{name} must be positive, got 0.0"):
+        Task(**{name: 0.0})
+
+
+def test_a_least_distance_is_not_negative():
+    with pytest.raises(ValueError, match=r"Task.min_distance must be non-negative, got -0\.5"):
+        Task(min_distance=-0.5)
 
 
 def test_observation_does_not_depend_on_the_world_frame():
@@ -201,10 +244,10 @@ def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
     world, key, transition = episode.world, episode.key, step_of(episode.system).transition
     certain = world.estimate.belief._replace(mean=State(1.0, 0.0, 0.0, 0.0, 0.0), covariance=Covariance(*[0.0] * 15))
     deluded = world._replace(estimate=world.estimate._replace(belief=certain))
-    _, come = transition(deluded, Command(0.0, 0.0), key, waypoints, p)
+    _, come = transition(deluded, Command(0.0, 0.0), key, waypoints, p, ())
     assert (come.terminated, come.is_success) == (arrival == "belief", False)
     there = placed(world, State(1.0, 0.0, 0.0, 0.0, 0.0))
-    _, come = transition(there, Command(0.0, 0.0), key, waypoints, p)
+    _, come = transition(there, Command(0.0, 0.0), key, waypoints, p, ())
     assert (come.terminated, come.is_success) == (arrival == "truth", arrival == "truth")
 
 

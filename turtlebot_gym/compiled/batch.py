@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
 from turtlebot_gym.compiled.threads import Threads
-from turtlebot_gym.systems import Parameters, System, World, system_for
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.systems import Parameters, Surroundings, System, World, system_of
 from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 8 * TILE
@@ -24,7 +26,8 @@ class Batch:
         num_envs: How many.
         parameters: One for all of them, or one for each.
         waypoints: The poses to visit, the same for all; where the task draws its goal, it takes the place of the first.
-        system: The kernels of a step; None for open ground with the filter that the parameters' tuning is for.
+        system: The kernels of a step; None for the system that the parameters are for.
+        plan: The floor plan of a room that is given, the same for all.
     """
 
     def __init__(
@@ -34,11 +37,12 @@ class Batch:
         waypoints: Sequence[Pose],
         *,
         system: System | None = None,
+        plan: FloorPlan | None = None,
     ) -> None:
         n_tiles = -(-num_envs // TILE)
         first = parameters if isinstance(parameters, Parameters) else parameters[0]
-        self.system = system or system_for(first.tuning)
-        self._by_tuning = system is None
+        self.system = system or system_of(first)
+        self._by_parameters = system is None
         self._loops = loops_of(self.system)
         self.layout = layout = self._loops.layout
         self.num_envs = num_envs
@@ -48,23 +52,43 @@ class Batch:
         self._keys = np.zeros((n_tiles, TILE), np.int64)
         self._tiles = np.zeros((n_tiles, layout.size))
         self._parallel = num_envs >= PARALLEL_FROM
+        self._around, self._plan = self.system.surroundings, plan
+        self.scenes: Any = ()
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
-        """Use other parameters from the next step on: one for all environments, or one for each."""
+        """Use other parameters from the next step on: one for all environments, or one for each.
+
+        Rooms of other sizes are drawn anew at the next reset, before which there is none to be driven in.
+        """
         same = isinstance(parameters, Parameters)
         rows = [parameters] * TILE if same else list(parameters)
-        if self._by_tuning and any(system_for(row.tuning) != self.system for row in rows):
-            raise ValueError("parameters must have tunings for one filter: odometry_input must be the same in all.")
+        if self._by_parameters and any(system_of(row) != self.system for row in rows):
+            raise ValueError(
+                "parameters must be for one system: odometry_input must be the same in all, and rooms in all or none."
+            )
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
+        if self._around:
+            self._make_room_for(
+                self._around, [parameters] * self.num_envs if isinstance(parameters, Parameters) else parameters
+            )
         rows += rows[-1:] * (-len(rows) % TILE)
         table = np.array([list(flatten(as_tuple(row))) for row in (rows[:1] if same else rows)], np.float64)
         if same:
             table = np.repeat(table, TILE, axis=0)
         tiles = table.reshape(-1, TILE, self.layout.parameters.size).transpose(0, 2, 1)
         self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
+
+    def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
+        """Make scenes for parameters, unless those that there are have the same sizes."""
+        scenes = around.make(parameters)
+        if [part.shape for part in scenes] != [part.shape for part in self.scenes]:
+            self.scenes = scenes
+            if self._plan:
+                for index in range(self.num_envs):
+                    self._plan.put(around.at(scenes, index))
 
     def reset(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
         """Start the episodes of ``seeds`` and ``episodes`` where the mask is true, and write their first observations.
@@ -75,18 +99,23 @@ class Batch:
             outcomes: Shape (6, N); likewise.
         """
         state = self._tiles, self._keys, self._parameters, self.waypoints
-        self._loops.reset(mask, self.seeds, self.episodes, *state, observations, outcomes)
+        loops = self._loops.reset, self._loops.reset_parallel
+        self._run(loops, self._around is not None, mask, self.seeds, self.episodes, *state, observations, outcomes)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`."""
-        n_observation, n_outcome = self.layout.observation.size, self.layout.outcome.size
+        n_observation, n_outcome = len(self.system.low), self.layout.outcome.size
         return np.empty((self.num_envs, n_observation), np.float32), np.empty((n_outcome, self.num_envs))
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return fresh observations and outcomes of the last step or reset, in the shapes of `step`."""
         n = self.layout.outcome.size
         rows = self._rows(self.layout.at_outcome, n + self.layout.observation.size)
-        return rows[:, n:].astype(np.float32), np.ascontiguousarray(rows[:, :n].T)
+        outcomes, observations = np.ascontiguousarray(rows[:, :n].T), rows[:, n:].astype(np.float32)
+        if self._around:
+            parts = observations[:, :-1], self._around.ranges(self.scenes), observations[:, -1:]
+            observations = np.concatenate(parts, axis=1)
+        return observations, outcomes
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
@@ -98,17 +127,23 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are fresh.
         """
         observations, outcomes = self.empty()
-        parallel = self._parallel and Threads.acquire()
-        loop = self._loops.step_parallel if parallel else self._loops.step
+        state = self._tiles, self._keys, self._parameters, self.waypoints
+        self._run((self._loops.step, self._loops.step_parallel), True, actions, *state, observations, outcomes)
+        return observations, outcomes
+
+    def _run(self, loops: tuple[Callable[..., None], Callable[..., None]], may: bool, *arguments: Any) -> None:
+        """Run a loop on one thread, or where it ``may`` on all of them."""
+        parallel = may and self._parallel and Threads.acquire()
         try:
-            loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes)
+            loops[parallel](*arguments, self.scenes)
         finally:
             if parallel:
                 Threads.lock.release()
-        return observations, outcomes
 
     def numbers(self, path: str) -> NDArray[np.float64]:
-        """Return a copy of a part of all worlds, by its dotted path, such as "body.true_state"; (N, k)."""
+        """Return a copy of a part of all worlds, by its dotted path, such as "body.true_state"; (N, k), of a number (N,)."""
+        if path in self.layout.world.names:
+            return self._rows(self.layout.world.names.index(path) * TILE, 1)[:, 0]
         part = self.layout.world.slices[path]
         return self._rows(part.start * TILE, part.stop - part.start)
 

@@ -10,7 +10,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.systems import System, make_parameters
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import RoomRules
+from turtlebot_gym.rooms.worlds import require_a_way
+from turtlebot_gym.systems import System, make_parameters, make_room
 from turtlebot_gym.tasks import Task, make_task
 from turtlebot_gym.values import Pose
 
@@ -23,6 +27,14 @@ PARTS = {
     "command": "body.command",
 }
 """Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
+
+ROOM_PARTS = {
+    "clearance": "room.clearance",
+    "path_length": "room.path_length",
+    "way_left": "room.way",
+    "collision": "room.collided",
+}
+"""Those of them that are single numbers, in a room."""
 
 SYMMETRIC = np.zeros((5, 5), np.intp)
 """Which of the 15 independent entries of a covariance stands in each place of the matrix."""
@@ -49,6 +61,7 @@ def make_batch(
     switch: str | None = None,
     laps: int | None = None,
     max_steps: float | None = None,
+    room: tuple[RoomRules | FloorPlan, Lidar] | None = None,
     **options: Any,
 ) -> Batch:
     """Return the environments that an environment's keyword arguments ask for.
@@ -61,10 +74,18 @@ def make_batch(
         switch: See there.
         laps: See there.
         max_steps: See there.
+        room: The world and the LiDAR; None on open ground.
         **options: Passed to `turtlebot_gym.systems.make_parameters`.
     """
     chosen, poses = make_task(task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps)
-    return Batch(num_envs, make_parameters(chosen, **options), poses)
+    parameters, plan = make_parameters(chosen, **options), None
+    if room:
+        world, lidar = room
+        parameters = parameters._replace(room=make_room(world, lidar, parameters.dt))
+        plan = world if isinstance(world, FloorPlan) else None
+        if plan:
+            require_a_way(plan, parameters.robot.radius)
+    return Batch(num_envs, parameters, poses, plan=plan)
 
 
 def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import PARTS, SYMMETRIC, action_space, make_batch, observation_space
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, SYMMETRIC, action_space, make_batch, observation_space
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -19,6 +20,9 @@ from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Pose
+
+if TYPE_CHECKING:
+    from turtlebot_gym.envs.rendering import Renderer
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -120,7 +124,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         delay: int = 0,
         render_mode: str | None = None,
     ) -> None:
-        self._batch = make_batch(
+        self._batch = self._make_batch(
             1,
             task,
             waypoints=waypoints,
@@ -143,12 +147,17 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = observation_space(self._batch.system)
         slices = self._batch.layout.world.slices
         self._slices = {key: slices[path] for key, path in PARTS.items() if key != "covariance"}
+        names, told = self._batch.layout.world.names, ROOM_PARTS if self.parameters.room else {}
+        self._numbers = {key: (names.index(path), bool if key == "collision" else float) for key, path in told.items()}
         self._covariance = SYMMETRIC + slices[PARTS["covariance"]].start
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False
         self._seeded = False
         self._renderer: Any = None
+
+    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
+        return make_batch(num_envs, task, **arguments)
 
     @property
     def parameters(self) -> Parameters:
@@ -215,6 +224,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         numbers = self._batch.first_world()
         info: dict[str, Any] = {key: numbers[part] for key, part in self._slices.items()}
         info["covariance"] = numbers[self._covariance]
+        info |= {key: kind(numbers[at]) for key, (at, kind) in self._numbers.items()}
         info["distance"] = float(distance)
         info["is_success"] = success
         return info
@@ -235,16 +245,24 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _draw(self, *, anew: bool = False) -> NDArray[np.uint8] | None:
         """Draw the world; ``anew`` begins with empty trails."""
         if self._renderer is None:
-            from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
-
             p = self.parameters
             waypoints = None if p.task.random else [Pose(*pose) for pose in self._batch.waypoints[0].tolist()]
-            fps = self.metadata["render_fps"]
-            mode = "human" if self.render_mode == "human" else "rgb_array"
-            self._renderer = Renderer(mode, robot=p.robot, task=p.task, waypoints=waypoints, dt=p.dt, fps=fps)
+            self._renderer = self._make_renderer(
+                "human" if self.render_mode == "human" else "rgb_array",
+                robot=p.robot,
+                task=p.task,
+                waypoints=waypoints,
+                dt=p.dt,
+                fps=self.metadata["render_fps"],
+            )
         elif anew:
             self._renderer.reset()
         return self._renderer.draw(self._batch.world(0))
+
+    def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
+        from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
+
+        return Renderer(mode, **options)
 
     def close(self) -> None:
         """Close the window, if there is one."""

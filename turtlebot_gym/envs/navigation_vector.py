@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import PARTS, action_space, make_batch, matrices, observation_space
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, action_space, make_batch, matrices, observation_space
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -93,7 +94,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
         self._full = choose("info", info, {"default": False, "full": True})
-        self._batch = make_batch(
+        self._batch = self._make_batch(
             int(num_envs),
             task,
             waypoints=waypoints,
@@ -110,6 +111,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             dt=dt,
             delay=delay,
         )
+        self._told = ROOM_PARTS if self._batch.system.surroundings else {}
         self.num_envs = int(num_envs)
         self.render_mode = None
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
@@ -119,6 +121,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)
         self._begun = np.zeros(self.num_envs, np.bool_)
+
+    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
+        return make_batch(num_envs, task, **arguments)
 
     @property
     def parameters(self) -> Parameters | Sequence[Parameters]:
@@ -234,6 +239,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return infos of all environments, or of those in the mask; zeros stand for the others."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE].copy(), "is_success": outcomes[_SUCCESS] != 0.0}
+        for key, path in self._told.items():
+            numbers = self._batch.numbers(path)
+            infos[key] = numbers != 0.0 if key == "collision" else numbers
         if self._full:
             infos |= {key: self._batch.numbers(path) for key, path in PARTS.items()}
             infos["covariance"] = matrices(infos["covariance"])

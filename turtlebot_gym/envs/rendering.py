@@ -75,14 +75,18 @@ class Renderer:
 
     def reset(self) -> None:
         """Forget the trails, and return to the view of the start."""
-        arena = self._task.arena
-        corners = [(0.0, 0.0)] if self._waypoints else [(-arena, -arena), (arena, arena)]
-        seen = [*corners, *((x, y) for x, y, _ in self._waypoints)]
+        seen = self._to_be_seen()
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
         self._centre = (low + high) / 2.0
         self._half = float(np.max(high - low)) / 2.0 + _MARGIN
         self._history: list[World] = []
         self._paper = self._make_paper()
+
+    def _to_be_seen(self) -> list[tuple[float, float]]:
+        """Return the points that the view is to hold."""
+        arena = self._task.arena
+        corners = [(0.0, 0.0)] if self._waypoints else [(-arena, -arena), (arena, arena)]
+        return [*corners, *((x, y) for x, y, _ in self._waypoints)]
 
     def draw(self, world: World) -> NDArray[np.uint8] | None:
         """Draw a world, and add it to the trails.
@@ -169,11 +173,15 @@ class Renderer:
         self._draw_grid(paper)
         for waypoint in self._waypoints:
             self._draw_waypoint(paper, waypoint, _PALE_GREEN, 1.5)
+        self._draw_around(paper)
+        return paper
+
+    def _draw_around(self, paper: Surface) -> None:
+        """Draw the arena, where a task has one."""
         if not self._waypoints:
             arena = self._task.arena
             side = self._length(2.0 * arena)
             self._pygame.draw.rect(paper, _GREY, (*self._at(-arena, arena), side, side), round(1.5 * _FINE))
-        return paper
 
     def _draw_grid(self, paper: Surface) -> None:
         """Draw lines at whole metres, with their coordinates along the lower and the left edge."""

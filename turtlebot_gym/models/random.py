@@ -6,7 +6,7 @@ masks keep Python's unbounded integers in step with the machine's.
 
 from __future__ import annotations
 
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import kernel, plus, sqrt, times
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos
 
 _M64 = 0xFFFFFFFFFFFFFFFF
@@ -21,6 +21,9 @@ _STREAMS = 16
 # Streams of the draws. Each yields two uniform or two normal numbers.
 PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL = range(7)
 
+# Uses of an episode that draw more numbers in a step than there are streams: each has a key of its own, see `sub_key`.
+ROOM, SCAN = 1, 2
+
 
 @kernel
 def mix(x: int) -> int:
@@ -31,9 +34,9 @@ def mix(x: int) -> int:
     """
     # Right shifts are masked because compiled integers are signed; the constants are below 2^63 for the same reason.
     x = x ^ ((x >> 27) & _M37)
-    x = (x * 0x3C79AC492BA7B653) & _M64
+    x = times(x, 0x3C79AC492BA7B653)
     x = x ^ ((x >> 33) & _M31)
-    x = (x * 0x1C69B3F74AC4AE35) & _M64
+    x = times(x, 0x1C69B3F74AC4AE35)
     return x ^ ((x >> 27) & _M37)
 
 
@@ -41,13 +44,19 @@ def mix(x: int) -> int:
 def episode_key(seed: int, episode: int) -> int:
     """Return the key of an environment's episode: 63 bits, so that it fits a signed integer."""
     # mix(0) is 0: the constants keep seed 0 and episode 0 away from it
-    return mix(mix((seed + _WEYL) & _M64) ^ ((episode + 1) * _WEYL & _M64)) & MAX_SEED
+    return mix(mix(plus(seed, _WEYL)) ^ times(episode + 1, _WEYL)) & MAX_SEED
+
+
+@kernel
+def sub_key(key: int, use: int) -> int:
+    """Return the key of one use of an episode, whose draws are then numbered from 0: the room, or the beams of its scans."""
+    return mix(key ^ times(use, _WEYL)) & MAX_SEED
 
 
 @kernel
 def uniforms(key: int, step: int, stream: int) -> tuple[float, float]:
     """Return two independent uniform numbers in (0, 1), of 32 bits each."""
-    bits = mix((key + (step * _STREAMS + stream + 1) * _WEYL) & _M64)
+    bits = mix(plus(key, times(step * _STREAMS + stream + 1, _WEYL)))
     return (((bits >> 32) & _M32) + 0.5) * 2.0**-32, ((bits & _M32) + 0.5) * 2.0**-32
 
 

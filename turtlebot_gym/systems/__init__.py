@@ -1,24 +1,32 @@
 """The step put together: systems, their parameters, and one environment in plain Python."""
 
 from turtlebot_gym.systems.episode import Episode
-from turtlebot_gym.systems.open_ground import open_ground, system_for
+from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, make_parameters
-from turtlebot_gym.systems.system import Step, System, step_of
+from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, RoomParameters, make_room, rooms, system_of
+from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
 from turtlebot_gym.systems.world import Body, Course, Outcome, World
 
 __all__ = [
     "MAX_DELAY",
     "OBSERVED",
+    "ROOM_LAYOUT",
+    "SIZES",
+    "Around",
     "Body",
     "Course",
     "Episode",
     "Outcome",
     "Parameters",
+    "RoomParameters",
     "Step",
+    "Surroundings",
     "System",
     "World",
     "make_parameters",
+    "make_room",
     "open_ground",
+    "rooms",
     "step_of",
-    "system_for",
+    "system_of",
 ]

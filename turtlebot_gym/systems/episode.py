@@ -2,7 +2,7 @@
 
 The ROS simulator runs it, tests compare the compiled loop with it, and another plant is plugged in here::
 
-    system = system_for(parameters.tuning)._replace(move=my_plant)
+    system = system_of(parameters)._replace(move=my_plant)
     episode = Episode(parameters, waypoints, system=system)
 """
 
@@ -14,11 +14,12 @@ from typing import Any
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.systems.open_ground import system_for
+from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters
+from turtlebot_gym.systems.rooms import system_of
 from turtlebot_gym.systems.system import System, step_of
 from turtlebot_gym.systems.world import Outcome, World
-from turtlebot_gym.tasks import distance_to, draw_goal, start_pose
+from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Command, Pose
 
 
@@ -29,16 +30,27 @@ class Episode:
         parameters: All the numbers of a step.
         waypoints: The poses to visit; where the task draws its goal, they are not used.
         seed: Seed of the noise, and of what the task draws.
-        system: The kernels of a step; None for open ground with the filter that the tuning is for.
+        system: The kernels of a step; None for the system that the parameters are for.
+        plan: The floor plan of a room that is given.
     """
 
     def __init__(
-        self, parameters: Parameters, waypoints: Sequence[Pose] = (), *, seed: int = 0, system: System | None = None
+        self,
+        parameters: Parameters,
+        waypoints: Sequence[Pose] = (),
+        *,
+        seed: int = 0,
+        system: System | None = None,
+        plan: FloorPlan | None = None,
     ) -> None:
         self.parameters, self.seed, self.number = parameters, seed, -1
-        self.system = system or system_for(parameters.tuning)
+        self.system = system or system_of(parameters)
         self._step = step_of(self.system)
         self._given = tuple(waypoints)
+        around = self.system.surroundings
+        self.scene: Any = around.at(around.make([parameters]), 0) if around else ()
+        if plan:
+            plan.put(self.scene)
         self.reset()
 
     def reset(self) -> World:
@@ -46,15 +58,16 @@ class Episode:
         p = self.parameters
         self.number += 1
         self.key = episode_key(self.seed, self.number)
-        self.waypoints = (draw_goal(self.key, start_pose(self.key, p.task), p.task),) if p.task.random else self._given
-        self.world: World = self._step.begin(self.key, self.waypoints, p)
+        start, goal = self.system.lay_out(self.key, p, self.scene)
+        self.waypoints = (goal,) if p.task.random else self._given
+        self.world: World = self._step.begin(start, self.key, self.waypoints, p, self.scene)
         self.outcome = start_outcome(self.world)
         return self.world
 
     def step(self, command: Command) -> Outcome:
         """Advance by one control interval with the twist that the policy asks for."""
         transition = self._step.transition
-        self.world, self.outcome = transition(self.world, command, self.key, self.waypoints, self.parameters)
+        self.world, self.outcome = transition(self.world, command, self.key, self.waypoints, self.parameters, self.scene)
         return self.outcome
 
     def act(self, action: Sequence[float]) -> Outcome:
@@ -64,7 +77,8 @@ class Episode:
 
     def observe(self) -> Any:
         """Return what the policy is given: for open ground a `turtlebot_gym.tasks.Observation`, in double precision."""
-        return self._step.observe(self.world, self.parameters)
+        numbers, around = self._step.observe(self.world, self.parameters), self.system.surroundings
+        return (*numbers[:-1], *around.ranges(self.scene).tolist(), numbers[-1]) if around else numbers
 
 
 @kernel

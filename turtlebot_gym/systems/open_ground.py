@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from functools import cache
 
-from turtlebot_gym.estimation.interface import Filter, filter_of
+from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models import odometry
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
-from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.systems.parameters import BELIEVED, MEASURED
+from turtlebot_gym.systems.parameters import BELIEVED, MEASURED, make_parameters
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.systems.world import Body, Outcome
 from turtlebot_gym.tasks import (
@@ -23,6 +22,7 @@ from turtlebot_gym.tasks import (
     arrived,
     by_time,
     distance_to,
+    draw_goal,
     due,
     observe,
     remaining,
@@ -34,9 +34,15 @@ from turtlebot_gym.values import Command, Pose, Senses, State
 
 
 @kernel
-def start(key, p):
-    """Return the body at rest at the start pose."""
+def lay_out(key, p, scene):
+    """Return the start pose, and the goal that the task draws."""
     pose = start_pose(key, p.task)
+    return pose, draw_goal(key, pose, p.task)
+
+
+@kernel
+def start(pose):
+    """Return the body at rest in a pose."""
     rest = Command(0.0, 0.0)
     return Body(State(pose.x, pose.y, pose.theta, 0.0, 0.0), rest, (rest, rest, rest), pose, False)
 
@@ -138,6 +144,7 @@ def open_ground(filter: Filter) -> System:
         return step(estimate, before, senses, p.tuning, p.dt, p.middle)
 
     return System(
+        lay_out=lay_out,
         start=start,
         move=move,
         sense=sense,
@@ -149,9 +156,5 @@ def open_ground(filter: Filter) -> System:
         layout=OBSERVATION_LAYOUT,
         low=OBSERVATION_LOW,
         high=OBSERVATION_HIGH,
+        example=make_parameters(),
     )
-
-
-def system_for(tuning: FilterTuning) -> System:
-    """Return the system of open ground with the filter that a tuning is for."""
-    return open_ground(filter_of(tuning))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, Reward
@@ -36,6 +36,8 @@ class Parameters(NamedTuple):
     """A value of `OBSERVED`."""
     delay: float
     """Steps by which a command comes late, a whole number from 0 to `MAX_DELAY`."""
+    room: Any = ()
+    """What a room is like: nothing on open ground, `systems.rooms.RoomParameters` in a room."""
 
 
 def make_parameters(

@@ -41,6 +41,8 @@ class World(NamedTuple):
     course: Course
     steps: float
     """Steps since the start."""
+    room: Any = ()
+    """What is known of the room around: nothing on open ground, `systems.rooms.Around` in a room."""
 
 
 class Outcome(NamedTuple):

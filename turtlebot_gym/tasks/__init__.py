@@ -13,6 +13,7 @@ from turtlebot_gym.tasks.starts import draw_goal, start_pose
 from turtlebot_gym.tasks.task import (
     NAV,
     POSE,
+    ROOM,
     SQUARE,
     SQUARE_PERIOD,
     SQUARE_WAYPOINTS,
@@ -27,6 +28,7 @@ __all__ = [
     "OBSERVATION_LAYOUT",
     "OBSERVATION_LOW",
     "POSE",
+    "ROOM",
     "SQUARE",
     "SQUARE_PERIOD",
     "SQUARE_WAYPOINTS",

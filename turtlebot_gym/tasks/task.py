@@ -52,6 +52,9 @@ POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5)
 SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
 """Waypoints that are given, to be reached in order."""
 
+ROOM = Task(radius=0.2, max_steps=600.0)
+"""A goal point in a room, where the room says from where to where."""
+
 SQUARE_WAYPOINTS = (
     Pose(2.0, 0.0, 0.0),
     Pose(2.0, 2.0, PI / 2.0),

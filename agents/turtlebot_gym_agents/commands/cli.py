@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress
+from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
 from turtlebot_gym_agents.evaluation.replay import Columns
@@ -48,7 +48,10 @@ class _Driven(Setting):
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""
-        return {name: getattr(self, name) for name in ("filter", "robot", "switch", "arrival", "laps", "delay")}
+        given = {name: value for name in ("switch", "laps") if (value := getattr(self, name)) is not None}
+        if self.env == ROOMS and given:
+            raise ValueError(f"switch and laps are for tasks with given waypoints, not for {ROOMS}.")
+        return {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay")} | self.room() | given
 
 
 @dataclass(frozen=True, kw_only=True)

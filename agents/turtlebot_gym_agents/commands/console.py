@@ -17,20 +17,39 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """An option that names a file."""
 
 
+ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """What is driven, and where."""
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
-    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0 or .../TurtleBotSquare-v0."""
+    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0 or
+    .../TurtleBotRooms-v0."""
     filter: str = "matched"
     """The filter's tuning: matched or tutorial."""
     robot: str = "burger"
     """burger, waffle, turtlebot4 or tutorial."""
+    world: str | None = None
+    """Rooms only: clutter, dense, corridor, office, cellular, crowd, or a Gazebo world (FILE.world)."""
+    lidar: str | None = None
+    """Rooms only: lds01, lds02, a1 or ideal."""
     arrival: str = "truth"
     """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
     seed: int = 0
     """The first seed."""
+
+    def room(self) -> dict[str, str]:
+        """Return the keyword arguments that only rooms take.
+
+        Raises:
+            ValueError: If some are given for another environment.
+        """
+        given = {name: value for name in ("world", "lidar") if (value := getattr(self, name)) is not None}
+        if given and self.env != ROOMS:
+            raise ValueError(f"world and lidar are for {ROOMS}, not for {self.env}.")
+        return given
 
 
 @contextmanager

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, Table]:
+def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, ...]:
     """Return how evaluations went, and what was believed in them.
 
     Args:
@@ -50,7 +50,21 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
             _percent(s["false_arrival"]),
         )
         believed.add_row(label, *_errors(one.episodes.estimate), *_errors(one.episodes.odometry))
-    return driven, believed
+    tables = [driven, believed]
+    if all("collision" in one.summary() for one in evaluations.values()):
+        tables.insert(1, _rooms_table(evaluations))
+    return tuple(tables)
+
+
+def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
+    """Return what became of episodes in rooms."""
+    table = Table("", "collision, %", "time-out, %", "SPL", "least clearance, m", "its 5th percentile, m", title="in rooms")
+    for label, one in evaluations.items():
+        s = one.summary()
+        fifth = np.percentile(one.episodes.clearance, 5.0)
+        clearance = _number(s["clearance"], 3)
+        table.add_row(label, _percent(s["collision"]), _percent(s["timeout"]), _number(s["spl"], 3), clearance, f"{fifth:.3f}")
+    return table
 
 
 def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> Figure:

@@ -24,6 +24,11 @@ class Record(NamedTuple):
     reference: NDArray[np.float64]
     command: NDArray[np.float64]
     is_success: NDArray[np.bool_]
+    collision: NDArray[np.bool_]
+    """False on open ground."""
+    clearance: NDArray[np.float64]
+    """NaN on open ground, as the next."""
+    way_left: NDArray[np.float64]
     running: NDArray[np.bool_]
     """Whether it belongs to the first episode; after its end an environment begins others."""
     covariance: NDArray[np.float64]
@@ -58,6 +63,12 @@ class Episodes(NamedTuple):
     """Whether the observed pose was, for the first time, at a waypoint at which the true pose was not."""
     arrival_distance: NDArray[np.float64]
     """True distance to a waypoint when the observed pose was there for the first time; mean over waypoints, m."""
+    collision: NDArray[np.bool_]
+    """Whether it ended in a collision."""
+    clearance: NDArray[np.float64]
+    """The least distance between the footprint and what was around, m; NaN on open ground, as the next."""
+    shortest: NDArray[np.float64]
+    """Length of the shortest way to where the goal counts as reached, m."""
     estimate: Errors
     """Of the filter's estimate, over the steps."""
     odometry: Errors
@@ -110,6 +121,9 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
         miss=_mean(away, done_with),
         false_arrival=np.any(first_seen & ~there, axis=0),
         arrival_distance=_mean(away, first_seen),
+        collision=np.any(record.collision[1:] & running, axis=0),
+        clearance=np.min(record.clearance, axis=0, where=record.running, initial=np.inf),
+        shortest=record.way_left[0] - task.radius,
         estimate=_errors(record.estimate[1:], truth, running),
         odometry=_errors(record.odometry[1:], truth, running),
     )

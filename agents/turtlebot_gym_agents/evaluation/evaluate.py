@@ -59,8 +59,19 @@ class Evaluation:
             "effort": metrics.mean(e.effort),
             "false_arrival": metrics.share(e.false_arrival),
             "arrival_distance": metrics.mean(e.arrival_distance),
+            **(self._in_rooms() if np.isfinite(e.clearance).all() else {}),
             **{f"estimate_{name}": metrics.mean(values) for name, values in e.estimate._asdict().items()},
             **{f"odometry_{name}": metrics.mean(values) for name, values in e.odometry._asdict().items()},
+        }
+
+    def _in_rooms(self) -> dict[str, Interval]:
+        """Return what is told of episodes in rooms."""
+        e = self.episodes
+        return {
+            "collision": metrics.share(e.collision),
+            "timeout": metrics.share(~e.success & ~e.collision),
+            "spl": metrics.mean(e.success * e.shortest / np.maximum(e.path, e.shortest)),
+            "clearance": metrics.mean(e.clearance),
         }
 
 
@@ -153,5 +164,8 @@ def _drive(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int],
 
 def _row(info: dict[str, Any], running: NDArray[np.bool_]) -> Record:
     """Return a row of the record."""
-    told = {name: info[name] for name in Record._fields if name not in ("running", "covariance")}
+    nothing = np.full(running.shape, np.nan)
+    open_ground = {"collision": np.zeros_like(running), "clearance": nothing, "way_left": nothing}
+    found = open_ground | info
+    told = {name: found[name] for name in Record._fields if name not in ("running", "covariance")}
     return Record(**told, running=running, covariance=info["covariance"][0])

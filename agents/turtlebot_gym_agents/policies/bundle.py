@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
+from turtlebot_gym.systems import SIZES
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.provenance import plain
 
@@ -52,7 +53,7 @@ class Card:
     """Algorithm, steps, seed, versions, commit, wall time."""
     format: str = FORMAT
     layout: int = OBSERVATION_LAYOUT
-    """Layout of the observation, `turtlebot_gym.OBSERVATION_LAYOUT`."""
+    """Layout of the observation: `turtlebot_gym.OBSERVATION_LAYOUT`, or `turtlebot_gym.systems.ROOM_LAYOUT`."""
     action: str = ACTION
     """What the outputs mean."""
 
@@ -62,7 +63,7 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
     Args:
         path: The file.
-        model: From observations (n, 13) to actions (n, 2); its metadata are replaced.
+        model: From observations (n, 13), in a room (n, 50), to actions (n, 2); its metadata are replaced.
         card: What it is for.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
@@ -75,7 +76,7 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
 
 class BundlePolicy:
-    """A policy from a bundle: a callable from observations (..., 13) to actions (..., 2).
+    """A policy from a bundle: a callable from observations of the layout on its card to actions (..., 2).
 
     Args:
         path: The file.
@@ -92,7 +93,7 @@ class BundlePolicy:
             import onnxruntime
         except ImportError as error:
             raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
-        content = Path(path).read_bytes()
+        self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
         options = onnxruntime.SessionOptions()
@@ -103,9 +104,9 @@ class BundlePolicy:
             told = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
         except Exception as error:  # onnxruntime has no common base class for its errors
             raise ValueError(f"{path} is not a policy bundle: {error}.") from error
-        ours = {"format": FORMAT, "layout": OBSERVATION_LAYOUT, "action": ACTION}
+        ours = {"format": FORMAT, "layout": sorted(SIZES), "action": ACTION}
         theirs = {name: told.get(name) for name in ours}
-        if theirs != ours:
+        if theirs | {"layout": ours["layout"]} != ours or theirs["layout"] not in SIZES:
             raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
         self.card = Card(**told)
         """What it was trained for."""
@@ -113,8 +114,15 @@ class BundlePolicy:
         self._input = self._session.get_inputs()[0].name
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 13)."""
+        """Return actions (..., 2) for observations (..., n), as many as its layout has.
+
+        Raises:
+            ValueError: If they are of another layout.
+        """
         rows = np.asarray(observations, np.float32)
+        size = SIZES[self.card.layout]
+        if rows.ndim == 0 or rows.shape[-1] != size:
+            raise ValueError(f"{self._path}: made for observations (..., {size}), layout {self.card.layout}, got {rows.shape}.")
         actions: Any = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
         return np.asarray(actions).reshape(*rows.shape[:-1], 2)
 

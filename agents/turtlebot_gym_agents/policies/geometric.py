@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.systems import SIZES
 from turtlebot_gym.tasks import Observation
 
 _TINY = 1e-12  # instead of zero in a denominator
@@ -260,11 +261,12 @@ def _wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _fields(observations: ArrayLike) -> Observation:
-    """Return the observations' components, each of shape (...), in double precision."""
+    """Return the components of observations, each of shape (...), in double precision; in a room those before the ranges."""
     values = np.asarray(observations, np.float64)
-    if values.ndim == 0 or values.shape[-1] != len(Observation._fields):
-        raise ValueError(f"observations must have shape (..., {len(Observation._fields)}), got {values.shape}.")
-    return Observation(*np.moveaxis(values, -1, 0))
+    if values.ndim == 0 or values.shape[-1] not in SIZES.values():
+        sizes = " or ".join(f"(..., {size})" for size in SIZES.values())
+        raise ValueError(f"observations must have shape {sizes}, got {values.shape}.")
+    return Observation(*np.moveaxis(values[..., : len(Observation._fields)], -1, 0))
 
 
 def _action(forward: Any, turn: Any) -> NDArray[np.float32]:

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import stable_baselines3
 import torch
+from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
+from turtlebot_gym.systems import SIZES
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
 
@@ -86,12 +87,12 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
         ValueError: If the model's observations or actions are others.
         RuntimeError: If the difference is larger than `TOLERANCE`.
     """
-    shapes = model.observation_space.shape, model.action_space.shape
-    if shapes != ((len(OBSERVATION_LOW),), (2,)):
-        raise ValueError(f"model must map observations (13,) to actions (2,), got {shapes[0]} and {shapes[1]}.")
-    program = _program(_Deterministic(model.policy).eval())
-    observations = np.random.default_rng(0).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (samples, len(OBSERVATION_LOW)))
-    observations = observations.astype(np.float32)
+    size = SIZES[card.layout]
+    space, shapes = model.observation_space, (model.observation_space.shape, model.action_space.shape)
+    if shapes != ((size,), (2,)) or not isinstance(space, spaces.Box):
+        raise ValueError(f"model must map observations ({size},) to actions (2,), got {shapes[0]} and {shapes[1]}.")
+    program = _program(_Deterministic(model.policy).eval(), size)
+    observations = np.random.default_rng(0).uniform(space.low, space.high, (samples, size)).astype(np.float32)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         write_bundle(beside, program.model_proto, card)
@@ -103,7 +104,7 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
     return difference
 
 
-def _program(network: torch.nn.Module) -> torch.onnx.ONNXProgram:
+def _program(network: torch.nn.Module, size: int) -> torch.onnx.ONNXProgram:
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
@@ -112,7 +113,7 @@ def _program(network: torch.nn.Module) -> torch.onnx.ONNXProgram:
             warnings.simplefilter("ignore")  # torch's exporter uses what torch deprecates
             program = torch.onnx.export(
                 network,
-                (torch.zeros(2, len(OBSERVATION_LOW)),),
+                (torch.zeros(2, size),),
                 input_names=["observation"],
                 output_names=["action"],
                 dynamic_shapes=({0: torch.export.Dim("n")},),

@@ -24,6 +24,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from turtlebot_gym import Parameters, Robot
+from turtlebot_gym.systems import system_of
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies import make_policy
@@ -66,6 +67,10 @@ class TrainingConfig:
     """Who says that the robot has arrived: truth or belief."""
     delay: int = 0
     """Steps by which commands come late."""
+    world: str | None = None
+    """In rooms: the world; None for the environment's own."""
+    lidar: str | None = None
+    """In rooms: the LiDAR; None for the environment's own."""
     randomize: bool = False
     """Whether noise, speed scale and delay differ from environment to environment, see `randomization`; ``noise``, ``filter``
     and ``delay`` are then those of the evaluation."""
@@ -92,13 +97,13 @@ class TrainingConfig:
 
     def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
         """Return environments; randomized ones differ from each other."""
-        names = ("robot", "noise", "filter", "observation", "arrival", "delay")
+        names = ("robot", "noise", "filter", "observation", "arrival", "delay", "world", "lidar")
         envs = gym.make_vec(
             self.env,
             num_envs=num_envs,
             vectorization_mode="vector_entry_point",
             autoreset_mode=AutoresetMode.SAME_STEP,
-            **{name: getattr(self, name) for name in names},
+            **{name: value for name in names if (value := getattr(self, name)) is not None},
         )
         if randomize:
             bare: Any = envs.unwrapped
@@ -177,6 +182,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
         noise="randomized" if config.randomize else config.noise,
         filter=config.filter,
         observation=config.observation,
+        layout=system_of(_parameters(judges)).layout,
         training={
             **record,
             "steps": model.num_timesteps,

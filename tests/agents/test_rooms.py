@@ -1,0 +1,104 @@
+"""Policies in rooms: trained, evaluated, and refused where they do not fit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.training.train import TrainingConfig, train
+
+ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+
+
+def test_what_becomes_of_episodes_is_counted():
+    """One driver goes straight; whatever stands in its way ends the episode."""
+    told = evaluate("bearing", env=ROOMS, world="dense", lidar="ideal", episodes=200)
+    s = told.summary()
+    assert s["success"].value + s["collision"].value + s["timeout"].value == pytest.approx(1.0)
+    assert 0.3 < s["success"].value < 0.6
+    assert 0.4 < s["collision"].value < 0.7
+    e = told.episodes
+    assert (e.clearance[e.collision] < 0.0).all()
+    assert (e.clearance[~e.collision] >= 0.0).all()
+    assert 0.9 * s["success"].value < s["spl"].value <= s["success"].value
+
+
+def test_the_numbers_of_one_drive_are_what_can_be_worked_out():
+    """2 m straight on, 0.6 m from a wall: the least clearance is 0.6 - 0.105 m, and the way is as short as it can be."""
+    plan = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0), start=Pose(-1.0, 2.4, 0.0), goal=Pose(1.0, 2.4, 0.0))
+    told = evaluate("bearing", env=ROOMS, world=plan, lidar="ideal", noise="clean", episodes=1)
+    assert told.episodes.clearance == pytest.approx([0.495], abs=0.005)
+    assert told.episodes.path == pytest.approx([1.8], abs=0.03)
+    assert told.episodes.shortest == pytest.approx([1.8], abs=0.08)
+    assert told.summary()["spl"].value == pytest.approx(1.0, abs=0.05)
+
+
+def test_open_ground_has_no_collisions_and_says_nothing_of_them():
+    told = evaluate("bearing", episodes=3)
+    assert not {"collision", "spl", "clearance", "timeout"} & set(told.summary())
+    assert not told.episodes.collision.any()
+    assert np.isnan(told.episodes.clearance).all()
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rooms")
+    (folder / "small.yaml").write_text(
+        "default: {n_envs: 16, n_timesteps: 1024, policy: MlpPolicy, n_steps: 32, batch_size: 256, n_epochs: 1}"
+    )
+    config = TrainingConfig(
+        env=ROOMS,
+        world="clutter",
+        lidar="ideal",
+        config=folder / "small.yaml",
+        evaluations=1,
+        episodes=8,
+        checkpoint_seconds=1e9,
+    )
+    train(config, folder / "run", progress=False)
+    return folder / "run" / "policy.onnx"
+
+
+def test_a_policy_that_was_trained_in_rooms_drives_in_rooms_and_nowhere_else(bundle):
+    policy = BundlePolicy(bundle)
+    assert policy.card.layout == 2
+    assert policy.card.training["config"]["world"] == "clutter"
+    assert math.isfinite(evaluate(policy, env=ROOMS, world="clutter", lidar="ideal", episodes=4).summary()["success"].value)
+    with pytest.raises(ValueError, match=r"made for observations \(\.\.\., 50\), layout 2, got \(4, 13\)"):
+        evaluate(policy, episodes=4)
+
+
+def test_a_policy_of_open_ground_is_refused_in_a_room():
+    with pytest.raises(ValueError, match=r"made for observations \(\.\.\., 13\), layout 1, got \(4, 50\)"):
+        evaluate("ppo-nav", env=ROOMS, episodes=4)
+
+
+def test_the_command_line_takes_worlds_and_lidars(capsys):
+    main(["evaluate", "--env", ROOMS, "--world", "corridor", "--lidar", "a1", "--policy", "bearing", "--episodes", "5"])
+    assert "SPL" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("option", "told"), [("--world", "world must be one of"), ("--lidar", "lidar must be one of")])
+def test_an_unknown_world_or_lidar_is_one_line(capsys, option, told):
+    assert main(["evaluate", "--env", ROOMS, option, "paper", "--episodes", "5"]) == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["evaluate", "--world", "dense"], "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
+        (["train", "--lidar", "a1"], "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
+        (["evaluate", "--env", ROOMS, "--laps", "2"], "switch and laps are for tasks with given waypoints"),
+    ],
+)
+def test_options_of_another_environment_are_refused(capsys, argv, told, tmp_path):
+    assert main([*argv, *(["--out", str(tmp_path)] if argv[0] == "train" else [])]) == 2
+    assert told in capsys.readouterr().err

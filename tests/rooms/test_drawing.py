@@ -1,0 +1,133 @@
+"""Rooms that are drawn: always with a way through, never the same, and as their rules say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.rooms import drawing
+from turtlebot_gym.rooms.drawing import capacity, draw
+from turtlebot_gym.rooms.geodesic import way_left
+from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.sensing import clearance, walk
+
+DRAW = njit(lambda scene, rules, radius, key: drawing.draw(scene, rules, radius, key), error_model="numpy")
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
+    rules, counts, rooms = ROOMS[name], [], set()
+    for number in range(500):
+        scene = empty_scene(rules)
+        start, goal = DRAW(scene, as_tuple(rules), 0.105, episode_key(number, 0))
+        straight = math.hypot(goal.x - start.x, goal.y - start.y)
+        assert straight >= rules.min_distance
+        for place in (start, goal):
+            # A cell's centre keeps 0.205 m, and a place is at most half a diagonal away from it; what walks is not asked.
+            standing = scene.circles[: scene.counts[0], 3:].any()
+            assert standing or clearance(scene, place.x, place.y) > 0.205 - 0.0708
+        assert straight - 0.2 <= way_left(scene, start.x, start.y) < 60.0
+        counts.append(scene.counts.tolist())
+        rooms.add(scene.circles.tobytes() + scene.boxes.tobytes())
+    circles, boxes = np.array(counts).T
+    assert len(rooms) == 500
+    most = capacity(rules)
+    assert circles.max() <= most[0]
+    assert boxes.max() <= most[1]
+    if name in ("clutter", "crowd", "corridor"):
+        assert {circles.min(), circles.max()} == set(map(int, rules.circles))
+        assert {boxes.min(), boxes.max()} == set(map(int, rules.boxes))
+    if name == "dense":
+        assert set(circles + boxes) == {14}
+
+
+def test_a_room_is_the_same_in_plain_python(empty_scene):
+    for name, rules in ROOMS.items():
+        compiled, plain = empty_scene(name), empty_scene(name)
+        assert DRAW(compiled, as_tuple(rules), 0.105, 11) == draw(plain, rules, 0.105, 11)
+        for one, other in zip(compiled, plain, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):
+    rules = RoomRules(circles=(60.0, 60.0), radius=(0.6, 0.8))
+    scene = empty_scene(rules)
+    start, _ = DRAW(scene, as_tuple(rules), 0.105, 5)
+    assert scene.counts.tolist() == [0, 0]
+    assert way_left(scene, start.x, start.y) >= 1.3
+
+
+def test_through_means_from_one_end_to_the_other(empty_scene):
+    rules = ROOMS["corridor"]
+    for key in range(50):
+        start, goal = DRAW(empty_scene(rules), as_tuple(rules), 0.105, key)
+        assert start.x < -4.0 + 0.2 * 8.0
+        assert goal.x > 4.0 - 0.2 * 8.0
+
+
+def test_a_start_and_a_goal_may_be_given(empty_scene):
+    rules = replace(ROOMS["clutter"], start=(-2.0, -2.0, 0.5), goal=(2.0, 2.0, 0.0))
+    scene = empty_scene(rules)
+    assert DRAW(scene, as_tuple(rules), 0.105, 3) == ((-2.0, -2.0, 0.5), (2.0, 2.0, 0.0))
+    assert way_left(scene, -2.0, -2.0) > 5.5
+
+
+def test_rules_are_parameters(empty_scene):
+    """Each of them changes the room, or where the robot starts."""
+    base = RoomRules(kind=1.0, circles=(2.0, 4.0), boxes=(1.0, 2.0), speed=(0.1, 0.2))
+    changes = {
+        "kind": 2.0, "half_length": 3.0, "half_width": 3.0, "circles": (5.0, 6.0), "boxes": (3.0, 4.0), "radius": (0.2, 0.25),
+        "total": 2.0, "speed": (0.3, 0.4), "through": True, "min_distance": 3.5,
+        "start": (0.0, 0.0, 0.0), "goal": (0.0, 0.0, 0.0),
+    }  # fmt: skip
+
+    def drawn(rules):
+        scene = empty_scene(replace(rules, circles=(0.0, 60.0), boxes=(0.0, 60.0), half_length=5.0, half_width=5.0))
+        found = [draw(scene, rules, 0.105, key) for key in (1, 2, 5)]
+        return str(found) + str([part.tolist() for part in scene])
+
+    first = drawn(base)
+    assert drawn(base) == first
+    for name, value in changes.items():
+        assert drawn(replace(base, **{name: value})) != first, name
+    caves = replace(ROOMS["cellular"], half_length=1.5, half_width=1.5)
+    assert drawn(caves) != drawn(replace(caves, fill=0.1))
+    assert set(changes) | {"fill"} == set(RoomRules.__dataclass_fields__)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"circles": (4.0, 2.0)}, "RoomRules.circles must be a least and a greatest value"),
+        ({"radius": (0.1,)}, "RoomRules.radius must be a least and a greatest value"),
+        ({"half_length": 0.0}, "RoomRules.half_length must be positive"),
+        ({"fill": 1.2}, "RoomRules.fill must be a probability"),
+    ],
+)
+def test_rules_that_cannot_be_are_refused(changes, told):
+    with pytest.raises(ValueError, match=told):
+        RoomRules(**changes)
+
+
+def test_what_walks_turns_back_at_the_walls(empty_scene):
+    rules = ROOMS["crowd"]
+    scene = empty_scene(rules)
+    DRAW(scene, as_tuple(rules), 0.105, 3)
+    n = scene.counts[0]
+    speeds = np.hypot(*scene.circles[:n, 3:].T)
+    assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
+    scene.circles[0] = 1.95, 0.0, 0.2, 1.0, 0.0
+    xs = []
+    for _ in range(6):
+        walk(scene, 0.1)
+        xs.append(scene.circles[0, 0])
+    assert xs == pytest.approx([2.05, 2.15, 2.25, 2.15, 2.05, 1.95])
+    for _ in range(500):
+        walk(scene, 0.1)
+    assert (np.abs(scene.circles[:n, :2]) <= 2.5 - scene.circles[:n, 2:3] + 0.1).all()

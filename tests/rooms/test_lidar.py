@@ -1,0 +1,187 @@
+"""The LiDAR: when beams are measured, what they say, and what a policy is shown of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.models.random import SCAN, sub_key
+from turtlebot_gym.rooms.lidar import (
+    LIDARS,
+    SECTORS,
+    SIGHT,
+    Lidar,
+    age_of_scan,
+    aim,
+    beams_by,
+    bias_of,
+    divide,
+    pool,
+    reading,
+    time_of_beam,
+)
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.sensing import measure
+from turtlebot_gym.rooms.worlds import scene_of
+from turtlebot_gym.values import Pose
+
+QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
+
+
+def test_five_revolutions_a_second_have_half_their_beams_in_a_tenth_of_a_second():
+    assert [beams_by(at, QUIET, 0.1) for at in range(5)] == [0, 4, 8, 12, 16]
+    assert [time_of_beam(beam, QUIET) for beam in (0, 3, 7, 8)] == pytest.approx([0.025, 0.1, 0.2, 0.225])
+
+
+def test_a_revolution_of_130_ms_ends_within_an_interval():
+    lidar = replace(QUIET, beams=13, rate=1.0 / 0.13)
+    assert [beams_by(at, lidar, 0.1) for at in range(5)] == [0, 10, 20, 30, 40]
+
+
+def test_a_lidar_that_does_not_turn_measures_all_its_beams_at_the_end_of_the_period():
+    lidar = replace(QUIET, turning=False)
+    assert [beams_by(at, lidar, 0.1) for at in range(5)] == [0, 0, 8, 8, 16]
+    assert {time_of_beam(beam, lidar) for beam in range(8)} == {0.2}
+
+
+def test_the_age_of_a_scan_follows_its_stamp():
+    at_end = replace(QUIET, stamped_at_end=True)
+    assert [age_of_scan(at, at_end, 0.1) for at in range(5)] == pytest.approx([0.0, 0.1, 0.0, 0.1, 0.0])
+    assert [age_of_scan(at, QUIET, 0.1) for at in range(5)] == pytest.approx([0.2, 0.3, 0.2, 0.3, 0.2])
+
+
+def test_a_reading_has_the_deviation_the_bias_and_the_resolution_that_it_is_said_to_have():
+    lidar = replace(QUIET, deviation=0.02, deviation_share=0.05)
+    read = np.array([[reading(length, 0.0, beam, 0.0, 7, lidar) for beam in range(4000)] for length in (0.2, 2.0)])
+    assert read.mean(axis=1) == pytest.approx([0.2, 2.0], abs=0.006)
+    assert read.std(axis=1) == pytest.approx([0.02, 0.1], rel=0.05)
+    assert reading(2.0, 0.0, 3, 0.03, 7, QUIET) == pytest.approx(2.06)
+    assert reading(1.2345, 0.0, 3, 0.0, 7, replace(QUIET, quantization=0.01)) == pytest.approx(1.23)
+
+
+def test_a_reading_is_infinite_out_of_its_limits_and_where_it_is_lost():
+    lidar = replace(QUIET, range_min=0.5, range_max=3.0)
+    assert [reading(length, 0.5, 0, 0.0, 7, lidar) for length in (0.4, 0.6, 2.9, 3.1)] == [math.inf, 0.6, 2.9, math.inf]
+    lost = [reading(1.0, 0.0, beam, 0.0, 7, replace(QUIET, dropout=0.3)) for beam in range(4000)]
+    assert np.isinf(lost).mean() == pytest.approx(0.3, abs=0.03)
+
+
+def test_the_bias_of_an_episode_is_drawn_evenly_up_to_the_accuracy():
+    lidar = replace(QUIET, accuracy=0.05)
+    biases = np.array([bias_of(sub_key(key, SCAN), lidar) for key in range(2000)])
+    assert np.abs(biases).max() <= 0.05
+    assert biases.mean() == pytest.approx(0.0, abs=0.003)
+    assert biases.std() == pytest.approx(0.1 / math.sqrt(12.0), rel=0.05)
+
+
+def test_beams_begin_at_the_yaw_and_some_are_blind():
+    lidar = replace(QUIET, yaw=math.pi / 2.0, range_min=0.1, dead=((math.pi - 0.1, 0.2), (-0.1, 0.2)))
+    beams = np.empty((3, 8))
+    aim(beams, lidar)
+    np.testing.assert_allclose(np.arctan2(beams[1], beams[0])[:3], [math.pi / 2.0, 3.0 * math.pi / 4.0, math.pi])
+    assert np.flatnonzero(np.isinf(beams[2])).tolist() == [2, 6]  # at 180 and at 0 degrees
+    assert beams[2, 0] == 0.1
+
+
+@pytest.mark.parametrize("beams", [1, 7, 24, 36, 72, 269, 360, 1000])
+@pytest.mark.parametrize("yaw", [0.0, math.pi / 2.0, -1.3, 7.7])
+def test_a_sector_holds_its_shortest_range(beams, yaw):
+    random = np.random.default_rng(beams)
+    ranges = random.uniform(0.1, 5.0, beams).astype(np.float32)
+    ranges[random.random(beams) < 0.1] = np.inf
+    spans, sectors = np.zeros((SECTORS, 2), np.int64), np.zeros(SECTORS, np.float32)
+    divide(spans, yaw, beams)
+    pool(ranges, spans, beams, sectors)
+    angles = yaw + 2.0 * np.pi * np.arange(beams) / beams
+    for sector in range(SECTORS):
+        off = (angles - sector * 2.0 * np.pi / SECTORS + np.pi) % (2.0 * np.pi) - np.pi
+        inside = (off >= -np.pi / SECTORS - 1e-9) & (off < np.pi / SECTORS - 1e-9)
+        nearest = np.abs(off) <= np.abs(off).min() + 1e-9  # two of them, where the middle lies between two beams
+        allowed = [ranges[inside].min()] if inside.any() else ranges[nearest]
+        assert min(abs(sectors[sector] - min(length, SIGHT) / SIGHT) for length in allowed) < 1e-6
+
+
+def test_what_is_no_range_is_free():
+    spans, sectors = np.zeros((SECTORS, 2), np.int64), np.zeros(SECTORS, np.float32)
+    divide(spans, 0.0, 36)
+    ranges = np.full(36, 1.75, np.float32)
+    ranges[[3, 5, 7]] = np.nan, np.inf, -1.0
+    pool(ranges, spans, 36, sectors)
+    assert sectors[[0, 3, 5, 7]].tolist() == [0.5, 1.0, 1.0, 1.0]
+
+
+def test_each_beam_is_cast_from_where_the_robot_was():
+    """Beam 0 looks along x while the robot drives 0.4 m towards a wall, and beam 4 looks back."""
+    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 5.0, 5.0)), beams=8)
+    aim(scene.beams, QUIET)
+    divide(scene.spans, QUIET.yaw, QUIET.beams)
+    measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.4, 0.0, 0.0), 0, 8, 0.0, 7, QUIET, 0.2)
+    np.testing.assert_allclose(scene.ranges[1, [0, 4]], [5.0 - 0.05, 5.0 + 0.25], rtol=1e-6)
+
+
+def test_a_robot_that_turns_bends_its_scan():
+    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 5.0, 2.0)), beams=8)
+    aim(scene.beams, QUIET)
+    divide(scene.spans, QUIET.yaw, QUIET.beams)
+    measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.4), 0, 8, 0.0, 7, QUIET, 0.2)
+    heading = math.pi / 2.0 + 0.4 * 3.0 / 8.0  # beam 2, to the left, three eighths of the way through
+    assert scene.ranges[1, 2] == pytest.approx(2.0 / math.sin(heading), rel=1e-6)
+
+
+def test_the_mount_is_where_rays_begin():
+    lidar = replace(QUIET, x=0.1, y=-0.2)
+    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 5.0, 2.0)), beams=8)
+    aim(scene.beams, lidar)
+    divide(scene.spans, lidar.yaw, lidar.beams)
+    stand = Pose(1.0, 0.5, math.pi / 2.0)
+    measure(scene, stand, stand, 0, 8, 0.0, 7, lidar, 0.2)
+    np.testing.assert_allclose(scene.ranges[1, [0, 2, 4, 6]], [1.4, 6.2, 2.6, 3.8], rtol=1e-6)
+
+
+def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
+    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 3.0, 3.0)), beams=8)
+    aim(scene.beams, QUIET)
+    divide(scene.spans, QUIET.yaw, QUIET.beams)
+    stand = Pose(0.0, 0.0, 0.0)
+    measure(scene, stand, stand, 0, 7, 0.0, 7, QUIET, 0.2)
+    assert not scene.ranges[1].any()
+    assert not scene.sectors.any()
+    measure(scene, stand, stand, 7, 9, 0.0, 7, QUIET, 0.2)
+    assert scene.ranges[1, 7] == pytest.approx(3.0 * math.sqrt(2.0), rel=1e-6)
+    assert scene.sectors[0] == pytest.approx(3.0 / 3.5, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"beams": 0}, "Lidar.beams must be a positive whole number, got 0"),
+        ({"beams": 3.5}, "Lidar.beams must be a positive whole number, got 3.5"),
+        ({"range_min": 2.0, "range_max": 1.0}, "Lidar.range_min must be below range_max, got 2.0 >= 1.0"),
+        ({"rate": 0.0}, "Lidar.rate must be positive, got 0.0"),
+        ({"dropout": 1.5}, "Lidar.dropout must be a probability, got 1.5"),
+        ({"deviation": math.nan}, "Lidar.deviation must be non-negative, got nan"),
+        ({"dead": ((0.0,),)}, "Lidar.dead must hold at most 4 pairs"),
+        ({"dead": ((0.0, 0.1),) * 5}, "Lidar.dead must hold at most 4 pairs"),
+    ],
+)
+def test_a_lidar_that_cannot_be_is_refused(changes, told):
+    with pytest.raises(ValueError, match=told):
+        Lidar(**changes)
+
+
+def test_the_presets_are_what_the_data_sheets_say():
+    """TurtleBot3: 360 beams, 5 Hz, 0.12 to 3.5 m or 0.16 to 8 m; TurtleBot 4: a scan in 0.130 s, 0.15 to 12 m, turned left."""
+    assert (LIDARS["lds01"].beams, LIDARS["lds01"].rate, LIDARS["lds01"].range_min, LIDARS["lds01"].range_max) == (
+        360,
+        5,
+        0.12,
+        3.5,
+    )
+    assert (LIDARS["lds02"].range_min, LIDARS["lds02"].range_max) == (0.16, 8.0)
+    assert LIDARS["lds01"].stamped_at_end
+    assert (LIDARS["lds01"].x, LIDARS["a1"].x) == (-0.032, -0.04)
+    assert (LIDARS["a1"].beams, 1.0 / LIDARS["a1"].rate, LIDARS["a1"].yaw) == (269, pytest.approx(0.130), math.pi / 2.0)
+    assert (LIDARS["a1"].range_min, LIDARS["a1"].range_max) == (0.15, 12.0)

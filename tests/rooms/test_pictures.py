@@ -1,0 +1,66 @@
+"""The picture of a room."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.values import Pose
+
+PLAN = FloorPlan(
+    walls=(0.0, 0.0, 2.0, 2.0),
+    circles=((1.0, 1.0, 0.3), (-1.0, 1.0, 0.3, 0.1, 0.0)),
+    boxes=((1.0, -1.0, 0.6, 0.2, np.pi / 2.0),),
+    start=Pose(-1.0, -1.0, 0.0),
+    goal=Pose(0.0, 0.0, 0.0),
+)
+SOLID, WHITE, BEAM = (0x55, 0x55, 0x55), (255, 255, 255), (0xCC, 0x79, 0xA7)
+
+
+def picture(steps=0, plan=PLAN):
+    """Return the picture after some steps, without its header of 64 rows: 5 m are 640 pixels."""
+    lidar = Lidar(beams=4, rate=5.0, range_min=0.0, range_max=10.0)
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=plan, lidar=lidar, noise="clean", render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(steps):
+        env.step(np.zeros(2, np.float32))
+    return env.render()[64:]
+
+
+def at(drawn, x, y):
+    return tuple(int(value) for value in drawn[round((2.5 - y) * 128), round((x + 2.5) * 128)])
+
+
+def test_what_stands_is_drawn_where_it_stands():
+    drawn = picture()
+    assert at(drawn, 1.1, 1.2) == SOLID
+    assert at(drawn, 1.05, 1.38) == WHITE
+    assert at(drawn, 0.95, -0.75) == SOLID  # the box is turned: 0.2 m along x, 0.6 m along y
+    assert at(drawn, 0.8, -1.05) == WHITE
+    assert at(drawn, -2.0, 0.55) == SOLID  # the wall
+
+
+def test_what_walks_is_drawn_where_it_is_now():
+    assert at(picture(), -1.2, 1.05) == SOLID
+    later = picture(steps=20)  # 0.2 m to the right
+    assert at(later, -1.25, 1.05) == WHITE
+    assert at(later, -0.6, 1.05) == SOLID
+
+
+def test_beams_end_where_they_were_measured():
+    drawn = picture()
+    assert at(drawn, 0.9 + 0.0, -1.0) == BEAM  # ahead, at the box
+    assert at(drawn, -1.0, 0.7) == BEAM  # to the left, at the circle
+    assert at(drawn, -1.0, -2.0) == BEAM
+
+
+def test_a_new_room_has_a_new_picture():
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world="clutter", render_mode="rgb_array")
+    pictures = []
+    for seed in (1, 2, 1):
+        env.reset(seed=seed)
+        pictures.append(env.render())
+    assert (pictures[0] != pictures[1]).any()
+    np.testing.assert_array_equal(pictures[0], pictures[2])

@@ -1,0 +1,148 @@
+"""Rooms that are given: floor plans, Gazebo worlds, and what is refused."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from turtlebot_gym.rooms.gazebo import read_gazebo
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way, scene_of
+from turtlebot_gym.values import Pose
+
+BARN = Path(__file__).parents[3] / "shared" / "data" / "barn"
+WORLD = """<sdf version="1.6"><world name="default">
+<model name="floor"><static>1</static><link name="l"><collision name="c"><geometry><plane/></geometry></collision></link>
+</model><model name="pillar"><static>true</static><pose>1 2 0 0 0 0</pose><link name="l"><collision name="c">
+<geometry><cylinder><radius>0.25</radius><length>1</length></cylinder></geometry></collision></link></model>
+<model name="shelf"><static>1</static><pose>-1 0 0 0 0 1.5707963267948966</pose><link name="l"><pose>1 0 0 0 0 0</pose>
+<collision name="c"><pose>0 0.5 0 0 0 0.25</pose><geometry><box><size>0.4 0.2 1</size></box></geometry></collision></link>
+</model><model name="ball"><link name="l"><collision name="c"><geometry><cylinder><radius>9</radius></cylinder></geometry>
+</collision></link></model></world></sdf>"""
+
+
+def test_a_gazebo_world_gives_its_static_cylinders_and_boxes(tmp_path):
+    path = tmp_path / "one.world"
+    path.write_text(WORLD)
+    plan = read_gazebo(path, start=Pose(0.0, 1.0, 0.0))
+    assert plan.circles == ((1.0, 2.0, 0.25, 0.0, 0.0),)
+    # The shelf's model is turned left: its link lies 1 m above it, and the collision half a metre to the left of that.
+    np.testing.assert_allclose(plan.boxes, [(-1.5, 1.0, 0.4, 0.2, math.pi / 2.0 + 0.25)], atol=1e-12)
+    assert (plan.start, plan.goal) == (Pose(0.0, 1.0, 0.0), None)
+    assert plan.walls.x + plan.walls.half_length == pytest.approx(1.25 + 1.0)  # a metre from the pillar
+    assert plan.walls.y + plan.walls.half_width == pytest.approx(2.25 + 1.0)
+
+
+@pytest.mark.skipif(not BARN.is_dir(), reason="the worlds of the BARN challenge are not there")
+@pytest.mark.parametrize("number", [0, 100])
+def test_the_barn_challenges_files_are_its_numbers(tmp_path, number):
+    path = tmp_path / "barn.world"
+    path.write_bytes(gzip.decompress((BARN / f"world_{number}.world.gz").read_bytes()))
+    plan = read_gazebo(path, start=Pose(-2.0, 3.0, math.pi / 2.0), goal=Pose(-2.0, 13.0, math.pi / 2.0))
+    worlds = np.load(BARN / "worlds.npz")
+    first = int(worlds["count"][:number].sum())
+    expected = worlds["circles"][first : first + worlds["count"][number]]
+    np.testing.assert_allclose(sorted(circle[:3] for circle in plan.circles), sorted(map(tuple, expected.tolist())), atol=1e-6)
+    require_a_way(plan, 0.105)
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=plan, lidar="ideal")
+    observation, info = env.reset(seed=1)
+    np.testing.assert_allclose(info["true_state"][:3], [-2.0, 3.0, math.pi / 2.0])
+    assert observation[0] == pytest.approx(10.0, abs=0.3)
+    assert info["clearance"] > 0.1
+
+
+def test_a_file_may_be_named(tmp_path):
+    path = tmp_path / "one.sdf"
+    path.write_text(WORLD)
+    assert find_world(path) == find_world(str(path)) == read_gazebo(path)
+
+
+def test_a_plan_is_written_into_a_scene():
+    plan = FloorPlan(
+        walls=(1.0, 2.0, 3.0, 4.0), circles=((0.0, 1.0, 0.5), (2.0, 3.0, 0.25, 0.1, -0.2)), boxes=((1.0, 0.0, 2.0, 1.0),)
+    )
+    scene = scene_of(plan)
+    assert scene.walls.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert scene.counts.tolist() == [2, 1]
+    assert scene.circles.tolist() == [[0.0, 1.0, 0.5, 0.0, 0.0], [2.0, 3.0, 0.25, 0.1, -0.2]]
+    assert scene.boxes.tolist() == [[1.0, 0.0, 1.0, 0.5, 1.0, 0.0]]
+
+
+def test_all_environments_of_a_batch_have_the_plan_and_a_start_of_their_own():
+    plan = FloorPlan(walls=(0.0, 0.0, 2.5, 2.5), circles=((0.0, 0.0, 0.5),), goal=Pose(2.0, 2.0, 0.0))
+    envs = gym.make_vec("turtlebot_gym/TurtleBotRooms-v0", num_envs=40, world=plan, lidar="ideal", info="full")
+    _, info = envs.reset(seed=0)
+    assert (info["reference"] == (2.0, 2.0, 0.0)).all()
+    assert len({tuple(state) for state in info["true_state"]}) == 40
+    envs.step(np.zeros((40, 2), np.float32))
+    batch = envs.unwrapped._batch
+    assert (batch.scenes.counts == (1, 0)).all()
+
+
+@pytest.mark.parametrize(
+    ("world", "told"),
+    [
+        ("denser", "world must be one of 'clutter', 'dense', .* or a file .world or .sdf, got 'denser'"),
+        ("nowhere.world", "There is no Gazebo world 'nowhere.world'"),
+    ],
+)
+def test_a_world_that_is_not_there_is_refused(world, told):
+    with pytest.raises(ValueError, match=told):
+        find_world(world)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("no xml", "is no Gazebo world"),
+        ("<sdf/>", "holds no static cylinder and no static box"),
+        (WORLD.replace("0.4 0.2 1", "0.4 0.2"), "holds a shape or a pose without its numbers"),
+        (WORLD.replace("<radius>0.25", "<radius>wide"), "holds a shape or a pose without its numbers"),
+    ],
+)
+def test_a_file_that_is_no_world_is_refused(tmp_path, text, told):
+    path = tmp_path / "bad.world"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=told):
+        read_gazebo(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"walls": (0.0, 0.0, 0.0, 1.0)}, "FloorPlan.walls must enclose a room"),
+        ({"walls": (0.0, 0.0, math.nan, 1.0)}, "FloorPlan.walls must hold 4 finite numbers"),
+        ({"circles": ((0.0, 0.0),)}, "FloorPlan.circles must hold 3 or 5 finite numbers"),
+        ({"circles": ((0.0, 0.0, -1.0),)}, "FloorPlan.circles must have positive radii"),
+        ({"boxes": ((0.0, 0.0, 1.0, 0.0),)}, "FloorPlan.boxes must have positive extents"),
+        ({"start": (5.0, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
+        ({"goal": (1.0, 1.0, 0.0), "circles": ((1.1, 1.0, 0.2),)}, "FloorPlan.goal must be in the room and in no obstacle"),
+        ({"goal": (1.0, 1.0, 0.0), "boxes": ((1.1, 1.0, 0.4, 0.4, 0.3),)}, "FloorPlan.goal must be in the room and in no obs"),
+    ],
+)
+def test_a_plan_that_cannot_be_is_refused(changes, told):
+    with pytest.raises(ValueError, match=told):
+        FloorPlan(**{"walls": (0.0, 0.0, 2.0, 2.0)} | changes)
+
+
+def test_a_plan_without_a_way_is_refused_before_anything_is_driven():
+    cut = FloorPlan(
+        walls=(0.0, 0.0, 2.0, 2.0), boxes=((0.0, 0.0, 0.1, 4.0),), start=Pose(-1.0, 0.0, 0.0), goal=Pose(1.0, 0.0, 0.0)
+    )
+    with pytest.raises(ValueError, match="no way from its start to its goal for a robot of radius"):
+        gym.make("turtlebot_gym/TurtleBotRooms-v0", world=cut)
+    full = FloorPlan(walls=(0.0, 0.0, 0.3, 0.3), boxes=((0.0, 0.0, 0.4, 0.4),))
+    with pytest.raises(ValueError, match="The floor plan has no way between the places that were drawn"):
+        require_a_way(full, 0.105)
+
+
+def test_an_unknown_lidar_and_one_that_is_too_fast_are_refused():
+    with pytest.raises(ValueError, match="lidar must be one of 'lds01', 'lds02', 'a1', 'ideal', got 'lds03'"):
+        find_lidar("lds03")
+    with pytest.raises(ValueError, match=r"Lidar\.rate must be at most one scan in a control interval of 0\.2 s, got 10 Hz"):
+        gym.make("turtlebot_gym/TurtleBotRooms-v0", lidar="ideal", dt=0.2)

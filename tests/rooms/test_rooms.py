@@ -1,0 +1,225 @@
+"""The environments of rooms: equal to the bit in plain Python, alone and in a batch; contact, reward, and what is told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from turtlebot_gym import Reward
+from turtlebot_gym.checker import check_vector_env
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.envs.rooms import RoomsEnv, RoomsVectorEnv
+from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.systems import Episode, make_parameters, make_room
+from turtlebot_gym.tasks import ROOM
+from turtlebot_gym.values import Pose
+
+ID = "turtlebot_gym/TurtleBotRooms-v0"
+HALL = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0), start=Pose(0.0, 0.0, 0.0), goal=Pose(2.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("world", "lidar"), [*zip(ROOMS, ["lds01", "a1", "ideal", "lds02", "lds01", "a1"], strict=True)])
+def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, lidar):
+    p = make_parameters(ROOM, noise="rough", integrator="midpoint", delay=1)
+    p = p._replace(room=make_room(ROOMS[world], LIDARS[lidar], p.dt))
+    batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),))
+    batch.seeds[:] = np.arange(35)
+    observations, outcomes = batch.empty()
+    batch.reset(np.ones(35, np.bool_), observations, outcomes)
+    plain = {i: Episode(p, seed=i) for i in (0, 5, 33)}
+    rng, contacts = np.random.default_rng(0), 0
+    for _ in range(40):
+        for i, episode in plain.items():
+            assert batch.world(i) == episode.world
+            np.testing.assert_array_equal(observations[i], np.array(episode.observe(), np.float32))
+            for one, other in zip(batch.system.surroundings.at(batch.scenes, i), episode.scene, strict=True):
+                np.testing.assert_array_equal(one, other)
+        actions = rng.uniform([0.4, -0.3], [1.2, 0.3], (35, 2)).astype(np.float32)
+        observations, outcomes = batch.step(actions)
+        for i, episode in plain.items():
+            assert outcomes[:, i].tolist() == [float(number) for number in episode.act(actions[i].tolist())]
+        contacts += int(batch.numbers("room.collided").sum())
+    np.testing.assert_array_equal(batch.last()[0], observations)
+    assert contacts > 0 or world == "office", "nothing was touched: the test saw too little"
+
+
+def test_threads_change_nothing():
+    one, all_of_them = (RoomsVectorEnv(300, world="clutter", lidar="lds01", autoreset_mode="SameStep") for _ in range(2))
+    one._batch._parallel = False
+    rng = np.random.default_rng(0)
+    first, other = one.reset(seed=3)[0], all_of_them.reset(seed=3)[0]
+    for _ in range(80):
+        np.testing.assert_array_equal(first, other)
+        actions = rng.uniform([0.0, -0.5], [1.0, 0.5], (300, 2)).astype(np.float32)
+        first, other = one.step(actions)[0], all_of_them.step(actions)[0]
+
+
+def test_a_row_is_the_scalar_environment():
+    envs = gym.make_vec(
+        ID,
+        num_envs=4,
+        world="crowd",
+        lidar="a1",
+        max_episode_steps=60,
+        vector_kwargs={},
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
+    alone = [gym.make(ID, world="crowd", lidar="a1", max_episode_steps=60) for _ in range(4)]
+    observations, _ = envs.reset(seed=7)
+    for i, env in enumerate(alone):
+        np.testing.assert_array_equal(env.reset(seed=7 + i)[0], observations[i])
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(200):
+        actions = rng.uniform([0.0, -0.5], [1.0, 0.5], (4, 2)).astype(np.float32)
+        observations, rewards, terminated, truncated, info = envs.step(actions)
+        for i, env in enumerate(alone):
+            observation, *told, its_info = env.step(actions[i])
+            assert told == [rewards[i], terminated[i], truncated[i]]
+            ended = terminated[i] or truncated[i]
+            final = info["final_info"] if ended else info
+            for key in ("clearance", "path_length", "collision", "is_success"):
+                assert final[key][i] == its_info[key]
+            observation = env.reset()[0] if ended else observation
+            np.testing.assert_array_equal(observation, observations[i])
+            ends += ended
+    assert ends > 8
+
+
+def test_it_keeps_gymnasiums_contracts():
+    check_env(gym.make(ID, world="clutter", lidar="ideal").unwrapped, skip_render_check=True)
+    assert (
+        len(check_vector_env(lambda num_envs, **options: RoomsVectorEnv(num_envs, world="office", lidar="a1", **options))) == 3
+    )
+
+
+def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():
+    """The wall is at x = 3, the robot's radius 0.105 m: contact at x = 2.895, of the true pose."""
+    env = RoomsEnv(world=replace(HALL, goal=Pose(-2.0, 0.0, 0.0)), noise="clean", lidar="ideal")
+    env.reset(seed=0)
+    x, terminated = 0.0, False
+    while not terminated:
+        assert x < 2.895
+        _, reward, terminated, _, info = env.step(np.array([1.0, 0.0], np.float32))
+        x = info["true_state"][0]
+        assert info["clearance"] == pytest.approx(2.895 - x)
+        assert info["path_length"] == pytest.approx(x)
+    assert 2.895 < x < 2.93
+    assert info["collision"] is True
+    assert info["is_success"] is False
+    assert reward < -9.0
+
+
+def test_the_goal_ends_an_episode_and_pays():
+    env = RoomsEnv(world=HALL, noise="clean", lidar="ideal")
+    env.reset(seed=0)
+    terminated, total = False, 0.0
+    while not terminated:
+        _, reward, terminated, _, info = env.step(np.array([1.0, 0.0], np.float32))
+        total += reward
+    assert (info["is_success"], info["collision"]) == (True, False)
+    steps = info["path_length"] / 0.02097
+    # Progress of 1.8 m as steps of 0.02108 m; 0.11 for the time and the effort of each step; 10 at the end.
+    assert total == pytest.approx(1.8 / 0.02108 - 0.11 * steps + 10.0, abs=2.5)
+
+
+def test_nearness_costs():
+    """A robot that stands 0.195 m from a wall: 0.5 times (1 - 0.195 / 0.3) a step, and 0.1 for the time."""
+    env = RoomsEnv(world=replace(HALL, start=Pose(0.0, 2.7, 0.0)), noise="clean", lidar="ideal", reward=Reward(near=0.3))
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.zeros(2, np.float32))
+    assert info["clearance"] == pytest.approx(0.195)
+    assert reward == pytest.approx(-0.1 - 0.5 * (1.0 - 0.195 / 0.3))
+
+
+def test_progress_is_that_of_the_shortest_way():
+    """Behind a wall whose end is at y = 1 the robot has to drive up, away from the goal, to get nearer."""
+    plan = FloorPlan(
+        walls=(0.0, 0.0, 3.0, 3.0),
+        boxes=((1.0, -1.0, 0.1, 4.0),),
+        start=Pose(0.6, 0.0, math.pi / 2.0),
+        goal=Pose(1.5, -1.0, 0.0),
+    )
+    env = RoomsEnv(world=plan, noise="clean", lidar="ideal", reward=Reward(time=0.0, effort=0.0, nearness=0.0))
+    env.reset(seed=0)
+    rewards = [env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(30)]
+    assert np.mean(rewards[5:]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_first_scan_is_whole_and_its_age_is_told():
+    env = RoomsEnv(world=HALL, noise="clean", lidar=Lidar(beams=36, rate=5.0, range_min=0.0, stamped_at_end=True))
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == (50,)
+    assert observation[13] == pytest.approx(3.0 / 3.5)  # ahead
+    assert observation[13 + 9] == pytest.approx(3.0 / 3.5)  # to the left
+    assert observation[13 + 4] == pytest.approx(1.0)  # 40 degrees to the left: farther than 3.5 m
+    ages = [observation[49]] + [env.step(np.zeros(2, np.float32))[0][49] for _ in range(4)]
+    assert ages == pytest.approx([0.0, 0.1, 0.0, 0.1, 0.0])
+
+
+LIDAR = Lidar(
+    beams=40, rate=5.0, range_min=0.3, range_max=2.5, deviation=0.01, deviation_share=0.02, accuracy=0.05, quantization=0.01,
+    dropout=0.1, dead=((0.5, 0.3),), x=0.05, y=0.02, yaw=0.3,
+)  # fmt: skip
+CHANGES = {
+    "beams": 44, "rate": 4.0, "range_min": 0.6, "range_max": 2.0, "deviation": 0.05, "deviation_share": 0.1, "accuracy": 0.02,
+    "quantization": 0.05, "dropout": 0.3, "dead": ((0.5, 0.6),), "x": 0.0, "y": 0.0, "yaw": 0.0, "turning": False,
+    "stamped_at_end": True,
+}  # fmt: skip
+
+
+def rollout(**options):
+    """Return what an environment tells in 30 steps."""
+    env = RoomsEnv(**{"world": "clutter", "lidar": LIDAR, "noise": "rough"} | options)
+    told = [env.reset(seed=2)[0].tolist()]
+    for step in range(30):
+        observation, reward, *ends, info = env.step(np.array([0.5, 0.3 * math.sin(0.3 * step)], np.float32))
+        told.append([*observation.tolist(), reward, *ends, info["clearance"]])
+    return told
+
+
+@pytest.fixture(scope="module")
+def usual():
+    return rollout()
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_every_parameter_of_a_lidar_changes_what_is_told(usual, name):
+    assert rollout(lidar=replace(LIDAR, **{name: CHANGES[name]})) != usual
+
+
+def test_no_parameter_of_a_lidar_is_forgotten():
+    assert set(CHANGES) == {field.name for field in fields(Lidar)}
+
+
+@pytest.mark.parametrize("changes", [{"collision": 3.0}, {"nearness": 2.0}, {"near": 0.4}])
+def test_every_weight_of_a_room_changes_a_reward(changes):
+    told = []
+    for weights in (Reward(), Reward(**changes)):
+        env = RoomsEnv(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
+        env.reset(seed=0)
+        told.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])
+    assert told[0] != told[1]
+
+
+def test_the_radius_of_the_robot_decides_on_contact():
+    ends = [RoomsEnv(world=HALL, robot=robot, noise="clean").reset(seed=0)[1]["clearance"] for robot in ("burger", "waffle")]
+    assert ends == pytest.approx([3.0 - 0.105, 3.0 - 0.22])
+
+
+def test_the_observation_is_the_belief_of_open_ground_with_ranges():
+    env = RoomsEnv(world="dense", lidar="lds01")
+    space = env.observation_space
+    assert space.shape == (13 + SECTORS + 1,)
+    assert (space.low[13:] == 0.0).all()
+    assert (space.high[13:] == 1.0).all()
+    observation, info = env.reset(seed=4)
+    estimate, reference = info["estimate"], info["reference"]
+    assert observation[0] == pytest.approx(math.hypot(*(reference[:2] - estimate[:2])), rel=1e-6)

@@ -1,0 +1,69 @@
+"""The picture of a room: walls, obstacles, and where the newest scan ends."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from turtlebot_gym.envs.rendering import Renderer
+from turtlebot_gym.plotting import PURPLE
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.scene import Scene
+from turtlebot_gym.systems import World
+
+if TYPE_CHECKING:
+    from pygame import Surface
+
+_SOLID = "#555555"
+
+
+class RoomRenderer(Renderer):
+    """Draws a room as well. What stands is part of the paper; what walks, and the ends of the beams, are drawn anew.
+
+    Args:
+        scene: The room, whose arrays the environment changes.
+        lidar: The LiDAR; beams of the newest scan are drawn from where the robot is.
+        options: See `Renderer`.
+    """
+
+    def __init__(self, *arguments: Any, scene: Scene, lidar: Lidar, **options: Any) -> None:
+        self._scene, self._lidar = scene, lidar
+        super().__init__(*arguments, **options)
+
+    def _to_be_seen(self) -> list[tuple[float, float]]:
+        x, y, half_length, half_width = self._scene.walls.tolist()
+        return [(x - half_length, y - half_width), (x + half_length, y + half_width)]
+
+    def _draw_around(self, paper: Surface) -> None:
+        """Draw the walls and what stands still."""
+        x, y, half_length, half_width = self._scene.walls.tolist()
+        corner, size = (
+            self._at(x - half_length, y + half_width),
+            (self._length(2.0 * half_length), self._length(2.0 * half_width)),
+        )
+        self._pygame.draw.rect(paper, _SOLID, (*corner, *size), 8)
+        for x, y, a, b, cosine, sine in self._scene.boxes[: self._scene.counts[1]].tolist():
+            corners = [(x + cosine * u - sine * v, y + sine * u + cosine * v) for u, v in ((a, b), (-a, b), (-a, -b), (a, -b))]
+            self._pygame.draw.polygon(paper, _SOLID, [self._at(*corner) for corner in corners])
+        self._draw_circles(paper, walking=False)
+
+    def _draw_present(self, surface: Surface, world: World) -> None:
+        self._draw_circles(surface, walking=True)
+        super()._draw_present(surface, world)
+        truth, lidar = world.body.true_state, self._lidar
+        cosine, sine = math.cos(truth.theta), math.sin(truth.theta)
+        x = truth.x + lidar.x * cosine - lidar.y * sine
+        y = truth.y + lidar.x * sine + lidar.y * cosine
+        ahead, left, _ = self._scene.beams[:, : lidar.beams]
+        ranges = self._scene.ranges[1, : lidar.beams].astype(np.float64)
+        for a, b, length in zip(ahead, left, ranges, strict=True):
+            if math.isfinite(length):
+                end = self._at(x + length * (a * cosine - b * sine), y + length * (a * sine + b * cosine))
+                self._disc(surface, PURPLE, end, 4.0)
+
+    def _draw_circles(self, surface: Surface, *, walking: bool) -> None:
+        for x, y, radius, vx, vy in self._scene.circles[: self._scene.counts[0]].tolist():
+            if (vx != 0.0 or vy != 0.0) == walking:
+                self._disc(surface, _SOLID, self._at(x, y), self._length(radius))

@@ -1,0 +1,197 @@
+"""The environments of rooms, scalar and vector: navigation with walls and obstacles around, and a LiDAR."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+from gymnasium.vector import AutoresetMode
+
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.envs.common import make_batch
+from turtlebot_gym.envs.navigation import NavigationEnv
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.parameters import FilterTuning, Noise, Reward
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.scene import scene_at
+from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
+from turtlebot_gym.tasks import ROOM, Task
+
+if TYPE_CHECKING:
+    from turtlebot_gym.envs.rendering import Renderer
+
+
+class RoomsEnv(NavigationEnv):
+    """A differential-drive robot that finds its way through a room, on a filter's estimate and a LiDAR's ranges.
+
+    ## Description
+
+    `NavigationEnv` with walls and obstacles, which differ from episode to episode, and through which a way always leads. The
+    robot knows its goal only in the frame of its odometry, and the room only by the beams of a LiDAR, which turns as it drives.
+
+    ## Action Space
+
+    That of `NavigationEnv`.
+
+    ## Observation Space
+
+    ``Box((50,), float32)``, layout 2. The first 13 numbers are those of `NavigationEnv`.
+
+    | # | Observation | Unit | Min | Max |
+    |---|---|---|---|---|
+    | 0 to 12 | the belief and the goal: see `NavigationEnv` | | | |
+    | 13 to 48 | shortest range of the newest scan in 36 sectors, from ahead to the left, as shares of 3.5 m | | 0 | 1 |
+    | 49 | age of that scan, by its stamp | s | 0 | 1 |
+
+    ## Rewards
+
+    Progress on the *shortest way* through the room instead of the straight line; minus 10 for a collision; minus 0.5 a step
+    times the share of 0.15 m by which the clearance falls short of it. The rest is that of `NavigationEnv`.
+
+    ## Starting State
+
+    At rest in a room that was drawn, at least 1.5 m away from the goal. The first scan is a whole one.
+
+    ## Episode End
+
+    Termination: the goal is reached, within 0.2 m, or the footprint touches something, by the true pose. Truncation: after 600
+    steps, by Gymnasium's ``TimeLimit``.
+
+    ## Info
+
+    That of `NavigationEnv`, and ``clearance`` (between the footprint and what is nearest, m), ``path_length`` (driven since the
+    start, m), ``way_left`` (length of the shortest way to the goal on a grid, at most 8 % too long, m) and ``collision``.
+
+    ## Arguments
+
+    Args:
+        world: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``, ``.sdf``),
+            a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`.
+        lidar: "lds01", "lds02", "a1", "ideal", or a `turtlebot_gym.rooms.lidar.Lidar`.
+        robot: And all further arguments: see `NavigationEnv`.
+        noise: See there.
+        filter: See there.
+        integrator: See there.
+        observation: See there.
+        reward: See there.
+        arrival: See there.
+        dt: See there.
+        delay: See there.
+        render_mode: See there.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
+
+    ## Version History
+
+    * v0: first version, observation layout 2.
+    """
+
+    def __init__(
+        self,
+        *,
+        world: World = "dense",
+        lidar: str | Lidar = "lds01",
+        robot: str | Robot = "burger",
+        noise: str | Noise = "tutorial",
+        filter: str | FilterTuning = "matched",
+        integrator: str = "euler",
+        observation: str = "ekf",
+        reward: Reward | None = None,
+        arrival: str = "truth",
+        dt: float = 0.1,
+        delay: int = 0,
+        render_mode: str | None = None,
+    ) -> None:
+        self._room = find_world(world), find_lidar(lidar)
+        super().__init__(
+            task=ROOM,
+            robot=robot,
+            noise=noise,
+            filter=filter,
+            integrator=integrator,
+            observation=observation,
+            reward=reward,
+            arrival=arrival,
+            dt=dt,
+            delay=delay,
+            render_mode=render_mode,
+        )
+
+    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
+        return make_batch(num_envs, task, room=self._room, **arguments)
+
+    def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
+        from turtlebot_gym.envs.rendering_rooms import RoomRenderer
+
+        return RoomRenderer(mode, scene=scene_at(self._batch.scenes, 0), lidar=self._room[1], **options)
+
+
+class RoomsVectorEnv(NavigationVectorEnv):
+    """Many `RoomsEnv`s at once, a room of its own for each; as `NavigationVectorEnv`.
+
+    ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision``, shape (N,).
+
+    Args:
+        num_envs: How many.
+        max_episode_steps: See `NavigationVectorEnv`, as for the next three.
+        autoreset_mode: See there.
+        info: See there.
+        render_mode: See there.
+        world: And all further arguments: see `RoomsEnv`.
+        lidar: See there.
+        robot: See there.
+        noise: See there.
+        filter: See there.
+        integrator: See there.
+        observation: See there.
+        reward: See there.
+        arrival: See there.
+        dt: See there.
+        delay: See there.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        info: str = "default",
+        render_mode: str | None = None,
+        world: World = "dense",
+        lidar: str | Lidar = "lds01",
+        robot: str | Robot = "burger",
+        noise: str | Noise = "tutorial",
+        filter: str | FilterTuning = "matched",
+        integrator: str = "euler",
+        observation: str = "ekf",
+        reward: Reward | None = None,
+        arrival: str = "truth",
+        dt: float = 0.1,
+        delay: int = 0,
+    ) -> None:
+        self._room = find_world(world), find_lidar(lidar)
+        super().__init__(
+            num_envs,
+            max_episode_steps=max_episode_steps,
+            autoreset_mode=autoreset_mode,
+            info=info,
+            render_mode=render_mode,
+            task=ROOM,
+            robot=robot,
+            noise=noise,
+            filter=filter,
+            integrator=integrator,
+            observation=observation,
+            reward=reward,
+            arrival=arrival,
+            dt=dt,
+            delay=delay,
+        )
+
+    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
+        return make_batch(num_envs, task, room=self._room, **arguments)

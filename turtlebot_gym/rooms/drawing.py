@@ -1,0 +1,217 @@
+"""Rooms drawn by counter: the same key gives the same room, alone and in any batch, and a way leads through each of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
+from turtlebot_gym.models.random import ROOM, sub_key, uniforms
+from turtlebot_gym.rooms.geodesic import MARGIN, block, cell_of, is_free, spread
+from turtlebot_gym.rooms.rules import CELLULAR, GIVEN, OFFICE, RoomRules
+from turtlebot_gym.rooms.scene import UNREACHED, Scene
+from turtlebot_gym.values import Pose
+
+ATTEMPTS = 64
+"""Rooms that are drawn before an empty one is taken, and places in a room before another is drawn."""
+_NUMBERS = 4096
+"""Draws that a room may take."""
+# Where among the draws of a room each of its parts begins.
+_COUNTS, _BOXES, _DOORS, _CIRCLES, _CELLS, _PLACES = 0, 16, 128, 256, 1024, 3968
+
+_DOOR = 0.9
+"""Width of a door, m."""
+_WALL = 0.05
+"""Half the thickness of an inner wall, m."""
+_SHUT = 0.25
+"""Share of the doors that are walled up."""
+OFFICE_ROOMS = (3, 2)
+"""Rooms of an office along x and y."""
+OFFICE_WALLS = 14
+"""Most boxes that its walls are made of."""
+CELL = 0.15
+"""Side of the automaton's cells, m, as in the BARN challenge."""
+
+
+def capacity(rules: RoomRules) -> tuple[int, int]:
+    """Return the most circles and boxes of a room."""
+    circles, boxes = int(rules.circles[1]), int(rules.boxes[1])
+    if rules.kind == CELLULAR:
+        return int(4.0 * rules.half_length * rules.half_width / CELL**2 + 1e-9), 0
+    return circles, boxes + (OFFICE_WALLS if rules.kind == OFFICE else 0)
+
+
+@kernel
+def _between(low: float, high: float, share: float) -> float:
+    return low + (high - low) * share
+
+
+@kernel
+def _count(low: float, high: float, share: float) -> int:
+    """Return a whole number from ``low`` to ``high``, each with the same chance."""
+    return int(low) + int((high - low + 1.0) * share)
+
+
+@kernel
+def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before: int) -> None:
+    """Draw circles and boxes at random places, which may overlap each other."""
+    walls = scene.walls
+    few, many = uniforms(key, first + _COUNTS, 0)
+    n_boxes = _count(rules.boxes[0], rules.boxes[1], few)
+    n_circles = int(min(_count(rules.circles[0], rules.circles[1], many), rules.total - n_boxes))
+    for k in range(n_boxes):
+        u1, u2 = uniforms(key, first + _BOXES + 3 * k, 0)
+        u3, u4 = uniforms(key, first + _BOXES + 3 * k + 1, 0)
+        u5, _ = uniforms(key, first + _BOXES + 3 * k + 2, 0)
+        sine, cosine = sincos(PI * u5)
+        box = scene.boxes[boxes_before + k]
+        box[0], box[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
+        box[2], box[3] = _between(rules.radius[0], rules.radius[1], u3), _between(rules.radius[0], rules.radius[1], u4)
+        box[4], box[5] = cosine, sine
+    for k in range(n_circles):
+        u1, u2 = uniforms(key, first + _CIRCLES + 2 * k, 0)
+        u3, u4 = uniforms(key, first + _CIRCLES + 2 * k + 1, 0)
+        u5, _ = uniforms(key, first + _CIRCLES + 2 * k + 1, 1)
+        speed = _between(rules.speed[0], rules.speed[1], u4)
+        sine, cosine = sincos(TWO_PI * u5)
+        circle = scene.circles[k]
+        circle[0], circle[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
+        circle[2] = _between(rules.radius[0], rules.radius[1], u3)
+        circle[3], circle[4] = speed * cosine, speed * sine
+    scene.counts[0], scene.counts[1] = n_circles, boxes_before + n_boxes
+
+
+@kernel
+def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, top: float) -> int:
+    """Write an upright box, and return the number of boxes; nothing where it has no extent."""
+    if right <= left or top <= bottom:
+        return at
+    box = scene.boxes[at]
+    box[0], box[1] = 0.5 * (left + right), 0.5 * (bottom + top)
+    box[2], box[3] = 0.5 * (right - left), 0.5 * (top - bottom)
+    box[4], box[5] = 1.0, 0.0
+    return at + 1
+
+
+@kernel
+def _partition(scene: Scene, key: int, first: int) -> int:
+    """Draw the inner walls of an office with their doors, and return the number of boxes that they take."""
+    walls = scene.walls
+    across, along = OFFICE_ROOMS
+    length, width = 2.0 * walls[2] / across, 2.0 * walls[3] / along
+    left, bottom = walls[0] - walls[2], walls[1] - walls[3]
+    at = 0
+    for column in range(across):
+        for row in range(along):
+            place, shut = uniforms(key, first + _DOORS + 2 * (column * along + row), 0)
+            if column + 1 < across:  # the wall to the right of this room
+                x = left + (column + 1) * length
+                door = _between(bottom + row * width + _WALL, bottom + (row + 1) * width - _WALL - _DOOR, place)
+                door = door if shut >= _SHUT else bottom + (row + 1) * width
+                at = _put_box(scene, at, x - _WALL, x + _WALL, bottom + row * width, door)
+                at = _put_box(scene, at, x - _WALL, x + _WALL, door + _DOOR, bottom + (row + 1) * width)
+            place, shut = uniforms(key, first + _DOORS + 2 * (column * along + row) + 1, 0)
+            if row + 1 < along:  # the wall above this room
+                y = bottom + (row + 1) * width
+                door = _between(left + column * length + _WALL, left + (column + 1) * length - _WALL - _DOOR, place)
+                door = door if shut >= _SHUT else left + (column + 1) * length
+                at = _put_box(scene, at, left + column * length, door, y - _WALL, y + _WALL)
+                at = _put_box(scene, at, door + _DOOR, left + (column + 1) * length, y - _WALL, y + _WALL)
+    return at
+
+
+@kernel
+def _grow(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
+    """Fill cells at random, smooth them four times by the majority of their neighbours, and put a circle into each.
+
+    References:
+        Perille, Truong, Xiao, Stone, "Benchmarking metric ground navigation", SSRR (2020): the worlds of the BARN challenge.
+    """
+    walls = scene.walls
+    rows, columns = int(2.0 * walls[3] / CELL + 1e-9), int(2.0 * walls[2] / CELL + 1e-9)
+    now, then = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)
+    for cell in range(rows * columns):
+        u, _ = uniforms(key, first + _CELLS + cell, 0)
+        now[cell // columns, cell % columns] = 1 if u < rules.fill else 0
+    for _ in range(4):
+        for row in range(rows):
+            for column in range(columns):
+                filled = 0
+                for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+                    for near_column in range(max(column - 1, 0), min(column + 2, columns)):
+                        filled += now[near_row, near_column]
+                filled -= now[row, column]
+                then[row, column] = 1 if filled >= 5 or (filled >= 2 and now[row, column] == 1) else 0
+        now, then = then, now
+    n_circles = 0
+    for row in range(rows):
+        for column in range(columns):
+            if now[row, column] == 1 and n_circles < len(scene.circles):
+                circle = scene.circles[n_circles]
+                circle[0] = walls[0] - walls[2] + (column + 0.5) * CELL
+                circle[1] = walls[1] - walls[3] + (row + 0.5) * CELL
+                circle[2], circle[3], circle[4] = 0.5 * CELL, 0.0, 0.0
+                n_circles += 1
+    scene.counts[0], scene.counts[1] = n_circles, 0
+
+
+@kernel
+def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
+    """Draw what stands and walks in a room."""
+    scene.walls[0], scene.walls[1] = 0.0, 0.0
+    scene.walls[2], scene.walls[3] = rules.half_length, rules.half_width
+    if rules.kind == CELLULAR:
+        _grow(scene, rules, key, first)
+    else:
+        _scatter(scene, rules, key, first, _partition(scene, key, first) if rules.kind == OFFICE else 0)
+
+
+@kernel
+def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, key: int, at: int) -> Pose:
+    """Return a pose that is given, or drawn in the room: in a fifth of its length that begins at a share of it, or anywhere."""
+    walls = scene.walls
+    u1, u2 = uniforms(key, at, 0)
+    u3, _ = uniforms(key, at, 1)
+    along = share + 0.2 * u1 if rules.through else u1
+    x, y = walls[0] + (2.0 * along - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
+    drawn = math.isnan(given[0])
+    return Pose(x if drawn else given[0], y if drawn else given[1], wrap(TWO_PI * u3) if drawn else given[2])
+
+
+@kernel
+def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose, Pose]:
+    """Draw a room with a way through it, and return the robot's start and goal.
+
+    Rooms and places are drawn until the robot fits into the start and the goal, and a way leads from one to the other; a room
+    that allows of none in all attempts loses what stands in it.
+
+    Args:
+        scene: Where the room is written to. The kind "given" keeps what stands there.
+        rules: How it is drawn.
+        radius: The robot's, m.
+        key: The episode's key.
+    """
+    room_key = sub_key(key, ROOM)
+    start, goal = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
+    for attempt in range(ATTEMPTS):
+        first = attempt * _NUMBERS
+        if rules.kind != GIVEN:
+            _furnish(scene, rules, room_key, first)
+            if attempt == ATTEMPTS - 1:
+                scene.counts[0], scene.counts[1] = 0, 0
+        block(scene, radius + MARGIN)
+        for place in range(ATTEMPTS):
+            start = _place(scene, rules, rules.start, 0.0, room_key, first + _PLACES + 2 * place)
+            goal = _place(scene, rules, rules.goal, 0.8, room_key, first + _PLACES + 2 * place + 1)
+            dx, dy = goal.x - start.x, goal.y - start.y
+            far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
+            if far and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
+                spread(scene, goal.x, goal.y)
+                row, column = cell_of(scene, start.x, start.y)
+                if scene.ways[row, column] < UNREACHED - 1:
+                    return start, goal
+                break
+    block(scene, radius + MARGIN)  # there is no way: none is to be found either
+    return start, goal

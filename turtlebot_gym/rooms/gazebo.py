@@ -1,0 +1,97 @@
+"""Gazebo worlds: the static cylinders and boxes of an SDF file as a floor plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.scene import Walls
+from turtlebot_gym.values import Pose
+
+APRON = 1.0
+"""Free space between what stands in a world and the walls that are put around it, m."""
+
+
+class _Frame(NamedTuple):
+    """A planar frame in the world."""
+
+    x: float
+    y: float
+    yaw: float
+
+    def __add__(self, other: object) -> _Frame:
+        """Return the frame that another one, stated in this one, is in the world."""
+        assert isinstance(other, _Frame)
+        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
+        return _Frame(
+            self.x + cosine * other.x - sine * other.y, self.y + sine * other.x + cosine * other.y, self.yaw + other.yaw
+        )
+
+
+def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
+    """Read the static cylinders and boxes of a Gazebo world.
+
+    What lies flat on the ground or hangs, and what has other shapes, is not looked at. Walls are put around it all.
+
+    Args:
+        path: An SDF file, ``.world`` or ``.sdf``.
+        start: The pose in which the robot starts; drawn where it is None.
+        goal: The pose that it is to reach; drawn where it is None.
+
+    Raises:
+        ValueError: If the file cannot be read, or holds nothing that stands still.
+    """
+    try:
+        root = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
+    except ElementTree.ParseError as error:
+        raise ValueError(f"{str(path)!r} is no Gazebo world: {error}.") from error
+    circles: list[tuple[float, ...]] = []
+    boxes: list[tuple[float, ...]] = []
+    try:
+        for frame, geometry in _geometries(root):
+            cylinder, box = geometry.find("cylinder"), geometry.find("box")
+            if cylinder is not None:
+                circles.append((frame.x, frame.y, float(cylinder.findtext("radius", "nan"))))
+            elif box is not None:
+                length, width, _ = map(float, box.findtext("size", "").split())
+                boxes.append((frame.x, frame.y, length, width, frame.yaw))
+    except ValueError as error:
+        raise ValueError(f"{str(path)!r} holds a shape or a pose without its numbers: {error}.") from error
+    if not circles and not boxes:
+        raise ValueError(f"{str(path)!r} holds no static cylinder and no static box.")
+    return FloorPlan(
+        walls=_around(circles, boxes, start, goal), circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal
+    )
+
+
+def _geometries(root: ElementTree.Element) -> Iterator[tuple[_Frame, ElementTree.Element]]:
+    """Yield the frame and the geometry of each collision of each static model."""
+    for model in root.iter("model"):
+        if model.findtext("static", "0").strip() in ("1", "true"):
+            for link in model.iter("link"):
+                for collision in link.iter("collision"):
+                    geometry = collision.find("geometry")
+                    if geometry is not None:
+                        yield _frame(model) + _frame(link) + _frame(collision), geometry
+
+
+def _frame(element: ElementTree.Element) -> _Frame:
+    """Return the planar part of an element's pose."""
+    x, y, _, _, _, yaw = map(float, element.findtext("pose", "0 0 0 0 0 0").split())
+    return _Frame(x, y, yaw)
+
+
+def _around(circles: list[tuple[float, ...]], boxes: list[tuple[float, ...]], *poses: Pose | None) -> Walls:
+    """Return walls around circles, boxes and poses."""
+    reach = [(x, y, radius) for x, y, radius in circles]
+    reach += [(x, y, math.hypot(length, width) / 2.0) for x, y, length, width, _ in boxes]
+    reach += [(pose.x, pose.y, 0.0) for pose in poses if pose is not None]
+    left, right = min(x - r for x, _, r in reach) - APRON, max(x + r for x, _, r in reach) + APRON
+    bottom, top = min(y - r for _, y, r in reach) - APRON, max(y + r for _, y, r in reach) + APRON
+    return Walls((left + right) / 2.0, (bottom + top) / 2.0, (right - left) / 2.0, (top - bottom) / 2.0)

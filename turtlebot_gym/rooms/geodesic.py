@@ -1,0 +1,148 @@
+"""Shortest ways on a grid: which cells a robot's centre may be in, and how far each of them is from the goal.
+
+A cell is free where the robot keeps `MARGIN` to everything. Ways lead from a free cell to its eight neighbours; the margin is
+more than half a diagonal, so whoever follows a way keeps clear all along it. Lengths are whole numbers of `UNIT`: a straight
+step is 5 of them and a diagonal one 7, which is 1 % short of the square root of 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.rooms.rays import distance_to_box, distance_to_circle, distance_to_walls
+from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
+
+MARGIN = 0.1
+"""What a way keeps clear around the robot, m."""
+_STRAIGHT, _DIAGONAL = 5, 7
+UNIT = RESOLUTION / _STRAIGHT
+"""What lengths of ways are counted in, m."""
+UNKNOWN = -1.0
+"""The way left where there is none."""
+_WAITING = 8
+"""Lengths that wait at the same time: more than a diagonal step."""
+_BLOCKED = UNREACHED - 1
+
+
+@kernel
+def extent(scene: Scene) -> tuple[int, int]:
+    """Return the rows and columns of the grid over a room."""
+    rows = math.ceil(2.0 * scene.walls[3] / RESOLUTION - 1e-9)
+    columns = math.ceil(2.0 * scene.walls[2] / RESOLUTION - 1e-9)
+    return max(rows, 1), max(columns, 1)
+
+
+@kernel
+def cell_of(scene: Scene, x: float, y: float) -> tuple[int, int]:
+    """Return the row and the column of the cell around a point; the nearest cell of the grid for a point outside of it."""
+    rows, columns = extent(scene)
+    row = int(min(max((y - scene.walls[1] + scene.walls[3]) / RESOLUTION, 0.0), rows - 1.0))
+    column = int(min(max((x - scene.walls[0] + scene.walls[2]) / RESOLUTION, 0.0), columns - 1.0))
+    return row, column
+
+
+@kernel
+def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
+    """Return the centre of a cell, m."""
+    x = scene.walls[0] - scene.walls[2] + (column + 0.5) * RESOLUTION
+    y = scene.walls[1] - scene.walls[3] + (row + 0.5) * RESOLUTION
+    return x, y
+
+
+@kernel
+def block(scene: Scene, clearance: float) -> None:
+    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to what stands still in the room."""
+    rows, columns = extent(scene)
+    ways, walls = scene.ways, scene.walls
+    for row in range(rows):
+        for column in range(columns):
+            x, y = centre_of(scene, row, column)
+            near = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3]) < clearance
+            ways[row, column] = _BLOCKED if near else UNREACHED
+    for k in range(scene.counts[0]):
+        circle = scene.circles[k]
+        if circle[3] == 0.0 and circle[4] == 0.0:
+            reach = circle[2] + clearance
+            first_row, first_column = cell_of(scene, circle[0] - reach, circle[1] - reach)
+            last_row, last_column = cell_of(scene, circle[0] + reach, circle[1] + reach)
+            for row in range(first_row, last_row + 1):
+                for column in range(first_column, last_column + 1):
+                    x, y = centre_of(scene, row, column)
+                    if distance_to_circle(circle[0] - x, circle[1] - y, circle[2]) < clearance:
+                        ways[row, column] = _BLOCKED
+    for k in range(scene.counts[1]):
+        box = scene.boxes[k]
+        cosine, sine = box[4], box[5]
+        reach_x = abs(cosine) * box[2] + abs(sine) * box[3] + clearance
+        reach_y = abs(sine) * box[2] + abs(cosine) * box[3] + clearance
+        first_row, first_column = cell_of(scene, box[0] - reach_x, box[1] - reach_y)
+        last_row, last_column = cell_of(scene, box[0] + reach_x, box[1] + reach_y)
+        for row in range(first_row, last_row + 1):
+            for column in range(first_column, last_column + 1):
+                x, y = centre_of(scene, row, column)
+                dx, dy = box[0] - x, box[1] - y
+                if distance_to_box(dx * cosine + dy * sine, dy * cosine - dx * sine, box[2], box[3]) < clearance:
+                    ways[row, column] = _BLOCKED
+
+
+@kernel
+def is_free(scene: Scene, x: float, y: float) -> bool:
+    """Return whether the cell around a point is free."""
+    row, column = cell_of(scene, x, y)
+    return scene.ways[row, column] != _BLOCKED
+
+
+@kernel
+def spread(scene: Scene, x: float, y: float) -> None:
+    """Find the shortest way from each cell to the one around (x, y), which must be free, after `block`.
+
+    References:
+        Dial, "Algorithm 360: shortest-path forest with topological ordering", *Communications of the ACM* 12 (1969): lengths
+        are small whole numbers, so the cells that wait lie in a ring of buckets.
+    """
+    rows, columns = extent(scene)
+    ways = scene.ways
+    waiting = np.empty((_WAITING, rows * columns), np.int32)
+    number = np.zeros(_WAITING, np.int64)
+    row, column = cell_of(scene, x, y)
+    ways[row, column] = 0
+    waiting[0, 0] = row * columns + column
+    number[0] = 1
+    length, empty = 0, 0
+    while empty < _WAITING:
+        bucket = length % _WAITING
+        empty = empty + 1 if number[bucket] == 0 else 0
+        for at in range(number[bucket]):
+            row, column = waiting[bucket, at] // columns, waiting[bucket, at] % columns
+            if ways[row, column] == length:
+                for next_row in range(max(row - 1, 0), min(row + 2, rows)):
+                    for next_column in range(max(column - 1, 0), min(column + 2, columns)):
+                        straight = next_row == row or next_column == column
+                        longer = length + (_STRAIGHT if straight else _DIAGONAL)
+                        known = ways[next_row, next_column]
+                        if known != _BLOCKED and longer < known:
+                            ways[next_row, next_column] = longer
+                            to = longer % _WAITING
+                            waiting[to, number[to]] = next_row * columns + next_column
+                            number[to] += 1
+        number[bucket] = 0
+        length += 1
+
+
+@kernel
+def way_left(scene: Scene, x: float, y: float) -> float:
+    """Return the length of the shortest way to the goal from a point, m; `UNKNOWN` where no free cell is next to it."""
+    rows, columns = extent(scene)
+    row, column = cell_of(scene, x, y)
+    shortest = 1e9
+    for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+        for near_column in range(max(column - 1, 0), min(column + 2, columns)):
+            length = scene.ways[near_row, near_column]
+            if length < _BLOCKED:
+                to_x, to_y = centre_of(scene, near_row, near_column)
+                dx, dy = to_x - x, to_y - y
+                shortest = min(shortest, length * UNIT + sqrt(dx * dx + dy * dy))
+    return shortest if shortest < 1e9 else UNKNOWN

@@ -1,0 +1,216 @@
+"""A LiDAR that turns: when each of its beams is measured, what it says, and how a policy's ranges are pooled from it.
+
+The beams of a revolution are spread over its period, and each is cast from where the robot was at its time. A scan is
+complete with the last beam of a revolution, and is the newest one until the next revolution is complete. Beams count from 0
+on through an episode, whose start is the end of a revolution at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.angles import TWO_PI, sincos
+from turtlebot_gym.models.odometry import quantize
+from turtlebot_gym.models.random import normals, uniforms
+from turtlebot_gym.validation import require
+
+SECTORS = 36
+"""Sectors into which a policy's ranges are pooled: the first one lies ahead, the others follow counter-clockwise."""
+SIGHT = 3.5
+"""Range beyond which a policy sees free space, m: that of the shortest LiDAR, so that one policy serves them all."""
+MAX_AGE = 1.0
+"""Age of a scan that a policy sees at most, s."""
+DEAD_SECTORS = 4
+"""Most sectors in which a LiDAR may be blind."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lidar:
+    """A two-dimensional LiDAR: its beams, what is wrong with their ranges, and when they are measured."""
+
+    beams: int = 360
+    """Beams of a revolution, which begin at `yaw` and go counter-clockwise, at even distances."""
+    rate: float = 5.0
+    """Revolutions per second; at most one in a control interval."""
+    range_min: float = 0.12
+    """Shorter ranges are not returned, m."""
+    range_max: float = 3.5
+    """Longer ranges are not returned, m."""
+    deviation: float = 0.0
+    """Standard deviation of a range, m ..."""
+    deviation_share: float = 0.0
+    """... or as a share of it, where that is more."""
+    accuracy: float = 0.0
+    """Share by which all ranges of an episode are too long or too short, at most; drawn for the episode."""
+    quantization: float = 0.0
+    """Resolution of a range, m; 0 for none."""
+    dropout: float = 0.0
+    """Probability that a beam returns nothing."""
+    dead: tuple[tuple[float, float], ...] = ()
+    """Sectors, of the robot's directions, in which nothing is returned: first direction and width, rad; at most 4."""
+    x: float = 0.0
+    """Where it is mounted in the robot's frame, m."""
+    y: float = 0.0
+    yaw: float = 0.0
+    """Direction of the first beam in the robot's frame, rad."""
+    turning: bool = True
+    """Whether beams are measured one after the other; else all at the end of the period."""
+    stamped_at_end: bool = False
+    """Whether a scan's stamp is the time of its last beam instead of its first."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.beams, int) and self.beams >= 1):
+            raise ValueError(f"Lidar.beams must be a positive whole number, got {self.beams!r}.")
+        require(self, "positive", "rate", "range_max")
+        require(self, "finite", "rate", "range_max", "x", "y", "yaw")
+        require(self, "non-negative", "range_min", "deviation", "deviation_share", "quantization")
+        require(self, "a probability", "accuracy", "dropout")
+        if not self.range_min < self.range_max:
+            raise ValueError(f"Lidar.range_min must be below range_max, got {self.range_min!r} >= {self.range_max!r}.")
+        sectors = tuple(tuple(map(float, sector)) for sector in self.dead)
+        if len(sectors) > DEAD_SECTORS or not all(
+            len(s) == 2 and 0.0 <= s[1] <= TWO_PI and math.isfinite(s[0]) for s in sectors
+        ):
+            raise ValueError(
+                f"Lidar.dead must hold at most {DEAD_SECTORS} pairs of a direction and a width, got {self.dead!r}."
+            )
+        object.__setattr__(self, "dead", sectors + ((0.0, 0.0),) * (DEAD_SECTORS - len(sectors)))
+
+
+LIDARS = {
+    # Its data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. The driver
+    # stamps a scan when it is complete. Mounted as on a Burger.
+    "lds01": Lidar(
+        range_min=0.12, range_max=3.5, deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032,
+        stamped_at_end=True,
+    ),
+    "lds02": Lidar(
+        range_min=0.16, range_max=8.0, deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032,
+    ),
+    # RPLIDAR A1 on a TurtleBot 4: a scan has about 269 beams, at 7.7 Hz; four posts are in its way.
+    "a1": Lidar(
+        beams=269, rate=1.0 / 0.130, range_min=0.15, range_max=12.0, deviation_share=0.01, x=-0.04, yaw=math.pi / 2.0,
+        dead=tuple((quarter * math.pi / 2.0 + math.pi / 4.0 - 0.05, 0.1) for quarter in range(4)),
+    ),
+    "ideal": Lidar(beams=36, rate=10.0, range_min=0.0, turning=False, stamped_at_end=True),
+}  # fmt: skip
+"""LiDARs by name."""
+
+
+@kernel
+def beams_by(at: int, lidar: Lidar, dt: float) -> int:
+    """Return how many beams have been measured by the end of a step."""
+    share = at * dt * lidar.rate
+    whole = math.floor(share + 1e-9)
+    return math.floor((share if lidar.turning else whole) * lidar.beams + 1e-6)
+
+
+@kernel
+def time_of_beam(beam: float, lidar: Lidar) -> float:
+    """Return the time at which a beam was measured, s since the start."""
+    turned = (beam + 1.0) / lidar.beams
+    return (turned if lidar.turning else math.ceil(turned)) / lidar.rate
+
+
+@kernel
+def age_of_scan(at: int, lidar: Lidar, dt: float) -> float:
+    """Return the age of the newest complete scan at the end of a step, by its stamp, s."""
+    revolutions = beams_by(at, lidar, dt) // int(lidar.beams)
+    first = (revolutions - 1.0) / lidar.rate
+    stamp = revolutions / lidar.rate if lidar.stamped_at_end or not lidar.turning else first
+    return max(at * dt - stamp, 0.0)
+
+
+@kernel
+def is_dead(angle: float, lidar: Lidar) -> bool:
+    """Return whether a LiDAR is blind in a direction of the robot's frame."""
+    blind = False
+    for sector in lidar.dead:
+        behind = angle - sector[0] - TWO_PI * math.floor((angle - sector[0]) / TWO_PI)
+        blind = blind | (behind < sector[1])
+    return blind
+
+
+@kernel
+def aim(beams, lidar: Lidar) -> None:
+    """Write the directions of a revolution's beams in the robot's frame, and the shortest range that each of them returns.
+
+    Args:
+        beams: Shape (3, B): cosine, sine, and the range, m, which is infinite for a beam that is blind.
+        lidar: The LiDAR.
+    """
+    for beam in range(int(lidar.beams)):
+        angle = lidar.yaw + TWO_PI * beam / lidar.beams
+        beams[1, beam], beams[0, beam] = sincos(angle)
+        beams[2, beam] = math.inf if is_dead(angle, lidar) else lidar.range_min
+
+
+@kernel
+def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar) -> float:
+    """Return what a beam says about the true length of its ray, m; infinite where it returns nothing.
+
+    Args:
+        length: True length, m.
+        least: The shortest range that the beam returns, m.
+        beam: Its number in the episode, for the draws.
+        bias: Share by which ranges are too long in this episode.
+        key: Key of the episode's scans.
+        lidar: Its errors.
+    """
+    noise, _ = normals(key, beam, 0)
+    lost, _ = uniforms(key, beam, 1)
+    deviation = max(lidar.deviation, lidar.deviation_share * length)
+    measured = quantize(length * (1.0 + bias) + deviation * noise, lidar.quantization)
+    seen = (length <= lidar.range_max) & (measured >= least) & (measured <= lidar.range_max) & (lost >= lidar.dropout)
+    return measured if seen else math.inf
+
+
+@kernel
+def bias_of(key: int, lidar: Lidar) -> float:
+    """Return the share by which the ranges of an episode are too long, drawn from the key of its scans."""
+    share, _ = uniforms(key, 0, 2)
+    return (2.0 * share - 1.0) * lidar.accuracy
+
+
+@kernel
+def divide(spans, first_angle: float, beams: int) -> None:
+    """Divide the beams of a scan among the sectors of a policy; a sector without a beam takes the nearest one to its middle.
+
+    Args:
+        spans: Shape (`SECTORS`, 2): each sector's first beam, from -beams on, and the one after its last.
+        first_angle: Direction of the first beam in the robot's frame, rad.
+        beams: How many beams the scan has, counter-clockwise and at even distances.
+    """
+    for sector in range(SECTORS):
+        turns = sector / SECTORS - first_angle / TWO_PI
+        middle = (turns - math.floor(turns)) * beams
+        first = math.ceil(middle - 0.5 * beams / SECTORS - 1e-9)
+        last = math.ceil(middle + 0.5 * beams / SECTORS - 1e-9)
+        first = first if last > first else math.floor(middle + 0.5)
+        last = max(last, first + 1)
+        around = beams if last > beams else 0
+        spans[sector, 0], spans[sector, 1] = first - around, last - around
+
+
+@kernel
+def pool(ranges, spans, beams: int, sectors) -> None:
+    """Pool the ranges of a scan into the sectors of a policy: the shortest in each, as a share of `SIGHT`.
+
+    Ranges that are not numbers, negative or infinite are free.
+
+    Args:
+        ranges: Shape (B,), m; B at least ``beams``.
+        spans: What `divide` says.
+        beams: How many beams the scan has.
+        sectors: Shape (`SECTORS`,), where the shares are written to.
+    """
+    for sector in range(SECTORS):
+        shortest = SIGHT
+        for beam in range(spans[sector, 0], spans[sector, 1]):
+            length = ranges[beam if beam >= 0 else beam + beams]
+            shortest = length if 0.0 <= length < shortest else shortest
+        sectors[sector] = np.float32(shortest / SIGHT)

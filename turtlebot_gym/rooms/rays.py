@@ -1,0 +1,98 @@
+"""Rays and distances in a room of circles, boxes and walls: all of it analytic.
+
+A ray begins at a point and has a unit direction; its length is to the nearest surface ahead, `FAR` where there is none. From
+inside an obstacle a ray has the length 0.
+"""
+
+from __future__ import annotations
+
+from turtlebot_gym.kernel import kernel, sqrt
+
+FAR = 1e9
+"""Length of a ray that meets nothing, m."""
+_TINY = 1e-30
+"""Least size of a divisor: a ray along an axis meets its crossing planes beyond `FAR`."""
+
+
+@kernel
+def ray_to_circle(x: float, y: float, dx: float, dy: float, squared_radius: float) -> float:
+    """Return the length of a ray to a circle.
+
+    Args:
+        x: Position of the circle's centre, seen from the ray's origin, m.
+        y: And its other coordinate.
+        dx: Direction of the ray, a unit vector.
+        dy: And its other coordinate.
+        squared_radius: m^2.
+    """
+    along = x * dx + y * dy
+    across = x * dy - y * dx
+    half_chord = squared_radius - across * across
+    half = sqrt(max(half_chord, 0.0))
+    near, far = along - half, along + half
+    length = max(near, 0.0) if half_chord >= 0.0 else FAR
+    return length if far >= 0.0 else FAR
+
+
+@kernel
+def inverse(component: float) -> float:
+    """Return the inverse of a direction's component, finite also where it is 0."""
+    return 1.0 / (component if abs(component) > _TINY else _TINY)
+
+
+@kernel
+def ray_to_box(x: float, y: float, inverse_dx: float, inverse_dy: float, half_length: float, half_width: float) -> float:
+    """Return the length of a ray to a box, in the frame of the box.
+
+    Args:
+        x: Position of the box's centre, seen from the ray's origin, m.
+        y: And its other coordinate.
+        inverse_dx: Inverses of the ray's direction, see `inverse`.
+        inverse_dy: And its other coordinate.
+        half_length: Half the box's extent along its x axis, m.
+        half_width: Half its extent along its y axis, m.
+    """
+    middle_x, middle_y = x * inverse_dx, y * inverse_dy
+    reach_x, reach_y = half_length * abs(inverse_dx), half_width * abs(inverse_dy)
+    near = max(middle_x - reach_x, middle_y - reach_y)
+    far = min(middle_x + reach_x, middle_y + reach_y)
+    length = max(near, 0.0) if near <= far else FAR
+    return length if far >= 0.0 else FAR
+
+
+@kernel
+def ray_to_walls(x: float, y: float, inverse_dx: float, inverse_dy: float, half_length: float, half_width: float) -> float:
+    """Return the length of a ray to the walls around its origin; 0 outside of them.
+
+    Args:
+        x: Position of the room's centre, seen from the ray's origin, m.
+        y: And its other coordinate.
+        inverse_dx: Inverses of the ray's direction, see `inverse`.
+        inverse_dy: And its other coordinate.
+        half_length: Half the room's extent along x, m.
+        half_width: Half its extent along y, m.
+    """
+    across_x = x * inverse_dx + half_length * abs(inverse_dx)
+    across_y = y * inverse_dy + half_width * abs(inverse_dy)
+    length = max(min(across_x, across_y), 0.0)
+    return min(length, FAR) if max(abs(x) - half_length, abs(y) - half_width) <= 0.0 else 0.0
+
+
+@kernel
+def distance_to_circle(x: float, y: float, radius: float) -> float:
+    """Return the distance from the origin to a circle with its centre at (x, y); negative inside of it."""
+    return sqrt(x * x + y * y) - radius
+
+
+@kernel
+def distance_to_box(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Return the distance from the origin to a box with its centre at (x, y), in its frame; negative inside of it."""
+    out_x, out_y = abs(x) - half_length, abs(y) - half_width
+    beside_x, beside_y = max(out_x, 0.0), max(out_y, 0.0)
+    return sqrt(beside_x * beside_x + beside_y * beside_y) + min(max(out_x, out_y), 0.0)
+
+
+@kernel
+def distance_to_walls(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Return the distance from the origin to the walls of a room with its centre at (x, y); negative outside of them."""
+    return min(half_length - abs(x), half_width - abs(y))

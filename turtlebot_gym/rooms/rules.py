@@ -1,0 +1,71 @@
+"""The rules by which rooms are drawn, and their presets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from turtlebot_gym.validation import require
+
+GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
+"""Kinds of rooms: one that is given, obstacles at random places, rooms with doors, and a cellular automaton's caves."""
+KINDS = {"given": GIVEN, "scattered": SCATTERED, "office": OFFICE, "cellular": CELLULAR}
+ANYWHERE = (math.nan, math.nan, math.nan)
+"""Stands for a pose that is drawn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomRules:
+    """How a room is drawn: what stands or walks in it, and where the robot starts and is to go."""
+
+    kind: float = SCATTERED
+    """A value of `KINDS`."""
+    half_length: float = 2.5
+    """Half the room's extent along x, m."""
+    half_width: float = 2.5
+    """Half its extent along y, m."""
+    circles: tuple[float, ...] = (6.0, 14.0)
+    """Fewest and most circles, drawn with equal chances."""
+    boxes: tuple[float, ...] = (0.0, 4.0)
+    """Fewest and most boxes."""
+    radius: tuple[float, ...] = (0.1, 0.3)
+    """Least and greatest radius of a circle, and half extent of a box, m."""
+    total: float = math.inf
+    """Most circles and boxes together: where there would be more, there are fewer circles."""
+    speed: tuple[float, ...] = (0.0, 0.0)
+    """Least and greatest speed of circles that walk; 0 for those that stand; m/s."""
+    fill: float = 0.2
+    """Share of the cells that are filled before the automaton smooths them; for the kind "cellular"."""
+    through: bool = False
+    """Whether the robot starts in the first fifth of the room's length and goes to the last one."""
+    min_distance: float = 1.5
+    """Least distance between start and goal, m."""
+    start: tuple[float, ...] = ANYWHERE
+    """The pose in which the robot starts; NaN where it is drawn."""
+    goal: tuple[float, ...] = ANYWHERE
+    """The pose that it is to reach; NaN where it is drawn."""
+
+    def __post_init__(self) -> None:
+        require(self, "positive", "half_length", "half_width", "radius")
+        require(self, "finite", "half_length", "half_width", "radius")
+        require(self, "non-negative", "circles", "boxes", "speed", "min_distance")
+        require(self, "a probability", "fill")
+        for name in ("circles", "boxes", "radius", "speed"):
+            value = getattr(self, name)
+            if len(value) != 2 or value[0] > value[1]:
+                raise ValueError(f"RoomRules.{name} must be a least and a greatest value, got {value!r}.")
+
+
+ROOMS = {
+    "clutter": RoomRules(),
+    "dense": RoomRules(circles=(14.0, 14.0), boxes=(0.0, 4.0), total=14.0),
+    "corridor": RoomRules(
+        half_length=4.0, half_width=0.9, circles=(3.0, 7.0), boxes=(0.0, 2.0), radius=(0.08, 0.2), through=True
+    ),
+    "office": RoomRules(
+        kind=OFFICE, half_length=3.75, half_width=2.5, circles=(0.0, 6.0), boxes=(0.0, 0.0), radius=(0.08, 0.2)
+    ),
+    "cellular": RoomRules(kind=CELLULAR, half_length=3.0, half_width=2.25, through=True),
+    "crowd": RoomRules(circles=(4.0, 8.0), boxes=(0.0, 2.0), radius=(0.15, 0.25), speed=(0.05, 0.2)),
+}
+"""Rules by name."""

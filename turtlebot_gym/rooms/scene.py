@@ -1,0 +1,101 @@
+"""What surrounds a robot, as arrays: a room, the ways in it, and what the LiDAR has measured."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.rooms.lidar import SECTORS
+
+RESOLUTION = 0.1
+"""Side of a cell of the grid of ways, m."""
+UNREACHED = 0xFFFF
+"""Length of the way from a cell that no way leads to the goal from."""
+
+
+class Walls(NamedTuple):
+    """The rectangle of walls around a room."""
+
+    x: float
+    """Centre, m."""
+    y: float
+    half_length: float
+    """Half the extent along x, m."""
+    half_width: float
+    """Half the extent along y, m."""
+
+
+class Scene(NamedTuple):
+    """What surrounds one robot; with a leading axis, what surrounds each of many."""
+
+    walls: Any
+    """Shape (4,): the numbers of `Walls`."""
+    counts: Any
+    """Shape (2,), int64: how many circles and boxes there are."""
+    circles: Any
+    """Shape (C, 5): x, y, radius, and the velocity of those that walk; m, m/s."""
+    boxes: Any
+    """Shape (B, 6): x, y, half length, half width, and cosine and sine of the heading."""
+    ways: Any
+    """Shape (rows, columns), uint16: length of the shortest way to the goal from each cell, in `geodesic.UNIT`."""
+    beams: Any
+    """Shape (3, beams): cosine and sine of each beam's direction in the robot's frame, and the least range it returns, m."""
+    spans: Any
+    """Shape (`SECTORS`, 2), int64: the beams of each sector, see `lidar.divide`."""
+    ranges: Any
+    """Shape (2, beams), float32: the revolution that is being measured, and the newest complete one, m."""
+    sectors: Any
+    """Shape (`SECTORS`,), float32: the newest scan, pooled: shares of `lidar.SIGHT`."""
+
+
+@kernel
+def scene_at(scenes: Scene, index: int) -> Scene:
+    """Return what surrounds one robot of many."""
+    return Scene(
+        scenes.walls[index],
+        scenes.counts[index],
+        scenes.circles[index],
+        scenes.boxes[index],
+        scenes.ways[index],
+        scenes.beams[index],
+        scenes.spans[index],
+        scenes.ranges[index],
+        scenes.sectors[index],
+    )
+
+
+def cells(extent: float) -> int:
+    """Return the number of cells along an extent in metres."""
+    return max(1, math.ceil(extent / RESOLUTION - 1e-9))
+
+
+def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: float, beams: int) -> Scene:
+    """Return empty arrays for rooms up to a size.
+
+    Args:
+        number: How many rooms.
+        circles: Most circles in a room.
+        boxes: Most boxes.
+        length: Largest extent along x, m.
+        width: Largest extent along y, m.
+        beams: Most beams of a LiDAR.
+    """
+
+    def zeros(*shape: int, dtype: Any = np.float64) -> NDArray[Any]:
+        return np.zeros((number, *shape), dtype)
+
+    return Scene(
+        zeros(4),
+        zeros(2, dtype=np.int64),
+        zeros(max(circles, 1), 5),
+        zeros(max(boxes, 1), 6),
+        zeros(cells(width), cells(length), dtype=np.uint16),
+        zeros(3, beams),
+        zeros(SECTORS, 2, dtype=np.int64),
+        zeros(2, beams, dtype=np.float32),
+        zeros(SECTORS, dtype=np.float32),
+    )

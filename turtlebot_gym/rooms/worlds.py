@@ -1,0 +1,76 @@
+"""The worlds that there are: presets by name, rules, floor plans, and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.rooms.drawing import capacity, draw
+from turtlebot_gym.rooms.gazebo import read_gazebo
+from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN, way_left
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
+from turtlebot_gym.validation import choose
+
+World = str | Path | RoomRules | FloorPlan
+"""How a world may be named."""
+GAZEBO = (".world", ".sdf")
+"""How the names of Gazebo's files end."""
+
+
+def find_world(world: World) -> RoomRules | FloorPlan:
+    """Return the rules or the floor plan of a world.
+
+    Args:
+        world: A name in `rules.ROOMS`, the path of a Gazebo world, rules, or a floor plan.
+
+    Raises:
+        ValueError: If there is no such world, or its file cannot be read.
+    """
+    if isinstance(world, (RoomRules, FloorPlan)):
+        return world
+    if Path(world).suffix in GAZEBO:
+        return read_gazebo(world)
+    if world not in ROOMS:
+        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file {' or '.join(GAZEBO)}, got {world!r}.")
+    return ROOMS[str(world)]
+
+
+def find_lidar(lidar: str | Lidar) -> Lidar:
+    """Return a LiDAR, or the one of a name in `lidar.LIDARS`.
+
+    Raises:
+        ValueError: If the name is unknown.
+    """
+    return lidar if isinstance(lidar, Lidar) else choose("lidar", lidar, LIDARS)
+
+
+def scene_of(plan: FloorPlan, *, beams: int = 1) -> Scene:
+    """Return a scene with a floor plan."""
+    rules = plan.rules()
+    circles, boxes = capacity(rules)
+    length, width = 2.0 * rules.half_length, 2.0 * rules.half_width
+    scene = scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=beams), 0)
+    plan.put(scene)
+    return scene
+
+
+def require_a_way(plan: FloorPlan, radius: float) -> None:
+    """Refuse a floor plan through which no way leads.
+
+    Args:
+        plan: The plan.
+        radius: The robot's, m.
+
+    Raises:
+        ValueError: If there is no way from its start to its goal, or none between any two places that were tried.
+    """
+    scene = scene_of(plan)
+    start, _ = draw(scene, plan.rules(), radius, episode_key(0, 0))
+    if way_left(scene, start.x, start.y) == UNKNOWN:
+        where = "from its start to its goal" if plan.start and plan.goal else "between the places that were drawn"
+        raise ValueError(
+            f"The floor plan has no way {where} for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
+        )

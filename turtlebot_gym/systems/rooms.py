@@ -1,0 +1,197 @@
+"""Rooms: open ground with walls and obstacles around, and a LiDAR that sees them.
+
+Body, odometry, filter and arrival are open ground's. What is added: beams, measured while the robot moves; contact, judged on
+the true pose; and a reward for progress on the shortest way instead of on the straight line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+from turtlebot_gym.estimation.interface import Filter, filter_of
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.random import SCAN, sub_key
+from turtlebot_gym.rooms.drawing import capacity, draw
+from turtlebot_gym.rooms.geodesic import way_left
+from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, Lidar, age_of_scan, aim, beams_by, divide
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
+from turtlebot_gym.rooms.sensing import clearance, measure, walk
+from turtlebot_gym.systems.open_ground import look, open_ground
+from turtlebot_gym.systems.parameters import Parameters, make_parameters
+from turtlebot_gym.systems.system import Surroundings, System
+from turtlebot_gym.systems.world import Outcome, World
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, reward_of
+from turtlebot_gym.values import Pose
+
+ROOM_LAYOUT = 2
+"""Version of what a policy is given in a room: the 13 numbers of layout 1, the ranges of the sectors, the scan's age."""
+
+
+SIZES = {OBSERVATION_LAYOUT: len(OBSERVATION_LOW), ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1}
+"""How many numbers a policy is given, by layout."""
+
+
+class RoomParameters(NamedTuple):
+    """What a step in a room depends on besides open ground's parameters."""
+
+    rules: RoomRules
+    """How the room is drawn."""
+    lidar: Lidar
+    """The robot's LiDAR."""
+
+
+class Around(NamedTuple):
+    """What is known of the room around."""
+
+    pose: Pose
+    """The true pose at the end of the step before."""
+    way: float
+    """Length of the shortest way to the goal, m."""
+    clearance: float
+    """Distance between the robot's footprint and what is nearest, m; negative on contact."""
+    least: float
+    """The least clearance since the start, m."""
+    path_length: float
+    """Length of the way that was driven since the start, m."""
+    scan_age: float
+    """Age of the newest scan by its stamp, s."""
+    collided: bool
+    """Whether the robot is in contact with something."""
+
+
+class RoomObservation(NamedTuple):
+    """What a policy is given in a room, but for the ranges, which come before the scan's age."""
+
+    distance: float
+    cos_bearing: float
+    sin_bearing: float
+    cos_turn: float
+    sin_turn: float
+    v: float
+    omega: float
+    std_position: float
+    std_heading: float
+    nis: float
+    next_distance: float
+    cos_next: float
+    sin_next: float
+    scan_age: float
+    """Age of the scan by its stamp, s."""
+
+
+@kernel
+def lay_out(key, p, scene):
+    """Draw a room, and return the start pose and the goal."""
+    return draw(scene, p.room.rules, p.robot.radius, key)
+
+
+@kernel
+def _pose(world):
+    truth = world.body.true_state
+    return Pose(truth.x, truth.y, truth.theta)
+
+
+@kernel
+def first_look(world, key, p, scene):
+    """Measure a revolution at rest before the start, and return what is known of the room."""
+    pose, lidar = _pose(world), p.room.lidar
+    aim(scene.beams, lidar)
+    divide(scene.spans, lidar.yaw, int(lidar.beams))
+    measure(scene, pose, pose, -int(lidar.beams), 0, 0.0, sub_key(key, SCAN), lidar, p.dt)
+    near = clearance(scene, pose.x, pose.y) - p.robot.radius
+    return Around(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0)
+
+
+@kernel
+def look_round(world, outcome, key, p, scene):
+    """Move what walks, measure the beams of the interval, judge contact, and reward progress on the shortest way."""
+    before, pose, lidar, at, weights = world.room, _pose(world), p.room.lidar, int(world.steps), p.reward
+    walk(scene, p.dt)
+    first, last = beams_by(at - 1, lidar, p.dt), beams_by(at, lidar, p.dt)
+    measure(scene, before.pose, pose, first, last, (at - 1) * p.dt, sub_key(key, SCAN), lidar, p.dt)
+    near = clearance(scene, pose.x, pose.y) - p.robot.radius
+    dx, dy = pose.x - before.pose.x, pose.y - before.pose.y
+    way = way_left(scene, pose.x, pose.y)
+    way = way if way >= 0.0 else before.way
+    collided = near < 0.0
+    success = outcome.is_success and not collided
+    reward = reward_of(before.way, way, world.body.command, success, weights, p.robot, p.dt)
+    reward -= weights.collision if collided else 0.0
+    reward -= weights.nearness * max(1.0 - near / weights.near, 0.0) if not collided else 0.0
+    room = Around(
+        pose, way, near, min(before.least, near), before.path_length + sqrt(dx * dx + dy * dy),
+        age_of_scan(at, lidar, p.dt), collided,
+    )  # fmt: skip
+    terminated = outcome.terminated or collided
+    told = Outcome(reward, outcome.distance, success, terminated, outcome.truncated and not terminated, outcome.reached)
+    return World(world.body, world.senses, world.estimate, world.course, world.steps, room), told
+
+
+@kernel
+def observe(world, p):
+    """Return what the policy observes, layout 2, but for the ranges."""
+    o = look(world, p)
+    return RoomObservation(
+        o.distance, o.cos_bearing, o.sin_bearing, o.cos_turn, o.sin_turn, o.v, o.omega, o.std_position, o.std_heading, o.nis,
+        o.next_distance, o.cos_next, o.sin_next, min(world.room.scan_age, MAX_AGE),
+    )  # fmt: skip
+
+
+@kernel
+def ranges(scene):
+    """Return the pooled ranges of the newest scan."""
+    return scene.sectors
+
+
+def make(parameters: Sequence[Parameters]) -> Scene:
+    """Return arrays that hold the largest room and the largest LiDAR of some parameters."""
+    rules = {row.room.rules for row in parameters}
+    circles, boxes = (max(sizes) for sizes in zip(*map(capacity, rules), strict=True))
+    return make_scenes(
+        len(parameters),
+        circles=circles,
+        boxes=boxes,
+        length=max(2.0 * rule.half_length for rule in rules),
+        width=max(2.0 * rule.half_width for rule in rules),
+        beams=max(row.room.lidar.beams for row in parameters),
+    )
+
+
+def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomParameters:
+    """Return the parameters of a room.
+
+    Args:
+        world: The rules by which it is drawn, or its plan.
+        lidar: The robot's LiDAR.
+        dt: Control interval, s.
+
+    Raises:
+        ValueError: If the LiDAR turns more than once in an interval.
+    """
+    if lidar.rate * dt > 1.0 + 1e-9:
+        raise ValueError(f"Lidar.rate must be at most one scan in a control interval of {dt:g} s, got {lidar.rate:g} Hz.")
+    return RoomParameters(world.rules() if isinstance(world, FloorPlan) else world, lidar)
+
+
+@cache
+def rooms(filter: Filter) -> System:
+    """Return the system of rooms with a filter."""
+    return open_ground(filter)._replace(
+        lay_out=lay_out,
+        observe=observe,
+        layout=ROOM_LAYOUT,
+        low=(*OBSERVATION_LOW, *(0.0,) * SECTORS, 0.0),
+        high=(*OBSERVATION_HIGH, *(1.0,) * SECTORS, MAX_AGE),
+        example=make_parameters()._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
+        surroundings=Surroundings(make, scene_at, first_look, look_round, ranges, SECTORS),
+    )
+
+
+def system_of(parameters: Parameters) -> System:
+    """Return the system that parameters are for: rooms where they say what a room is like, else open ground."""
+    filter = filter_of(parameters.tuning)
+    return rooms(filter) if parameters.room else open_ground(filter)
