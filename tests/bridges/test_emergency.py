@@ -113,6 +113,14 @@ def test_an_old_press_counts_from_when_it_is_heard():
     assert stop.trouble(60.49) == "the emergency stop is pressed"
 
 
+def test_all_that_was_sent_before_has_been_heard_once_every_button_spoke_since():
+    stop = play((50.0, 1), (50.1, 700), (50.3, 2))
+    assert stop.spoken_since(50.1)
+    assert not stop.spoken_since(50.2)  # the second one's press may still be on its way
+    stop.hear(False, now=50.4, number=701)
+    assert stop.spoken_since(50.2)
+
+
 def test_without_numbers_all_are_one():
     stop = EmergencyStop()
     for k in range(10):

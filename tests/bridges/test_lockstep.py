@@ -167,6 +167,9 @@ def test_the_stamps_of_a_robot_are_refused_where_they_would_count():
     rule.check("goal", 1_700_000_000 * S)  # a goal is set by a person, in whatever time
     with pytest.raises(ValueError, match="wall clock"):
         rule.check("estimate", 1_700_000_000 * S)
+    rule.check("estimate", 999_999_999_999_999_999)  # the last nanosecond before September 2001
+    with pytest.raises(ValueError, match="wall clock"):
+        rule.check("estimate", 1_000_000_000_000_000_000)
 
 
 def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
@@ -180,6 +183,7 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     assert not plant.answers([S])
     plant.begin_episode()
     assert plant.advance(7.0) == 61 * S + TENTH
+    assert plant.advance(7.0) == 61 * S + 2 * TENTH  # one leap for an episode
 
 
 def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long_after_two():

@@ -20,7 +20,8 @@ def clock(*looks):
 
 
 def age(seen, steady=100.0, **times):
-    return seen.age(steady=steady, **{name: EPOCH + time for name, time in times.items()})
+    unknown = {"source": 0.0, "arrival": 0.0, "header": 0.0}
+    return seen.age(steady=steady, **unknown | {name: EPOCH + time for name, time in times.items()})
 
 
 @pytest.mark.parametrize(
@@ -55,6 +56,7 @@ def test_a_clock_that_is_ahead_is_told():
     assert age(clock(), source=105.0).ahead == pytest.approx(5.0, abs=1e-5)
     assert age(clock(), source=105.0, header=99.0).ahead == 0.0
     assert age(clock(), source=99.9).ahead == 0.0
+    assert age(clock(), arrival=99.9).ahead == 0.0  # nothing is known of the sender's clock
 
 
 @pytest.mark.parametrize("step", [-7200.0, -30.0, -1.0, -0.3])

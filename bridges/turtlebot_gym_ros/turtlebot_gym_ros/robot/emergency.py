@@ -25,7 +25,7 @@ SILENCE = 0.5
 """Silence of a button, once heard, that counts as a press, s; and time that a press lasts for all, s."""
 
 
-@dataclass(slots=True)
+@dataclass
 class Button:
     """What is known of one publisher of the emergency stop."""
 
