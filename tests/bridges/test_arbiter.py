@@ -324,7 +324,7 @@ def hears_the_last(arbiter):
 
 
 def asks_before_disabling(arbiter):
-    return lambda on, now: arbiter.buttons.refusal(now) or Arbiter.enable(arbiter, on, now)
+    return lambda on, now: arbiter.buttons.refusal(now, 0) or Arbiter.enable(arbiter, on, now)
 
 
 def as_fast_as_it_can(arbiter):

@@ -161,6 +161,12 @@ def test_a_block_that_steps_more_rarely_answers_the_steps_between_with_its_last_
     assert turns == [Turn.STEP, Turn.HOLD] * 3
 
 
+def test_a_step_that_was_not_answered_is_due_until_it_is():
+    rule = answers(On("estimate", period=0.1))
+    for _ in range(2):  # the node was not enabled at first
+        assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
+
+
 def test_the_stamps_of_a_robot_are_refused_where_they_would_count():
     rule = answers(goal="latest")
     rule.check("estimate", 61 * S)
@@ -190,7 +196,7 @@ def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long
     plant = Plant(Every(0.1, 0.0), now=7.0)
     plant.advance(7.0)
     assert [plant.resend(7.0 + 0.05 * k) for k in range(1, 10)] == [False] * 3 + [True] + [False] * 3 + [True, False]
-    assert not plant.is_overdue(8.9)
+    assert not plant.is_overdue(9.0)
     assert plant.is_overdue(9.1)
     plant.advance(9.2)
     assert not plant.is_overdue(9.3)

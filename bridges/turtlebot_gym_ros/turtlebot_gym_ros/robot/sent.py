@@ -64,8 +64,8 @@ class SystemClock:
         sent = [(at - time, by) for by, time in times.items() for at in present if -FUTURE <= at - time <= PAST]
         came = [(at - arrival, "its arrival") for at in present if at - arrival <= PAST]
         seconds, by = max([(0.0, "its arrival"), *came, *sent])
-        ahead = 0.0 if sent else max(time - present[-1] for time in times.values())
-        return Age(seconds, bool(sent), by, max(ahead, 0.0))
+        ahead = 0.0 if sent else max(0.0, *(time - present[-1] for time in times.values()))
+        return Age(seconds, bool(sent), by, ahead)
 
 
 def read_clocks() -> tuple[float, float]:
