@@ -480,6 +480,12 @@ def test_defaults():
     }
 
 
+def test_what_stands_at_the_start_and_cannot_be_changed():
+    assert new().state == "stopped"
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Parameters().rate = 100.0
+
+
 def test_a_turn_starts_gently_too():
     arbiter = new()
     drive(arbiter, 0.0, 0.5)
@@ -506,6 +512,78 @@ def test_half_a_meter_is_a_fence():
     arbiter.locate(0.3, 0.41, T)
     assert arbiter.outside(T)
     assert not new().outside(T)
+
+
+def test_a_pose_is_as_old_as_what_was_sent():
+    arbiter = new(geofence=0.5)
+    assert arbiter.outside(T)  # nothing is known
+    arbiter.locate(0.0, 0.0, T, sent=T - 0.375)
+    assert not arbiter.outside(T + 0.125)
+    assert arbiter.outside(T + 0.1875)
+    arbiter.locate(0.0, 0.0, T + 1.0, sent=T + 5.0)  # not in the future
+    assert arbiter.outside(T + 1.5625)
+
+
+@pytest.mark.parametrize("speed", [0.1, -0.1])
+def test_the_rate_holds_back_everything_but_a_stop(speed):
+    arbiter = new()
+    drive(arbiter, 0.0, 1.0, Command(speed, 0.0))
+    arbiter.hear("program", Command(0.9 * speed, 0.0), T + 1.0)
+    assert arbiter.step(T + 1.0) == (0.9 * speed, 0.0)
+    arbiter.hear("program", Command(0.8 * speed, 0.0), T + 1.001)
+    assert arbiter.step(T + 1.001) is None
+    arbiter.hear("program", STOP, T + 1.002)
+    assert arbiter.step(T + 1.002) == STOP
+
+
+def test_a_command_may_come_half_a_period_early():
+    arbiter = new()
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    for at, passes in ((1.0, True), (1.009, False), (1.011, True)):
+        arbiter.hear("program", Command(0.1, 0.2 - 0.1 * at), T + at)
+        assert (arbiter.step(T + at) is not None) is passes
+
+
+def test_a_command_is_sent_once():
+    arbiter = new()
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    assert drive(arbiter, 1.0, 1.0, AHEAD) == [AHEAD] * 10  # as often as it is heard
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda arbiter, now: arbiter.hear("program", AHEAD, now),
+        lambda arbiter, now: arbiter.hear_emergency(False, now),
+        lambda arbiter, now: arbiter.locate(0.0, 0.0, now),
+        lambda arbiter, now: arbiter.enable(True, now),
+        lambda arbiter, now: arbiter.step(now),
+    ],
+)
+def test_whoever_calls_the_guard_is_awake(call):
+    arbiter = new()
+    call(arbiter, T + 0.0625)
+    arbiter.hear("teleop", AHEAD, T + 0.125, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+
+
+def test_more_than_a_tenth_of_a_second_without_a_call_is_a_gap():
+    arbiter = new()
+    arbiter.hear_emergency(False, T + 0.125, dated=False)  # it may have waited, and proves nothing
+    assert arbiter.buttons.trouble(T + 0.125) == "the emergency stop is silent"
+    arbiter = new()
+    arbiter.hear("program", AHEAD, T + 0.125, dated=False)
+    assert arbiter.refused["undated after a gap"] == 1
+
+
+def test_a_gap_is_longer_than_a_tenth_of_a_second_and_one_longer_than_a_commands_age_stops():
+    arbiter = Arbiter(Parameters(), now=0.0)
+    arbiter.hear("program", AHEAD, 0.1, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+    arbiter = new(max_age=0.5)
+    arbiter.hear("program", AHEAD, T)
+    assert arbiter.step(T + 0.5).v > 0.0
+    assert arbiter.step(T + 1.0625) == STOP
 
 
 def test_an_undated_message_counts_from_half_a_second_after_a_gap():

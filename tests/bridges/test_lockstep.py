@@ -196,6 +196,8 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
 
 def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long_after_two():
     plant = Plant(Every(0.1, 0.0), now=7.0)
+    assert not plant.resend(7.1)
+    assert not plant.is_overdue(9.0)
     plant.advance(7.0)
     assert [plant.resend(7.0 + 0.05 * k) for k in range(1, 10)] == [False] * 3 + [True] + [False] * 3 + [True, False]
     assert not plant.is_overdue(9.0)
@@ -229,6 +231,7 @@ def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     assert plant.wait(10.0) == pytest.approx(0.025)
     plant.advance(10.025)
     assert plant.wait(10.025) == pytest.approx(0.025)
+    assert plant.wait(12.0) == 0.0
     plant.advance(12.0)  # it waited for two seconds
     plant.advance(12.0)  # and is late by one step at most
     assert plant.wait(12.0) == pytest.approx(0.025)
