@@ -77,6 +77,7 @@ def limits_hold(arbiter):
                 assert abs(out.omega) <= 2.6350001
                 assert abs(out.v) + abs(out.omega) * 0.08 <= 0.2097001
             start += 1.0
+    assert arbiter.refused["not finite"] == 0  # too fast is limited
 
 
 def wheels_accelerate_gently(arbiter):
@@ -484,6 +485,15 @@ def test_what_stands_at_the_start_and_cannot_be_changed():
     assert new().state == "stopped"
     with pytest.raises(dataclasses.FrozenInstanceError):
         Parameters().rate = 100.0
+    with pytest.raises(TypeError):
+        Parameters("waffle")
+
+
+def test_the_zeros_end_after_a_second():
+    arbiter = new()
+    assert drive(arbiter, 0.0, 1.0)[-1] == STOP
+    assert arbiter.step(T + 1.0) is None
+    assert arbiter.state == "silent"
 
 
 def test_a_turn_starts_gently_too():
@@ -537,9 +547,9 @@ def test_the_rate_holds_back_everything_but_a_stop(speed):
 
 
 def test_a_command_may_come_half_a_period_early():
-    arbiter = new()
+    arbiter = new(rate=64.0)  # half a period is 1/128 s
     drive(arbiter, 0.0, 1.0, AHEAD)
-    for at, passes in ((1.0, True), (1.009, False), (1.011, True)):
+    for at, passes in ((1.0, True), (1.0077, False), (1.0078125, True)):
         arbiter.hear("program", Command(0.1, 0.2 - 0.1 * at), T + at)
         assert (arbiter.step(T + at) is not None) is passes
 

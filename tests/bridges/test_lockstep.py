@@ -124,6 +124,7 @@ def test_a_step_waits_for_all_that_belongs_to_it_and_for_nothing_else():
     stamps["reference"] = 5 * S
     assert rule.hear("reference", stamps) == (Turn.STEP, None)
     assert rule.hear("estimate", stamps) == (Turn.STEP, None)  # it was not answered: the node was not enabled
+    assert rule.hear("goal", stamps | {"goal": 6 * S}) == (Turn.WAIT, None)
     rule.answer(5 * S)
     assert rule.hear("estimate", stamps) == (Turn.REPEAT, None)
     assert rule.hear("reference", stamps) == (Turn.WAIT, None)  # one repetition is enough
@@ -206,6 +207,10 @@ def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long
     assert not plant.is_overdue(9.3)
 
 
+def test_a_fifth_of_a_second_is_counted_with_its_end():
+    assert Plant(Every(0.1, 0.0), now=0.0).resend(0.2)
+
+
 def test_a_witness_is_never_left_behind():
     plant = Plant(Every(0.1, 0.0, witness="recorded"), now=0.0)
     plant.advance(0.0)
@@ -214,6 +219,7 @@ def test_a_witness_is_never_left_behind():
     for _ in range(200):
         assert plant.is_witnessed
         plant.advance(0.0)
+    assert plant.is_witnessed
     plant.advance(0.0)
     assert not plant.is_witnessed
     plant.witnessed = plant.present
@@ -235,7 +241,10 @@ def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     plant.advance(12.0)  # it waited for two seconds
     plant.advance(12.0)  # and is late by one step at most
     assert plant.wait(12.0) == pytest.approx(0.025)
-    assert Plant(Every(0.1, 0.0), now=0.0).wait(0.0) == 0.0
+    unlimited = Plant(Every(0.1, 0.0), now=0.0)
+    assert unlimited.wait(0.0) == 0.0
+    unlimited.advance(0.0)
+    assert unlimited.wait(0.0) == 0.0
 
 
 def test_who_is_missing_is_the_first_on_the_way():
