@@ -451,6 +451,7 @@ def test_start_disabled():
         ({"max_acceleration": 0.0}, "in (0, 1000] m/s^2, got 0.0"),
         ({"max_acceleration": 1001.0}, "in (0, 1000] m/s^2, got 1001.0"),
         ({"geofence": -0.1}, "in [0, 1e+06] m, got -0.1"),
+        ({"geofence": 1000000.5}, "in [0, 1e+06] m, got 1000000.5"),
         ({"geofence": 2e6}, "in [0, 1e+06] m, got 2000000.0"),
         ({"geofence_topic": "pose"}, "one of odom, estimate, got 'pose'"),
     ],
@@ -489,7 +490,10 @@ def test_what_stands_at_the_start_and_cannot_be_changed():
         Parameters("waffle")
 
 
-def test_the_zeros_end_after_a_second():
+def test_zeros_keep_the_rate_and_end_after_a_second():
+    arbiter = new()
+    assert arbiter.step(T) == STOP
+    assert arbiter.step(T + 0.001) is None
     arbiter = new()
     assert drive(arbiter, 0.0, 1.0)[-1] == STOP
     assert arbiter.step(T + 1.0) is None
@@ -554,6 +558,17 @@ def test_a_command_may_come_half_a_period_early():
         assert (arbiter.step(T + at) is not None) is passes
 
 
+def test_of_two_commands_that_were_sent_at_the_same_time_the_later_one_counts():
+    arbiter = new(max_age=0.5)
+    drive(arbiter, 0.0, 1.0)
+    arbiter.hear("program", AHEAD, T + 1.0, sent=T + 0.5)
+    assert arbiter.refused["too old"] == 0
+    arbiter.hear("program", AHEAD, T + 1.0, sent=T + 0.75)
+    assert arbiter.step(T + 1.0).v > 0.0
+    arbiter.hear("program", STOP, T + 1.0, sent=T + 0.75)
+    assert arbiter.step(T + 1.0) == STOP
+
+
 def test_a_command_is_sent_once():
     arbiter = new()
     drive(arbiter, 0.0, 1.0, AHEAD)
@@ -579,8 +594,11 @@ def test_whoever_calls_the_guard_is_awake(call):
 
 def test_more_than_a_tenth_of_a_second_without_a_call_is_a_gap():
     arbiter = new()
-    arbiter.hear_emergency(False, T + 0.125, dated=False)  # it may have waited, and proves nothing
-    assert arbiter.buttons.trouble(T + 0.125) == "the emergency stop is silent"
+    arbiter.hear_emergency(False, T + 0.0625, dated=False)  # no gap
+    assert arbiter.buttons.trouble(T + 0.0625) == ""
+    arbiter = Arbiter(Parameters(), now=0.0)  # the machine has just started
+    arbiter.hear_emergency(False, 0.125, dated=False)  # it may have waited, and proves nothing
+    assert arbiter.buttons.trouble(0.125) == "the emergency stop is silent"
     arbiter = new()
     arbiter.hear("program", AHEAD, T + 0.125, dated=False)
     assert arbiter.refused["undated after a gap"] == 1

@@ -131,6 +131,13 @@ def test_a_step_waits_for_all_that_belongs_to_it_and_for_nothing_else():
     assert rule.hear("goal", stamps | {"goal": 9 * S}) == (Turn.WAIT, None)
 
 
+def test_only_the_triggers_repetition_is_answered_again():
+    rule = answers(course="same", reference="same")
+    stamps = {"course": S, "estimate": S, "reference": S}
+    rule.answer(S)
+    assert [rule.hear(key, stamps)[0] for key in stamps] == [Turn.WAIT, Turn.REPEAT, Turn.WAIT]
+
+
 def test_after_a_reset_a_step_is_answered_anew():
     rule = answers()
     assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
