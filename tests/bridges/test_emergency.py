@@ -68,6 +68,10 @@ def test_two_that_go_on(offset):
     assert stop.refusal(53.0, publishers=3) == "1 of 3 publishers of the emergency stop are not heard"
 
 
+def test_two_are_told_apart_by_their_first_messages():
+    assert play((50.0, 700), (50.1, 1)).refusal(50.1, publishers=2) == ""
+
+
 def test_three_of_which_one_falls_silent():
     stop = play(*button(50.0, 53.0, 9000), *button(50.07, 53.0, 5000), *button(50.13, 52.0, 7000))
     assert stop.trouble(52.95) == "1 of 3 emergency stops are silent"
