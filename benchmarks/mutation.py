@@ -3,7 +3,8 @@
 cosmic-ray finds the places and makes the changes. Exchanges of operators that any test would notice, because Python answers
 most of them with a TypeError (``*`` for ``<<``, ``<`` for ``is``), are left out: they would only flatter the score. Four
 operators are added: a number doubled or halved, a lost statement, a name taken for its counterpart, and two arguments
-exchanged. A change that touches annotations or docstrings only is no mutant.
+exchanged. A change that touches annotations or docstrings only is no mutant, nor is one that only lets an argument be given
+without its name, or that asks which of two words comes first in the alphabet.
 """
 
 from __future__ import annotations
@@ -185,11 +186,19 @@ def _meaning(code: str) -> str | None:
         tree = ast.parse(code)
     except (SyntaxError, ValueError):
         return None
+    if any(_orders_words(node) for node in ast.walk(tree)):
+        return None
     return ast.dump(_WithoutWords().visit(tree))
 
 
+def _orders_words(node: ast.AST) -> bool:
+    if not isinstance(node, ast.Compare) or not any(isinstance(each, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)) for each in node.ops):
+        return False
+    return any(isinstance(each, ast.Constant) and isinstance(each.value, str) for each in (node.left, *node.comparators))
+
+
 class _WithoutWords(ast.NodeTransformer):
-    """Take out docstrings, annotations, and decorators without effect."""
+    """Take out docstrings, annotations, which arguments need their names, and decorators without effect."""
 
     def visit_Expr(self, node: ast.Expr) -> Any:
         return None if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str) else self.generic_visit(node)
@@ -201,6 +210,13 @@ class _WithoutWords(ast.NodeTransformer):
     def visit_arg(self, node: ast.arg) -> Any:
         node.annotation = None
         return node
+
+    def visit_arguments(self, node: ast.arguments) -> Any:
+        self.generic_visit(node)
+        positional = [*node.posonlyargs, *node.args]
+        defaults = [*[None] * (len(positional) - len(node.defaults)), *node.defaults, *node.kw_defaults]
+        every = [*positional, *node.kwonlyargs]
+        return ast.arguments([], [], node.vararg, every, defaults, node.kwarg, [])
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> Any:
         node.returns = None

@@ -58,6 +58,13 @@ def test_every_mutant_is_another_program(mutation):
     assert "def area(width: float | None, height: float = 4.0) -> float:" in changed
 
 
+def test_names_of_arguments_and_the_alphabet_make_no_mutants(mutation):
+    code = "def drives(self, *, phase: str = 'silent') -> bool:\n    return phase == 'active'\n"
+    changed = {mutant.now for mutant in mutation.draw("phase.py", code, 1000, seed=0)}
+    assert "return phase != 'active'" in changed
+    assert not any("/" in now or "<" in now or ">" in now.replace("->", "") for now in changed)
+
+
 def test_every_module_of_the_table_and_all_its_tests_are_there(mutants):
     rows = mutants.table(mutants.Config())
     assert len({row.path for row in rows}) == len(rows)

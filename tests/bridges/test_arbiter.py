@@ -77,6 +77,7 @@ def limits_hold(arbiter):
                 assert abs(out.omega) <= 2.6350001
                 assert abs(out.v) + abs(out.omega) * 0.08 <= 0.2097001
             start += 1.0
+    assert arbiter.refused["not finite"] == 0  # too fast is limited
 
 
 def wheels_accelerate_gently(arbiter):
@@ -324,7 +325,7 @@ def hears_the_last(arbiter):
 
 
 def asks_before_disabling(arbiter):
-    return lambda on, now: arbiter.buttons.refusal(now) or Arbiter.enable(arbiter, on, now)
+    return lambda on, now: arbiter.buttons.refusal(now, 0) or Arbiter.enable(arbiter, on, now)
 
 
 def as_fast_as_it_can(arbiter):
@@ -450,6 +451,7 @@ def test_start_disabled():
         ({"max_acceleration": 0.0}, "in (0, 1000] m/s^2, got 0.0"),
         ({"max_acceleration": 1001.0}, "in (0, 1000] m/s^2, got 1001.0"),
         ({"geofence": -0.1}, "in [0, 1e+06] m, got -0.1"),
+        ({"geofence": 1000000.5}, "in [0, 1e+06] m, got 1000000.5"),
         ({"geofence": 2e6}, "in [0, 1e+06] m, got 2000000.0"),
         ({"geofence_topic": "pose"}, "one of odom, estimate, got 'pose'"),
     ],
@@ -480,6 +482,24 @@ def test_defaults():
     }
 
 
+def test_what_stands_at_the_start_and_cannot_be_changed():
+    assert new().state == "stopped"
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Parameters().rate = 100.0
+    with pytest.raises(TypeError):
+        Parameters("waffle")
+
+
+def test_zeros_keep_the_rate_and_end_after_a_second():
+    arbiter = new()
+    assert arbiter.step(T) == STOP
+    assert arbiter.step(T + 0.001) is None
+    arbiter = new()
+    assert drive(arbiter, 0.0, 1.0)[-1] == STOP
+    assert arbiter.step(T + 1.0) is None
+    assert arbiter.state == "silent"
+
+
 def test_a_turn_starts_gently_too():
     arbiter = new()
     drive(arbiter, 0.0, 0.5)
@@ -506,6 +526,92 @@ def test_half_a_meter_is_a_fence():
     arbiter.locate(0.3, 0.41, T)
     assert arbiter.outside(T)
     assert not new().outside(T)
+
+
+def test_a_pose_is_as_old_as_what_was_sent():
+    arbiter = new(geofence=0.5)
+    assert arbiter.outside(T)  # nothing is known
+    arbiter.locate(0.0, 0.0, T, sent=T - 0.375)
+    assert not arbiter.outside(T + 0.125)
+    assert arbiter.outside(T + 0.1875)
+    arbiter.locate(0.0, 0.0, T + 1.0, sent=T + 5.0)  # not in the future
+    assert arbiter.outside(T + 1.5625)
+
+
+@pytest.mark.parametrize("speed", [0.1, -0.1])
+def test_the_rate_holds_back_everything_but_a_stop(speed):
+    arbiter = new()
+    drive(arbiter, 0.0, 1.0, Command(speed, 0.0))
+    arbiter.hear("program", Command(0.9 * speed, 0.0), T + 1.0)
+    assert arbiter.step(T + 1.0) == (0.9 * speed, 0.0)
+    arbiter.hear("program", Command(0.8 * speed, 0.0), T + 1.001)
+    assert arbiter.step(T + 1.001) is None
+    arbiter.hear("program", STOP, T + 1.002)
+    assert arbiter.step(T + 1.002) == STOP
+
+
+def test_a_command_may_come_half_a_period_early():
+    arbiter = new(rate=64.0)  # half a period is 1/128 s
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    for at, passes in ((1.0, True), (1.0077, False), (1.0078125, True)):
+        arbiter.hear("program", Command(0.1, 0.2 - 0.1 * at), T + at)
+        assert (arbiter.step(T + at) is not None) is passes
+
+
+def test_of_two_commands_that_were_sent_at_the_same_time_the_later_one_counts():
+    arbiter = new(max_age=0.5)
+    drive(arbiter, 0.0, 1.0)
+    arbiter.hear("program", AHEAD, T + 1.0, sent=T + 0.5)
+    assert arbiter.refused["too old"] == 0
+    arbiter.hear("program", AHEAD, T + 1.0, sent=T + 0.75)
+    assert arbiter.step(T + 1.0).v > 0.0
+    arbiter.hear("program", STOP, T + 1.0, sent=T + 0.75)
+    assert arbiter.step(T + 1.0) == STOP
+
+
+def test_a_command_is_sent_once():
+    arbiter = new()
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    assert drive(arbiter, 1.0, 1.0, AHEAD) == [AHEAD] * 10  # as often as it is heard
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda arbiter, now: arbiter.hear("program", AHEAD, now),
+        lambda arbiter, now: arbiter.hear_emergency(False, now),
+        lambda arbiter, now: arbiter.locate(0.0, 0.0, now),
+        lambda arbiter, now: arbiter.enable(True, now),
+        lambda arbiter, now: arbiter.step(now),
+    ],
+)
+def test_whoever_calls_the_guard_is_awake(call):
+    arbiter = new()
+    call(arbiter, T + 0.0625)
+    arbiter.hear("teleop", AHEAD, T + 0.125, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+
+
+def test_more_than_a_tenth_of_a_second_without_a_call_is_a_gap():
+    arbiter = new()
+    arbiter.hear_emergency(False, T + 0.0625, dated=False)  # no gap
+    assert arbiter.buttons.trouble(T + 0.0625) == ""
+    arbiter = Arbiter(Parameters(), now=0.0)  # the machine has just started
+    arbiter.hear_emergency(False, 0.125, dated=False)  # it may have waited, and proves nothing
+    assert arbiter.buttons.trouble(0.125) == "the emergency stop is silent"
+    arbiter = new()
+    arbiter.hear("program", AHEAD, T + 0.125, dated=False)
+    assert arbiter.refused["undated after a gap"] == 1
+
+
+def test_a_gap_is_longer_than_a_tenth_of_a_second_and_one_longer_than_a_commands_age_stops():
+    arbiter = Arbiter(Parameters(), now=0.0)
+    arbiter.hear("program", AHEAD, 0.1, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+    arbiter = new(max_age=0.5)
+    arbiter.hear("program", AHEAD, T)
+    assert arbiter.step(T + 0.5).v > 0.0
+    assert arbiter.step(T + 1.0625) == STOP
 
 
 def test_an_undated_message_counts_from_half_a_second_after_a_gap():

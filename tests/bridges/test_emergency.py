@@ -1,5 +1,7 @@
 """The rule of the emergency stop: presses however short, buttons however many, told apart by the numbers that DDS gives."""
 
+import math
+
 import pytest
 
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
@@ -21,6 +23,7 @@ def button(start, end, first=1, pressed=()):
 
 def test_without_a_button_there_is_no_trouble():
     assert EmergencyStop().trouble(50.0) == ""
+    assert EmergencyStop().trouble(0.0) == ""
     assert EmergencyStop().refusal(50.0, publishers=2) == ""
 
 
@@ -54,7 +57,7 @@ def test_one_of_two_that_falls_silent(offset, which):
     ends = [52.0, 53.0] if which else [53.0, 52.0]
     stop = play(*button(50.0, ends[0]), *button(50.07, ends[1], 1 + offset))
     assert stop.trouble(52.95) == "1 of 2 emergency stops are silent"
-    assert stop.refusal(52.95) == "1 of 2 emergency stops are silent"
+    assert stop.refusal(52.95, publishers=0) == "1 of 2 emergency stops are silent"
 
 
 @pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
@@ -63,6 +66,10 @@ def test_two_that_go_on(offset):
     assert stop.trouble(53.0) == ""
     assert stop.refusal(53.0, publishers=2) == ""
     assert stop.refusal(53.0, publishers=3) == "1 of 3 publishers of the emergency stop are not heard"
+
+
+def test_two_are_told_apart_by_their_first_messages():
+    assert play((50.0, 700), (50.1, 1)).refusal(50.1, publishers=2) == ""
 
 
 def test_three_of_which_one_falls_silent():
@@ -106,11 +113,39 @@ def test_age_is_that_of_what_was_sent():
     assert stop.trouble(60.61) == "the emergency stop is silent"
 
 
+def test_a_message_of_unknown_age_proves_no_more_than_that_there_is_a_button():
+    stop = EmergencyStop()
+    stop.hear(False, now=60.0, sent=-math.inf, number=1)
+    assert stop.trouble(60.0) == "the emergency stop is silent"
+    stop.hear(False, now=60.1, number=2)
+    assert stop.trouble(60.1) == ""
+
+
 def test_an_old_press_counts_from_when_it_is_heard():
     stop = EmergencyStop()
     stop.hear(True, now=60.0, sent=50.0, number=1)
     stop.hear(False, now=60.0, number=2)
     assert stop.trouble(60.49) == "the emergency stop is pressed"
+
+
+def test_all_that_was_sent_before_has_been_heard_once_every_button_spoke_since():
+    stop = play((50.0, 1), (50.1, 700), (50.3, 2))
+    assert stop.spoken_since(50.1)
+    assert not stop.spoken_since(50.2)  # the second one's press may still be on its way
+    stop.hear(False, now=50.4, number=701)
+    assert stop.spoken_since(50.2)
+
+
+def test_nothing_more_is_awaited_of_a_button_that_was_started_again():
+    stop = play(*button(50.0, 51.0), *button(52.0, 54.0))
+    assert stop.spoken_since(53.5)
+
+
+def test_a_button_that_is_started_twice_in_half_a_second_stops_nothing():
+    stop = play((50.0, 1), (50.3, 1), (50.6, 1))
+    assert stop.trouble(50.6) == ""
+    assert stop.refusal(50.6, publishers=1) == ""
+    assert stop.spoken_since(50.2)
 
 
 def test_without_numbers_all_are_one():

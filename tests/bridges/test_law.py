@@ -76,7 +76,7 @@ def age_of_arrival(self, *, steady, source=0.0, arrival=0.0, header=0.0):
 
 def age_of_source(original):
     def age(self, *, steady, source=0.0, arrival=0.0, header=0.0):
-        return original(self, steady=steady, source=source, arrival=arrival)
+        return original(self, steady=steady, source=source, arrival=arrival, header=0.0)
 
     return age
 

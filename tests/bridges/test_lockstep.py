@@ -124,19 +124,28 @@ def test_a_step_waits_for_all_that_belongs_to_it_and_for_nothing_else():
     stamps["reference"] = 5 * S
     assert rule.hear("reference", stamps) == (Turn.STEP, None)
     assert rule.hear("estimate", stamps) == (Turn.STEP, None)  # it was not answered: the node was not enabled
+    assert rule.hear("goal", stamps | {"goal": 6 * S}) == (Turn.WAIT, None)
     rule.answer(5 * S)
     assert rule.hear("estimate", stamps) == (Turn.REPEAT, None)
     assert rule.hear("reference", stamps) == (Turn.WAIT, None)  # one repetition is enough
     assert rule.hear("goal", stamps | {"goal": 9 * S}) == (Turn.WAIT, None)
 
 
+def test_only_the_triggers_repetition_is_answered_again():
+    rule = answers(course="same", reference="same")
+    stamps = {"course": S, "estimate": S, "reference": S}
+    rule.answer(S)
+    assert [rule.hear(key, stamps)[0] for key in stamps] == [Turn.WAIT, Turn.REPEAT, Turn.WAIT]
+
+
 def test_after_a_reset_a_step_is_answered_anew():
     rule = answers()
     assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
+    assert rule.messages.interval(S) == 0.0
     rule.answer(S)
     rule.reset()
     assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
-    assert rule.messages.interval(S) == 0.0
+    assert rule.messages.interval(S + TENTH) == 0.0  # a first step covers no time
 
 
 def test_a_leap_of_the_stamps_is_a_new_episode_ahead_and_back():
@@ -161,16 +170,26 @@ def test_a_block_that_steps_more_rarely_answers_the_steps_between_with_its_last_
     assert turns == [Turn.STEP, Turn.HOLD] * 3
 
 
+def test_a_step_that_was_not_answered_is_due_until_it_is():
+    rule = answers(On("estimate", period=0.1))
+    for _ in range(2):  # the node was not enabled at first
+        assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
+
+
 def test_the_stamps_of_a_robot_are_refused_where_they_would_count():
     rule = answers(goal="latest")
     rule.check("estimate", 61 * S)
     rule.check("goal", 1_700_000_000 * S)  # a goal is set by a person, in whatever time
     with pytest.raises(ValueError, match="wall clock"):
         rule.check("estimate", 1_700_000_000 * S)
+    rule.check("estimate", 999_999_999_999_999_999)  # the last nanosecond before September 2001
+    with pytest.raises(ValueError, match="wall clock"):
+        rule.check("estimate", 1_000_000_000_000_000_000)
 
 
 def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     plant = Plant(Every(0.1, 0.0), now=7.0)
+    assert plant.period == 0.1
     assert plant.advance(7.0) == S
     assert not plant.answers([None])
     assert not plant.answers([S - TENTH])
@@ -180,16 +199,23 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     assert not plant.answers([S])
     plant.begin_episode()
     assert plant.advance(7.0) == 61 * S + TENTH
+    assert plant.advance(7.0) == 61 * S + 2 * TENTH  # one leap for an episode
 
 
 def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long_after_two():
     plant = Plant(Every(0.1, 0.0), now=7.0)
+    assert not plant.resend(7.1)
+    assert not plant.is_overdue(9.0)
     plant.advance(7.0)
     assert [plant.resend(7.0 + 0.05 * k) for k in range(1, 10)] == [False] * 3 + [True] + [False] * 3 + [True, False]
-    assert not plant.is_overdue(8.9)
+    assert not plant.is_overdue(9.0)
     assert plant.is_overdue(9.1)
     plant.advance(9.2)
     assert not plant.is_overdue(9.3)
+
+
+def test_a_fifth_of_a_second_is_counted_with_its_end():
+    assert Plant(Every(0.1, 0.0), now=0.0).resend(0.2)
 
 
 def test_a_witness_is_never_left_behind():
@@ -200,6 +226,7 @@ def test_a_witness_is_never_left_behind():
     for _ in range(200):
         assert plant.is_witnessed
         plant.advance(0.0)
+    assert plant.is_witnessed
     plant.advance(0.0)
     assert not plant.is_witnessed
     plant.witnessed = plant.present
@@ -217,10 +244,14 @@ def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     assert plant.wait(10.0) == pytest.approx(0.025)
     plant.advance(10.025)
     assert plant.wait(10.025) == pytest.approx(0.025)
+    assert plant.wait(12.0) == 0.0
     plant.advance(12.0)  # it waited for two seconds
     plant.advance(12.0)  # and is late by one step at most
     assert plant.wait(12.0) == pytest.approx(0.025)
-    assert Plant(Every(0.1, 0.0), now=0.0).wait(0.0) == 0.0
+    unlimited = Plant(Every(0.1, 0.0), now=0.0)
+    assert unlimited.wait(0.0) == 0.0
+    unlimited.advance(0.0)
+    assert unlimited.wait(0.0) == 0.0
 
 
 def test_who_is_missing_is_the_first_on_the_way():

@@ -10,7 +10,7 @@ from turtlebot_gym_ros.node.safety import Safety
 
 def active(now=0.0):
     """Return one that moves the robot."""
-    safety = Safety(enabled=True)
+    safety = Safety(enabled=True, blocked=0.5)
     assert safety.activate(safety.begin(now=now))
     safety.end()
     return safety
@@ -23,15 +23,15 @@ def stops(safety, start, end, step=0.01):
 
 
 def test_it_starts_silent_and_disabled():
-    safety = Safety(enabled=False)
+    safety = Safety(enabled=False, blocked=0.5)
     assert safety.state == "silent: not enabled"
     assert not safety.activate(safety.begin(now=0.0))
     assert stops(safety, 0.0, 2.0) == []
 
 
 def test_enabled_it_is_active_with_the_first_step():
-    safety = Safety(enabled=False)
-    assert safety.enable(now=0.0) is None
+    safety = Safety(enabled=False, blocked=0.5)
+    assert safety.enable(now=0.0, buttons=0) is None
     assert safety.state == "silent: no step yet"
     assert safety.activate(safety.begin(now=0.0))
     assert safety.state == "active"
@@ -53,7 +53,7 @@ def test_a_stop_is_one_second_of_zeros_every_50_ms_and_then_silence(disable):
 
 
 def test_a_stop_of_what_does_not_move_is_silent():
-    safety = Safety(enabled=True)
+    safety = Safety(enabled=True, blocked=0.5)
     safety.stop("waits for /odom", now=0.0)
     assert safety.state == "silent: waits for /odom"
     assert stops(safety, 0.0, 2.0) == []
@@ -97,9 +97,23 @@ def test_a_second_stop_does_not_prolong_the_zeros():
     assert 6.03 < stops(safety, 5.1, 8.0)[-1] < 6.1
 
 
+def test_stops_at_exact_times():
+    safety = active(now=10.0)
+    safety.stop("because", now=10.0)
+    assert safety.tick(now=10.0)
+    assert not safety.tick(now=10.0)
+    safety.tick(now=10.9375)
+    assert not safety.tick(now=11.0)  # the second is over
+    assert safety.state == "silent: because"
+
+
 def test_enabling_twice_changes_nothing():
+    safety = Safety(enabled=True, blocked=0.5)
+    safety.stop("waits for /odom", now=5.0)
+    assert safety.enable(now=5.1, buttons=0) is None
+    assert safety.state == "silent: waits for /odom"
     safety = active(now=5.0)
-    assert safety.enable(now=5.1) is None
+    assert safety.enable(now=5.1, buttons=0) is None
     assert safety.state == "active"
 
 
@@ -112,9 +126,24 @@ def test_a_blocked_step_is_a_fault():
     assert safety.state == "stopping: fault: a step takes longer than 0.5 s"
     assert not safety.enabled
     stops(safety, 20.51, 23.0)
-    assert safety.enable(now=23.0) == "the last step is still blocked"
+    assert safety.enable(now=23.0, buttons=0) == "the last step is still blocked"
     safety.end()
-    assert safety.enable(now=23.1) is None
+    assert safety.enable(now=23.1, buttons=0) is None
+
+
+def test_a_step_that_is_under_way_keeps_nobody_from_enabling():
+    safety = active(now=20.0)
+    safety.begin(now=20.0)
+    safety.stop("not enabled", now=20.25, disable=True)
+    assert safety.enable(now=20.25, buttons=0) is None
+    assert safety.enable(now=20.5, buttons=0) is None  # half a second is still allowed
+
+
+def test_half_a_second_is_not_too_long_for_a_step():
+    safety = active(now=20.0)
+    safety.begin(now=20.0)
+    assert not safety.tick(now=20.5)
+    assert safety.enabled
 
 
 def test_how_long_a_step_may_take_is_given():
@@ -139,10 +168,10 @@ def test_an_emergency_stop_needs_enabling_again():
     safety.hear_emergency(False, now=7.101)  # however short
     assert safety.state == "stopping: emergency stop"
     safety.hear_emergency(False, now=7.5)
-    assert safety.enable(now=7.599) == "the emergency stop is pressed"
+    assert safety.enable(now=7.599, buttons=0) == "the emergency stop is pressed"
     safety.hear_emergency(False, now=7.7)
     assert not safety.enabled
-    assert safety.enable(now=7.7) is None
+    assert safety.enable(now=7.7, buttons=0) is None
     assert safety.activate(safety.begin(now=7.75))
 
 
@@ -152,7 +181,7 @@ def test_each_button_counts():
         safety.hear_emergency(10 <= k < 14, now=7.0 + 0.1 * k, number=k + 1)  # pressed from 8.0 to 8.3 s
         safety.hear_emergency(False, now=7.05 + 0.1 * k, number=k + 1)
         if k >= 10:
-            refusal = safety.enable(now=7.06 + 0.1 * k)  # 0.5 s after 8.3 s is 8.8 s
+            refusal = safety.enable(now=7.06 + 0.1 * k, buttons=0)  # 0.5 s after 8.3 s is 8.8 s
             assert refusal == (None if k >= 18 else "the emergency stop is pressed")
         assert safety.enabled is (k < 10 or k >= 18)
     assert safety.enable(now=10.0, buttons=3) == "1 of 3 publishers of the emergency stop are not heard"
@@ -169,7 +198,7 @@ def test_an_emergency_stop_that_falls_silent_is_a_stop():
     assert safety.state == "stopping: the emergency stop is silent"
     stops(safety, 7.51, 10.0)
     assert safety.state == "silent: the emergency stop is silent"
-    assert safety.enable(now=10.0) == "the emergency stop is silent"
+    assert safety.enable(now=10.0, buttons=0) == "the emergency stop is silent"
 
 
 def test_silence_is_told_by_what_was_sent():

@@ -20,7 +20,8 @@ def clock(*looks):
 
 
 def age(seen, steady=100.0, **times):
-    return seen.age(steady=steady, **{name: EPOCH + time for name, time in times.items()})
+    unknown = {"source": 0.0, "arrival": 0.0, "header": 0.0}
+    return seen.age(steady=steady, **unknown | {name: EPOCH + time for name, time in times.items()})
 
 
 @pytest.mark.parametrize(
@@ -29,7 +30,7 @@ def age(seen, steady=100.0, **times):
         ({"source": 99.7, "arrival": 99.9}, 0.3, True, "DDS's source time"),
         ({"source": 99.7, "arrival": 99.9, "header": 40.0}, 60.0, True, "its header's stamp"),
         ({"source": 99.7, "arrival": 99.6}, 0.4, True, "its arrival"),
-        ({"source": 100.05, "arrival": 99.9}, 0.1, True, "its arrival"),  # within what two clocks differ by
+        ({"source": 100.09, "arrival": 99.9}, 0.1, True, "its arrival"),  # within what two clocks differ by
         ({"source": 100.11, "arrival": 99.9}, 0.1, False, "its arrival"),
         ({"source": 105.0, "arrival": 100.0}, 0.0, False, "its arrival"),
         ({"source": 100.0 - 3599.0, "arrival": 100.0}, 3599.0, True, "DDS's source time"),
@@ -55,6 +56,26 @@ def test_a_clock_that_is_ahead_is_told():
     assert age(clock(), source=105.0).ahead == pytest.approx(5.0, abs=1e-5)
     assert age(clock(), source=105.0, header=99.0).ahead == 0.0
     assert age(clock(), source=99.9).ahead == 0.0
+    assert age(clock(), arrival=99.9).ahead == 0.0  # nothing is known of the sender's clock
+    set_ahead = clock((100.0, 0.0), (101.0, 30.0))
+    assert age(set_ahead, 101.0, source=136.0).ahead == pytest.approx(5.0, abs=1e-5)  # of what the clock is now
+
+
+def test_a_tenth_of_a_second_ahead_is_credible():
+    seen = SystemClock()
+    seen.look(system=0.0, steady=0.0)  # near zero 0.1 is exact
+    assert seen.age(steady=0.0, source=0.1, arrival=0.0, header=5.0).dated
+    assert not seen.age(steady=0.0, source=0.101, arrival=0.0, header=5.0).dated
+
+
+@pytest.mark.parametrize(
+    ("change", "is_step"), [(0.0008, False), (0.001, False), (0.0015, True), (-0.0008, False), (-0.0015, True)]
+)
+def test_a_change_of_more_than_a_millisecond_is_a_step(change, is_step):
+    seen = SystemClock()
+    seen.look(system=0.0, steady=0.0)
+    seen.look(system=change, steady=0.0)
+    assert seen.age(steady=0.0, source=-1.0, arrival=0.0, header=0.0).seconds == 1.0 + (max(change, 0.0) if is_step else change)
 
 
 @pytest.mark.parametrize("step", [-7200.0, -30.0, -1.0, -0.3])
@@ -63,8 +84,8 @@ def test_a_clock_that_is_set_back_makes_nothing_younger(step):
     assert age(seen, 101.0, source=100.2, arrival=101.0 + step).seconds >= 0.8 - 1e-5
     seen.look(system=EPOCH + step + 110.9, steady=110.9)
     assert age(seen, 110.9, source=100.2).seconds >= 10.7 - 1e-5
-    seen.look(system=EPOCH + step + 111.1, steady=111.1)  # 10 s later the old offset is gone
-    assert age(seen, 111.1, source=111.0 + step).seconds == pytest.approx(0.1, abs=1e-5)
+    seen.look(system=EPOCH + step + 111.0, steady=111.0)  # 10 s later the old offset is gone
+    assert age(seen, 111.0, source=110.9 + step).seconds == pytest.approx(0.1, abs=1e-5)
 
 
 @pytest.mark.parametrize("step", [0.3, 30.0, 7200.0])

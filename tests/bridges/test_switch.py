@@ -1,9 +1,209 @@
-"""The switch of a node that moves a robot: what it makes of the buttons' messages."""
+"""The switch of a node that moves a robot: its services, its states and its zeros, on fakes; then the buttons on real DDS."""
 
-import math
 import time
+from types import SimpleNamespace
 
-from std_msgs.msg import Bool
+import pytest
+from rclpy.qos import DurabilityPolicy
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool
+
+from turtlebot_gym_ros.node import switch as module
+from turtlebot_gym_ros.node.switch import Switch
+
+
+class Fakes:
+    """A node, its outputs and the clocks, as far as a switch knows them; the time is the test's."""
+
+    def __init__(self):
+        self.at, self.system = 100.0, 1_700_000_000.0  # the steady clock, and what the system clock is ahead of it, s
+        self.states, self.zeros, self.log, self.publishers, self.restarts = [], [], [], 0, 0
+
+    def make(self, *, enabled=True):
+        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, restart=self.restart, blocked=0.5)
+        return self.switch
+
+    def restart(self):
+        self.restarts += 1
+
+    def read_clocks(self):
+        return self.system + self.at, 5000.0 + self.at  # the clock that goes on in sleep has another zero
+
+    def sleep(self, seconds):
+        self.at += seconds
+
+    def get_logger(self):
+        return SimpleNamespace(warning=self.log.append)
+
+    def create_publisher(self, kind, topic, qos):
+        assert (kind, topic, qos.durability) == (String, "~/state", DurabilityPolicy.TRANSIENT_LOCAL)
+        return SimpleNamespace(publish=lambda message: self.states.append(message.data))
+
+    def create_service(self, kind, name, serve):
+        assert (kind, name) == (SetBool, "~/enable")
+        self.serve = serve
+
+    def create_subscription(self, kind, topic, hear, qos):
+        assert (kind, topic) == (Bool, "emergency_stop")
+        self.hear = hear
+        return SimpleNamespace(get_publisher_count=lambda: self.publishers)
+
+    def publish_stops(self):
+        self.zeros.append(self.at)
+
+    def drive(self):
+        safety = self.switch.safety
+        assert safety.activate(safety.begin(now=self.at))
+        safety.end()
+        self.switch.watch()
+
+    def watch(self, seconds):
+        """Let the time go on, as the watching thread sees it."""
+        for _ in range(round(seconds / 0.02)):
+            self.at += 0.02
+            self.switch.watch()
+
+    def say(self, pressed, number, age=0.0):
+        """Let a button's message arrive that was sent some seconds ago."""
+        arrival = round((self.system + self.at) * 1e9)
+        times = {"source_timestamp": arrival - round(age * 1e9), "received_timestamp": arrival}
+        self.hear(Bool(data=pressed), {**times, "publication_sequence_number": number})
+
+    def ask(self, on):
+        response = self.serve(SetBool.Request(data=on), SetBool.Response())
+        return response.success, response.message
+
+
+@pytest.fixture
+def fakes(monkeypatch):
+    fakes = Fakes()
+    monkeypatch.setattr(module, "read_clocks", fakes.read_clocks)
+    monkeypatch.setattr(module, "time", fakes)
+    return fakes
+
+
+def test_enabling_begins_anew_and_is_told_at_once(fakes):
+    fakes.make(enabled=False)
+    assert fakes.states == ["silent: not enabled"]
+    warned = "enabled. It drives without obstacle avoidance: whoever enables it watches the robot."
+    assert fakes.ask(True) == (True, warned)
+    assert fakes.states == ["silent: not enabled", "silent: no step yet"]
+    assert fakes.restarts == 1
+    assert fakes.log == [warned]
+    fakes.drive()
+    assert fakes.ask(True) == (True, warned)  # again: the block goes on
+    assert fakes.states[2:] == ["active"]
+    assert fakes.restarts == 1
+
+
+def test_one_that_starts_enabled_waits_for_its_first_step(fakes):
+    fakes.make()
+    assert fakes.states == ["silent: no step yet"]
+
+
+def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(fakes):
+    fakes.make()
+    fakes.drive()
+    assert fakes.zeros == []
+    assert fakes.ask(False) == (True, "disabled")
+    assert fakes.zeros == [100.0]
+    fakes.watch(3.0)
+    assert fakes.states == ["silent: no step yet", "active", "stopping: not enabled", "silent: not enabled"]
+    assert len(fakes.zeros) in (17, 18)  # every third look of 20 ms
+    assert 100.9 < fakes.zeros[-1] < 101.0
+    assert not fakes.switch.safety.enabled
+
+
+def test_a_plain_stop_lasts_until_the_next_step(fakes):
+    fakes.make()
+    fakes.drive()
+    fakes.switch.stop("/odom is older than 0.5 s")
+    assert fakes.zeros == [100.0]
+    fakes.drive()
+    assert fakes.states[1:] == ["active", "stopping: /odom is older than 0.5 s", "active"]
+
+
+def test_a_fault_lasts_until_it_is_enabled(fakes):
+    fakes.make()
+    fakes.drive()
+    fakes.switch.stop("fault: it broke", disable=True)
+    assert not fakes.switch.safety.enabled
+    assert fakes.ask(True)[0]
+
+
+def test_a_press_stops_at_once_however_short(fakes):
+    fakes.make()
+    fakes.say(False, 1)
+    fakes.drive()
+    fakes.say(True, 2)
+    assert fakes.zeros == [100.0]
+    fakes.say(False, 3)
+    assert fakes.states[-1] == "stopping: emergency stop"
+    assert fakes.ask(True) == (False, "the emergency stop is pressed")
+    assert fakes.restarts == 0
+    fakes.at += 0.4
+    fakes.say(False, 4)
+    fakes.at += 0.2
+    assert fakes.ask(True)[0]
+
+
+def test_a_button_is_silent_half_a_second_after_what_it_sent(fakes):
+    fakes.make()
+    fakes.drive()
+    fakes.say(False, 1, age=0.3)
+    fakes.at += 0.19
+    fakes.switch.watch()
+    assert fakes.states[-1] == "active"
+    fakes.at += 0.02
+    fakes.switch.watch()
+    assert fakes.states[-1] == "stopping: the emergency stop is silent"
+
+
+def test_buttons_are_told_apart_by_their_numbers_and_all_publishers_count(fakes):
+    fakes.make(enabled=False)
+    fakes.publishers = 2
+    fakes.say(False, 1)
+    assert fakes.ask(True) == (False, "1 of 2 publishers of the emergency stop are not heard")
+    fakes.say(False, 1)
+    assert fakes.ask(True)[0]
+
+
+def test_a_clock_that_is_set_makes_no_button_younger(fakes):
+    fakes.make()
+    fakes.at += 1.0
+    fakes.switch.watch()
+    fakes.drive()
+    fakes.system -= 30.0
+    fakes.at += 0.02
+    arrival = round((fakes.system + fakes.at) * 1e9)
+    sent = round((fakes.system + 30.0 + fakes.at - 0.6) * 1e9)  # before the clock was set back
+    info = {"source_timestamp": sent, "received_timestamp": arrival, "publication_sequence_number": 1}
+    fakes.hear(Bool(data=False), info)
+    assert fakes.states[-1] == "stopping: the emergency stop is silent"
+
+
+@pytest.mark.parametrize("stopping", [False, True])
+def test_the_end_of_the_node_stops_what_moves(fakes, stopping):
+    switch = fakes.make()
+    fakes.drive()
+    if stopping:
+        switch.stop("/odom is older than 0.5 s")
+        fakes.zeros.clear()
+    switch.close()
+    assert fakes.zeros == pytest.approx([100.0, 100.03, 100.06])  # more than one, since one may be lost
+    assert fakes.at < 100.1
+    assert fakes.states[-1] == "stopping: the node ends"
+    assert not switch.safety.enabled
+
+
+def test_the_end_of_a_node_that_does_not_move_says_nothing_to_the_robot(fakes):
+    fakes.make().close()
+    assert fakes.zeros == []
+    assert fakes.at == 100.0
+    assert fakes.states == ["silent: no step yet", "silent: the node ends"]
+
+
+# On real DDS, which numbers the messages.
 
 
 def speak(bench, *buttons):
@@ -57,9 +257,3 @@ def test_a_publisher_that_was_never_heard_refuses(make_bench):
     say = speak(bench, buttons[0])
     bench.wait_for(lambda: say(False) or "publishers of the emergency stop are not heard" in bench.enable().message)
     assert bench.enable().message == "1 of 2 publishers of the emergency stop are not heard"
-
-
-def test_how_long_a_step_may_take_is_the_switchs(make_bench):
-    safety = make_bench().shell.switch.safety
-    assert safety._blocked == 0.5
-    assert math.isfinite(safety._blocked)

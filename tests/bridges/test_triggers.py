@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym_ros.node.block import Every, On
-from turtlebot_gym_ros.node.triggers import SECOND, SLOW_AFTER, Grid, Messages, SimulatedGrid
+from turtlebot_gym_ros.node.triggers import SECOND, Grid, Messages, SimulatedGrid
 
 MS = SECOND // 1000
 
@@ -36,11 +36,26 @@ def test_steps_that_are_late_are_made_up_for():
     assert list(grid.due_until(350 * MS)) == [100 * MS, 200 * MS, 300 * MS]
 
 
-@pytest.mark.parametrize("leap", [5 * SECOND, -5 * SECOND])
+@pytest.mark.parametrize("leap", [5_000_000_000, 1_100_000_000, -900_000_000, -5_000_000_000])
 def test_a_clock_that_leaps_makes_one_step(leap):
+    grid = Grid(Every(0.1))  # its next step is due 0.1 s later: a second from there on is a leap
+    assert list(grid.due_until(10_000_000_000)) == [10_000_000_000]
+    assert list(grid.due_until(10_000_000_000 + leap)) == [10_000_000_000 + leap]
+
+
+def test_less_than_a_second_is_no_leap():
     grid = Grid(Every(0.1))
-    assert list(grid.due_until(10 * SECOND)) == [10 * SECOND]
-    assert list(grid.due_until(10 * SECOND + leap)) == [10 * SECOND + leap]
+    assert list(grid.due_until(10_000_000_000)) == [10_000_000_000]
+    assert list(grid.due_until(9_100_000_001)) == []
+    made_up_for = list(grid.due_until(11_099_999_999))
+    assert made_up_for == [10_100_000_000 + k * 100_000_000 for k in range(11)]  # the last one a nanosecond early
+
+
+def test_a_step_is_due_from_half_a_period_before_its_stamp():
+    grid = Grid(Every(0.1))
+    assert list(grid.due_until(0)) == [0]
+    assert list(grid.due_until(50_000_000)) == []
+    assert list(grid.due_until(50_000_001)) == [100_000_000]
 
 
 def test_simulated_time_runs_faster():
@@ -48,6 +63,11 @@ def test_simulated_time_runs_faster():
     stamps = [stamp for k in range(3) for stamp in grid.due_until(3 * SECOND + k * 10 * MS)]
     assert stamps == [SECOND, SECOND + 100 * MS, SECOND + 200 * MS]
     assert grid.present == stamps[-1]
+
+
+def test_simulated_time_without_a_speed_is_real_time_and_a_tenth_of_a_period_makes_up_for_a_late_timer():
+    grid = SimulatedGrid(Every(0.1))
+    assert [now for now in (0, 89, 90, 179, 180) if list(grid.due_until(now * MS))] == [0, 90, 180]
 
 
 def test_simulated_time_slows_down_where_the_machine_cannot_keep_up():
@@ -75,18 +95,48 @@ def test_decimation_keeps_the_rate(rate, jitter):
     assert np.abs(taken - SECOND - np.arange(100) * 100 * MS).max() <= SECOND // rate / 2 + jitter * MS
 
 
+@pytest.mark.parametrize(
+    ("stamps", "taken"),
+    [
+        ((0, 110, 170), (0, 110, 170)),  # ms; the grid stays where a step is late by less than a period,
+        ((0, 200, 220), (0, 200)),  # and begins anew where it is late by a whole one
+        ((0, 250, 280, 310, 340), (0, 250, 340)),
+    ],
+)
+def test_a_late_step_is_not_made_up_for(stamps, taken):
+    rule = Messages(On("odometry", period=0.1))
+    assert steps(rule, [stamp * 1_000_000 for stamp in stamps]) == [stamp * 1_000_000 for stamp in taken]
+
+
 def test_what_comes_twice_or_late_is_refused():
     rule = Messages(On("odometry"))
-    for stamp in (SECOND, SECOND + 100 * MS):
+    for stamp in (10_000_000_000, 10_100_000_000):
         rule.check(stamp)
         assert rule.due(stamp) == (True, None)
-    for stamp in (SECOND + 100 * MS, SECOND + 50 * MS, SECOND):
-        with pytest.raises(ValueError, match="stamp"):
+    for stamp, before in ((10_100_000_000, "0.000"), (10_050_000_000, "0.050"), (9_100_000_000, "1.000")):
+        with pytest.raises(ValueError, match=f"its stamp is {before} s before the last one's, or the same"):
             rule.check(stamp)
+    rule.check(10_100_000_001)
+    rule.check(9_099_999_999)  # more than a second back: the clock was set
 
 
-@pytest.mark.parametrize("gap", [1500 * MS, -1500 * MS])
-def test_after_a_gap_in_time_it_starts_again(gap):
+def test_how_long_a_gap_is():
+    rule = Messages(On("odometry", max_gap=2.5))
+    rule.due(10_000_000_000)
+    assert rule.due(12_500_000_000) == (True, None)
+    assert rule.due(15_000_000_001) == (True, "2.50 s between two messages")
+    assert rule.due(15_000_000_000) == (True, "-0.00 s between two messages")  # back, however little
+
+
+def test_the_first_step_after_a_pause_covers_no_time():
+    rule = Messages(On("odometry"))
+    assert [rule.interval(stamp) for stamp in (10_000_000_000, 10_100_000_000)] == [0.0, 0.1]
+    rule.pause()
+    assert [rule.interval(stamp) for stamp in (10_200_000_000, 10_300_000_000)] == [0.0, 0.1]
+
+
+@pytest.mark.parametrize(("gap", "said"), [(1_500_000_000, "1.50"), (-1_500_000_000, "-1.50")])
+def test_after_a_gap_in_time_it_starts_again(gap, said):
     rule = Messages(On("odometry", period=0.1, max_gap=1.0))
     start = 10 * SECOND
     for k in range(3):
@@ -96,7 +146,7 @@ def test_after_a_gap_in_time_it_starts_again(gap):
     rule.check(stamp)
     due, why = rule.due(stamp)
     assert due
-    assert why is not None
+    assert why == f"{said} s between two messages"
     assert rule.interval(stamp) == 0.0
 
 
@@ -106,11 +156,36 @@ def test_messages_that_are_too_slow_for_the_period_are_told_from_drop_outs():
         if k % 4:
             rule.due(k * 100 * MS)
     assert rule.slow is None
-    for k in range(SLOW_AFTER + 1):
+    told = []
+    for k in range(7):
         rule.due(3 * SECOND + k * 200 * MS)
-    assert rule.slow == "estimate comes every 0.200 s, but a step is due every 0.1 s"
-    for k in range(2):
-        rule.due(5 * SECOND + k * 100 * MS)
+        told.append(rule.slow)
+    slow = "estimate comes every 0.200 s, but a step is due every 0.1 s"
+    assert told == [None] * 5 + [slow] * 2  # five late steps in a row
+    rule.due(4_300_000_000)
+    assert rule.slow is None  # one that is on time
+    for k in range(5):
+        assert rule.slow is None
+        rule.due(4_500_000_000 + k * 200 * MS)
+    assert rule.slow == slow  # and five again
+    rule.reset()
+    for k in range(6):  # the first one after a reset is never late
+        assert rule.slow is None
+        rule.due(10_000_000_000 + k * 200 * MS)
+    assert rule.slow == slow
+
+
+def test_messages_half_as_slow_again_are_not_too_slow():
+    rule = Messages(On("estimate", period=0.1))
+    for k in range(20):
+        rule.due(k * 150 * MS)
+        assert rule.slow is None
+
+
+def test_without_a_period_no_message_is_slow():
+    rule = Messages(On("odometry"))
+    for k in range(20):
+        rule.due(k * 900 * MS)
     assert rule.slow is None
 
 

@@ -24,13 +24,12 @@ class Feed:
         lock_step: Whether stamps count, and ages by the steady clock do not.
     """
 
-    def __init__(self, declared: Input, conversion: Conversion, *, lock_step: bool = False) -> None:
+    def __init__(self, declared: Input, conversion: Conversion, *, lock_step: bool) -> None:
         self.declared = replace(declared, max_age=None) if lock_step else declared
         self._lock_step = lock_step
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
         self.conversion = conversion
-        self.topic = declared.topic
         self.refusal: str | None = None
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced as one, since two threads look at it
@@ -46,7 +45,7 @@ class Feed:
             callback_group=Swift() if self._lock_step else None,
             qos_overriding_options=overridable(),
         )
-        self.topic = self._subscription.topic_name
+        self.topic: str = self._subscription.topic_name
         return Endpoint(self.topic, type_name(kind), False)
 
     def read(self, message: Any, frame: str) -> Any:

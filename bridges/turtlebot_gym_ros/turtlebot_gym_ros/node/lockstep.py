@@ -72,7 +72,6 @@ class Answers:
         """Let the next step be the first."""
         self.messages.reset()
         self._met: int | None = None
-        self._is_due = True
         self._answered: int | None = None
 
     def check(self, key: str, stamp: int) -> None:

@@ -5,7 +5,7 @@
                        +------step--------+
 
 Steps count only while it is enabled. A fault and an emergency stop disable it; so it starts, unless told otherwise. Whatever
-stops it advances the ``ticket``, so that the result of a step that began before can be told and dropped. The rule of the
+stops it makes a new ``ticket``, so that the result of a step that began before can be told and dropped. The rule of the
 emergency stop, for any number of buttons, is the guard's: `turtlebot_gym_ros.robot.emergency`.
 """
 
@@ -29,14 +29,12 @@ class Safety:
         blocked: A step that takes longer is a fault, s; infinite where no step can take too long.
     """
 
-    def __init__(self, *, enabled: bool, blocked: float = 0.5) -> None:
+    def __init__(self, *, enabled: bool, blocked: float) -> None:
         self.lock = RLock()
         self.enabled = enabled
         self.phase = "silent"
         self.reason = "no step yet" if enabled else "not enabled"
-        self.ticket = 0
-        self._stop_until = 0.0
-        self._next_stop = 0.0
+        self.ticket = object()
         self._blocked = blocked
         self._buttons = EmergencyStop()
         self._began: float | None = None
@@ -46,7 +44,7 @@ class Safety:
         """The phase, and in words what keeps it from being active."""
         return self.phase if self.phase == "active" else f"{self.phase}: {self.reason}"
 
-    def enable(self, *, now: float, buttons: int = 0) -> str | None:
+    def enable(self, *, now: float, buttons: int) -> str | None:
         """Let it move the robot again, or return why not.
 
         Args:
@@ -65,14 +63,14 @@ class Safety:
     def stop(self, reason: str, *, now: float, disable: bool = False) -> None:
         """Stop, until the next step or, where disabled, until enabled again."""
         with self.lock:
-            if self.enabled or self.phase == "active":
+            if self.enabled:
                 self.reason = reason
             self.enabled = self.enabled and not disable
-            self.ticket += 1
+            self.ticket = object()
             if self.phase == "active":
                 self.phase, self._stop_until, self._next_stop = "stopping", now + STOP_FOR, now
 
-    def begin(self, *, now: float) -> int:
+    def begin(self, *, now: float) -> object:
         """Note that a step begins, and return its ticket."""
         with self.lock:
             self._began = now
@@ -83,10 +81,10 @@ class Safety:
         with self.lock:
             self._began = None
 
-    def activate(self, ticket: int) -> bool:
+    def activate(self, ticket: object) -> bool:
         """Return whether the result of a step may be sent: nothing has stopped it since it began."""
         with self.lock:
-            if not self.enabled or ticket != self.ticket:
+            if not self.enabled or ticket is not self.ticket:
                 return False
             self.phase = "active"
             return True

@@ -155,7 +155,7 @@ class Shell:
                 switch.stop(self._waits)
             return False
         dt = drive.interval(stamp)
-        ticket = switch.safety.begin(now=now) if switch else 0
+        ticket = switch.safety.begin(now=now) if switch else None
         try:
             outputs = self.block.step(dt, **{key: feed.take(now) for key, feed in self._feeds.items()})
             messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
@@ -173,10 +173,10 @@ class Shell:
         self.outputs.publish_answer(messages)
         return True
 
-    def _move(self, switch: Switch, ticket: int, messages: Mapping[str, Any], stamp: int) -> bool:
+    def _move(self, switch: Switch, ticket: object, messages: Mapping[str, Any], stamp: int) -> bool:
         """Publish the result of a step, unless it was stopped meanwhile; a block that leaves its command out is done."""
         with switch.safety.lock:  # so that nothing is published behind a stop's zeros
-            answers = ticket == switch.safety.ticket
+            answers = ticket is switch.safety.ticket
             if not all(key in messages for key in self.outputs.moving):
                 if answers:
                     switch.stop("done")

@@ -42,7 +42,7 @@ class Switch:
         enabled: bool,
         now: Callable[[], float],
         restart: Callable[[], None],
-        blocked: float = 0.5,
+        blocked: float,
     ) -> None:
         self.safety = Safety(enabled=enabled, blocked=blocked)
         self._clock = SystemClock()
@@ -112,7 +112,8 @@ class Switch:
         """Stop the robot if it moves."""
         moved = self.safety.phase != "silent"
         self.safety.stop("the node ends", now=self._now(), disable=True)
-        for _ in range(3 if moved else 0):
-            self._outputs.publish_stops()
-            time.sleep(0.03)
+        if moved:
+            for _ in range(3):
+                self._outputs.publish_stops()
+                time.sleep(0.03)
         self._tell()

@@ -81,7 +81,6 @@ class Messages:
     def __init__(self, trigger: On) -> None:
         self.input = trigger.input
         self.period = trigger.period
-        self.slow: str | None = None
         self._period_ns = round(trigger.period * SECOND)
         self._gap_ns = round(trigger.max_gap * SECOND)
         self._seen: int | None = None
@@ -92,7 +91,7 @@ class Messages:
         self._due: int | None = None
         self._stepped: int | None = None
         self._late = 0
-        self.slow = None
+        self.slow: str | None = None
 
     def check(self, stamp: int) -> None:
         """Refuse a stamp that is not after the last one, unless it is so far back that the clock must have been set.
@@ -105,7 +104,7 @@ class Messages:
 
     def due(self, stamp: int) -> tuple[bool, str | None]:
         """Return whether a message at a stamp makes a step, and what to say of the gap where the block must be reset first."""
-        spacing = 0 if self._seen is None else stamp - self._seen
+        spacing = stamp - (stamp if self._seen is None else self._seen)
         self._seen = stamp
         gap = None
         if not 0 <= spacing <= self._gap_ns:
@@ -113,20 +112,18 @@ class Messages:
             self.reset()
         if self._due is not None and stamp + spacing // 2 < self._due:
             return False, gap
-        on_time = self._due is not None and stamp - self._due < self._period_ns
-        self._count_late(stamp)
-        self._due = (self._due if on_time and self._due is not None else stamp) + self._period_ns
+        due = stamp if self._due is None else self._due
+        if self.period and self._due is not None:
+            self._count_late(stamp - due + self._period_ns)
+        self._due = (due if stamp - due < self._period_ns else stamp) + self._period_ns
         return True, gap
 
-    def _count_late(self, stamp: int) -> None:
-        """Note where messages come more slowly than the steps should."""
-        last = None if self._due is None else self._due - self._period_ns
-        late = last is not None and self.period > 0.0 and stamp - last > 1.5 * self._period_ns
-        self._late = self._late + 1 if late else 0
+    def _count_late(self, spacing: int) -> None:
+        """Note where messages come more slowly than the steps should, by the time since the last step was due, ns."""
+        self._late = self._late + 1 if spacing > 1.5 * self._period_ns else 0
         self.slow = None
-        if self._late >= SLOW_AFTER and last is not None:
-            every = (stamp - last) / SECOND
-            self.slow = f"{self.input} comes every {every:.3f} s, but a step is due every {self.period} s"
+        if self._late >= SLOW_AFTER:
+            self.slow = f"{self.input} comes every {spacing / SECOND:.3f} s, but a step is due every {self.period} s"
 
     def pause(self) -> None:
         """Note that a step was left out: the next one is like the first."""

@@ -94,7 +94,7 @@ class Arbiter:
         self.buttons = EmergencyStop()
         self._heard: dict[str, Heard] = {}
         self._news: set[str] = set()
-        self._distance = (-math.inf, math.inf)
+        self._distance = (now, math.inf)
         self._awake, self._since, self._blind_until = now, now, now
         self._zeros_until = now + ZEROS
         self._last, self._last_at, self._due, self._halt = STOP, now, now, False

@@ -25,7 +25,7 @@ SILENCE = 0.5
 """Silence of a button, once heard, that counts as a press, s; and time that a press lasts for all, s."""
 
 
-@dataclass(slots=True)
+@dataclass
 class Button:
     """What is known of one publisher of the emergency stop."""
 
@@ -64,10 +64,10 @@ class EmergencyStop:
             # Of equal numbers the one heard last: a button that died does not live on by the messages of another.
             button = max(reversed(before), key=lambda each: each.number)
             self._buttons.remove(button)
+            button.number, button.sent, button.pressed = number or button.number, max(button.sent, sent), pressed
         else:
-            button = Button(began=sent, sent=sent, number=0, pressed=pressed)
+            button = Button(began=sent, sent=sent, number=number or 0, pressed=pressed)
         self._buttons.append(button)
-        button.number, button.sent, button.pressed = number or 0, max(button.sent, sent), pressed
         alive = self._alive(button.sent)  # in the time in which they speak: what has waited comes all at once
         # A button that was started again is a new one. Both exist only if the old one spoke after the new one began.
         newest = max((each.began for each in alive), default=now)
@@ -93,7 +93,7 @@ class EmergencyStop:
             return "the emergency stop is silent"
         return f"{self._expected - len(alive)} of {self._expected} emergency stops are silent"
 
-    def refusal(self, now: float, publishers: int = 0) -> str:
+    def refusal(self, now: float, publishers: int) -> str:
         """Return why the robot must not be released, or nothing.
 
         Args:
@@ -101,6 +101,6 @@ class EmergencyStop:
             publishers: How many publishers the topic has; once a button was heard, each of them has to be heard.
         """
         alive = len(self._alive(now))
-        if (why := self.trouble(now)) or alive >= publishers or self._expected == 0:
+        if (why := self.trouble(now)) or alive >= publishers or not self._expected:
             return why
         return f"{publishers - alive} of {publishers} publishers of the emergency stop are not heard"

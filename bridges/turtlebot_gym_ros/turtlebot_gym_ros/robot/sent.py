@@ -57,15 +57,15 @@ class SystemClock:
         others = [(each, min(until, steady + HOLD)) for each, until in self._offsets if abs(each - offset) > STEP]
         self._offsets = [*(each for each in others if each[1] > steady), (offset, math.inf)]
 
-    def age(self, *, steady: float, source: float = 0.0, arrival: float = 0.0, header: float = 0.0) -> Age:
+    def age(self, *, steady: float, source: float, arrival: float, header: float) -> Age:
         """Return how old a message is at a steady time, from its times on the system clock, s; 0 is unknown."""
         times = {"DDS's source time": source, "its header's stamp": header}
         present = [steady + offset for offset, _ in self._offsets]
         sent = [(at - time, by) for by, time in times.items() for at in present if -FUTURE <= at - time <= PAST]
         came = [(at - arrival, "its arrival") for at in present if at - arrival <= PAST]
         seconds, by = max([(0.0, "its arrival"), *came, *sent])
-        ahead = 0.0 if sent else max(time - present[-1] for time in times.values())
-        return Age(seconds, bool(sent), by, max(ahead, 0.0))
+        ahead = 0.0 if sent else max(0.0, *(time - present[-1] for time in times.values()))
+        return Age(seconds, bool(sent), by, ahead)
 
 
 def read_clocks() -> tuple[float, float]:

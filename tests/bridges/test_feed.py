@@ -1,0 +1,147 @@
+"""An input as it arrives, told the time by the test: how old it is, what a step is given, what the diagnostics say."""
+
+from types import SimpleNamespace
+
+import pytest
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import ReliabilityPolicy
+
+from turtlebot_gym.values import Command, State
+from turtlebot_gym_ros.node.block import Input
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.feed import Feed
+
+
+class FakeNode:
+    """A node as far as an input knows it: it notes what is subscribed to, in a namespace."""
+
+    def create_subscription(self, kind, topic, hear, qos, *, callback_group, qos_overriding_options):
+        self.kind, self.hear, self.qos = kind, hear, qos
+        self.group, self.overridable = callback_group, qos_overriding_options
+        return SimpleNamespace(topic_name=f"/robot/{topic}")
+
+
+def make(*, lock_step=False, **options):
+    """Return an input of odometry and the node that it is connected to."""
+    feed, node = Feed(Input(topic="odom", type=State, **options), conversion(State), lock_step=lock_step), FakeNode()
+    node.endpoint = feed.connect(node, "hear")
+    return feed, node
+
+
+def test_it_subscribes_to_its_topic_by_the_name_that_the_graph_gives_it():
+    feed, node = make()
+    assert feed.topic == "/robot/odom"
+    assert (node.kind, node.hear) == (Odometry, "hear")
+    assert node.endpoint == ("/robot/odom", "nav_msgs/msg/Odometry", False, False)
+    assert node.overridable.policy_kinds
+
+
+@pytest.mark.parametrize(
+    ("lock_step", "reliable", "policy", "depth"),
+    [
+        (False, True, ReliabilityPolicy.RELIABLE, 10),
+        (False, False, ReliabilityPolicy.BEST_EFFORT, 50),
+        (True, False, ReliabilityPolicy.RELIABLE, 10_000),  # in lock-step no message may be lost
+    ],
+)
+def test_what_is_lost_is_sent_again_where_that_is_asked_for(lock_step, reliable, policy, depth):
+    _, node = make(lock_step=lock_step, reliable=reliable)
+    assert (node.qos.reliability, node.qos.depth) == (policy, depth)
+    assert (node.group is None) is not lock_step
+
+
+def odometry(frame="odom"):
+    message = Odometry()
+    message.header.frame_id = frame
+    message.pose.pose.position.x = 1.5
+    message.pose.pose.orientation.w = 1.0
+    return message
+
+
+def test_a_message_in_another_frame_is_refused():
+    feed, _ = make()
+    assert feed.read(odometry(), "odom") == (1.5, 0.0, 0.0, 0.0, 0.0)
+    for other in ("map", "odom_combined"):
+        with pytest.raises(ValueError, match=f"its frame is '{other}' instead of 'odom'"):
+            feed.read(odometry(other), "odom")
+    command = Feed(Input(topic="cmd_vel", type=Command), conversion(Command), lock_step=False)
+    assert command.read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
+
+
+def test_an_input_is_awaited_and_then_old_half_a_second_after_it_came():
+    feed, _ = make()
+    assert feed.missing(100.0) == "waits for /robot/odom"
+    assert feed.take(100.0) is None
+    assert feed.stamp is None
+    feed.accept("here", 100.0, 7)
+    assert feed.missing(100.5) is None
+    assert feed.take(100.5) == "here"
+    assert feed.missing(100.5625) == "/robot/odom is older than 0.5 s"
+    assert feed.take(100.5625) is None
+    feed.accept("there", 101.0, 8)
+    assert feed.take(101.0) == "there"
+
+
+def test_an_optional_input_is_none_where_it_is_missing_or_old():
+    feed, _ = make(required=False, max_age=2.0)
+    assert feed.missing(100.0) is None
+    assert feed.take(100.0) is None
+    feed.accept("here", 100.0, 7)
+    assert feed.take(102.0) == "here"
+    assert feed.take(102.5) is None
+    assert feed.missing(102.5) is None
+
+
+def test_an_input_without_an_age_holds_its_last_value():
+    feed, _ = make(max_age=None)
+    assert feed.missing(100.0) == "waits for /robot/odom"
+    feed.accept("here", 100.0, 7)
+    assert feed.missing(1e6) is None
+    assert feed.take(1e6) == "here"
+    assert feed.take(1e6) == "here"  # again: it is no event
+
+
+def test_in_lock_step_a_value_does_not_age():
+    feed, _ = make(lock_step=True)
+    feed.accept("here", 100.0, 7)
+    assert feed.take(1e6) == "here"
+    assert feed.stamp == 7
+
+
+def test_what_is_given_once_is_gone_after_one_step():
+    feed, _ = make(required=False, once=True)
+    feed.accept("goal", 100.0, 7)
+    assert feed.take(100.1) == "goal"
+    assert feed.take(100.1) is None
+    feed.accept("another", 100.2, 8)
+    assert feed.take(100.2) == "another"
+
+
+def test_after_a_reset_it_waits_for_a_new_value():
+    feed, _ = make()
+    feed.accept("here", 100.0, 7)
+    feed.forget()
+    assert feed.missing(100.0) == "waits for /robot/odom"
+    assert feed.stamp is None
+
+
+def test_a_refusal_is_news_until_a_message_is_accepted():
+    feed, _ = make()
+    assert feed.refusal is None
+    assert feed.refuse("its frame is wrong")
+    assert feed.refusal == "refused: its frame is wrong"
+    assert not feed.refuse("its frame is wrong")
+    feed.accept("here", 100.0, 7)
+    assert feed.refusal is None
+    assert feed.refuse("its frame is wrong")
+
+
+def test_the_diagnostics_count_and_tell_the_age():
+    feed, _ = make()
+    assert feed.figures(100.0) == {"/robot/odom": "never, 0 received, 0 refused"}
+    feed.accept("here", 100.0, 7)
+    feed.accept("there", 101.0, 8)
+    for _ in range(3):
+        feed.refuse("its frame is wrong")
+    assert feed.figures(101.25) == {"/robot/odom": "0.25 s ago, 2 received, 3 refused"}
