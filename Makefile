@@ -44,7 +44,7 @@ check: $(READY)  ## style, types and the direction of imports
 	$(RUN)pyright --pythonpath $(RUN)python
 	$(RUN)lint-imports
 
-mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (20 minutes)
+mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (an hour)
 	$(RUN)python benchmarks/mutants.py --json benchmarks/mutants.json
 
 bench: $(READY)  ## speed, as ratios in one run
