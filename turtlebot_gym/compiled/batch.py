@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,9 @@ class Batch:
         self._tiles = np.zeros((n_tiles, layout.size))
         self._parallel = num_envs >= PARALLEL_FROM
         self._around, self._plan = self.system.surroundings, plan
-        self.scenes: Any = ()
+        self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
+        self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
+        self._first = self._tiles[0, : layout.at_outcome : TILE]
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
@@ -84,7 +86,7 @@ class Batch:
     def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
         """Make scenes for parameters, unless those that there are have the same sizes."""
         scenes = around.make(parameters)
-        if [part.shape for part in scenes] != [part.shape for part in self.scenes]:
+        if not isinstance(self.scenes, tuple) or [part.shape for part in scenes] != [part.shape for part in self.scenes]:
             self.scenes = scenes
             if self._plan:
                 for index in range(self.num_envs):
@@ -99,13 +101,18 @@ class Batch:
             outcomes: Shape (6, N); likewise.
         """
         state = self._tiles, self._keys, self._parameters, self.waypoints
-        loops = self._loops.reset, self._loops.reset_parallel
-        self._run(loops, self._around is not None, mask, self.seeds, self.episodes, *state, observations, outcomes)
+        parallel = self._around is not None and self._parallel and Threads.acquire()
+        loop = self._loops.reset_parallel if parallel else self._loops.reset
+        try:
+            loop(mask, self.seeds, self.episodes, *state, observations, outcomes, self.scenes)
+        finally:
+            if parallel:
+                Threads.lock.release()
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`."""
-        n_observation, n_outcome = len(self.system.low), self.layout.outcome.size
-        return np.empty((self.num_envs, n_observation), np.float32), np.empty((n_outcome, self.num_envs))
+        observations, outcomes = self._shapes
+        return np.empty(observations, np.float32), np.empty(outcomes)
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return fresh observations and outcomes of the last step or reset, in the shapes of `step`."""
@@ -127,18 +134,16 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are fresh.
         """
         observations, outcomes = self.empty()
-        state = self._tiles, self._keys, self._parameters, self.waypoints
-        self._run((self._loops.step, self._loops.step_parallel), True, actions, *state, observations, outcomes)
-        return observations, outcomes
-
-    def _run(self, loops: tuple[Callable[..., None], Callable[..., None]], may: bool, *arguments: Any) -> None:
-        """Run a loop on one thread, or where it ``may`` on all of them."""
-        parallel = may and self._parallel and Threads.acquire()
+        parallel = self._parallel and Threads.acquire()
+        loop = self._loops.step_parallel if parallel else self._loops.step
         try:
-            loops[parallel](*arguments, self.scenes)
+            loop(
+                actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
+            )  # fmt: skip
         finally:
             if parallel:
                 Threads.lock.release()
+        return observations, outcomes
 
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of a part of all worlds, by its dotted path, such as "body.true_state"; (N, k), of a number (N,)."""
@@ -149,7 +154,7 @@ class Batch:
 
     def first_world(self) -> NDArray[np.float64]:
         """Return a copy of the first environment's world, one number after the other, as the layout has them."""
-        return self._tiles[0, : self.layout.at_outcome : TILE].copy()
+        return self._first.copy()
 
     def world(self, index: int) -> World:
         """Return one environment's world, in Python's own numbers."""

@@ -76,7 +76,7 @@ def layout_of(system: System) -> Layout:
 
 
 @kernel
-def _no_scene(scenes: tuple[()], index: int) -> tuple[()]:
+def _no_scene(scenes: Any, index: int) -> tuple[()]:
     """Return the scene of open ground."""
     return ()
 

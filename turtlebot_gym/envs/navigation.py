@@ -224,7 +224,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         numbers = self._batch.first_world()
         info: dict[str, Any] = {key: numbers[part] for key, part in self._slices.items()}
         info["covariance"] = numbers[self._covariance]
-        info |= {key: kind(numbers[at]) for key, (at, kind) in self._numbers.items()}
+        if self._numbers:
+            info |= {key: kind(numbers[at]) for key, (at, kind) in self._numbers.items()}
         info["distance"] = float(distance)
         info["is_success"] = success
         return info
