@@ -15,7 +15,6 @@ from turtlebot_gym.rooms.geodesic import UNKNOWN, block, centre_of, spread, way_
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import UNREACHED
-from turtlebot_gym.rooms.worlds import scene_of
 
 BLOCKED = 65534
 
@@ -46,7 +45,7 @@ def test_lengths_are_those_of_dijkstra(empty_scene, name, key):
 
 def test_cells_are_blocked_within_the_clearance_and_no_farther():
     plan = FloorPlan(walls=(0.0, 0.0, 1.5, 1.0), circles=((0.4, 0.1, 0.2),), boxes=((-0.7, 0.0, 0.4, 0.6, 0.5),))
-    scene = scene_of(plan)
+    scene = plan.scene()
     block(scene, 0.25)
     solid = shapely.union_all(
         [
@@ -66,7 +65,7 @@ def test_cells_are_blocked_within_the_clearance_and_no_farther():
 def test_the_way_round_a_wall_is_as_long_as_it_is():
     """From (-1, 0) to (1, 0) round the end of a wall at x = 0 that begins at y = 0.5 with a robot that keeps 0.2 m."""
     plan = FloorPlan(walls=(0.0, 0.0, 2.0, 2.0), boxes=((0.0, -0.75, 0.1, 2.5),))
-    scene = scene_of(plan)
+    scene = plan.scene()
     block(scene, 0.2)
     spread(scene, 1.0, 0.0)
     shortest = 2.0 * math.hypot(1.0, 0.7)
@@ -76,7 +75,7 @@ def test_the_way_round_a_wall_is_as_long_as_it_is():
 
 
 def test_the_way_left_changes_smoothly():
-    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 2.0, 2.0)))
+    scene = FloorPlan(walls=(0.0, 0.0, 2.0, 2.0)).scene()
     block(scene, 0.2)
     spread(scene, 1.5, 0.0)
     lengths = np.array([way_left(scene, x, 0.013) for x in np.linspace(-1.5, 1.0, 500)])

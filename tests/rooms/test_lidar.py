@@ -25,7 +25,6 @@ from turtlebot_gym.rooms.lidar import (
 )
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.sensing import measure
-from turtlebot_gym.rooms.worlds import scene_of
 from turtlebot_gym.values import Pose
 
 QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
@@ -115,7 +114,7 @@ def test_what_is_no_range_is_free():
 
 def test_each_beam_is_cast_from_where_the_robot_was():
     """Beam 0 looks along x while the robot drives 0.4 m towards a wall, and beam 4 looks back."""
-    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 5.0, 5.0)), beams=8)
+    scene = FloorPlan(walls=(0.0, 0.0, 5.0, 5.0)).scene(beams=8)
     aim(scene.beams, QUIET)
     divide(scene.spans, QUIET.yaw, QUIET.beams)
     measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.4, 0.0, 0.0), 0, 8, 0.0, 7, QUIET, 0.2)
@@ -123,7 +122,7 @@ def test_each_beam_is_cast_from_where_the_robot_was():
 
 
 def test_a_robot_that_turns_bends_its_scan():
-    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 5.0, 2.0)), beams=8)
+    scene = FloorPlan(walls=(0.0, 0.0, 5.0, 2.0)).scene(beams=8)
     aim(scene.beams, QUIET)
     divide(scene.spans, QUIET.yaw, QUIET.beams)
     measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.4), 0, 8, 0.0, 7, QUIET, 0.2)
@@ -133,7 +132,7 @@ def test_a_robot_that_turns_bends_its_scan():
 
 def test_the_mount_is_where_rays_begin():
     lidar = replace(QUIET, x=0.1, y=-0.2)
-    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 5.0, 2.0)), beams=8)
+    scene = FloorPlan(walls=(0.0, 0.0, 5.0, 2.0)).scene(beams=8)
     aim(scene.beams, lidar)
     divide(scene.spans, lidar.yaw, lidar.beams)
     stand = Pose(1.0, 0.5, math.pi / 2.0)
@@ -142,7 +141,7 @@ def test_the_mount_is_where_rays_begin():
 
 
 def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
-    scene = scene_of(FloorPlan(walls=(0.0, 0.0, 3.0, 3.0)), beams=8)
+    scene = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0)).scene(beams=8)
     aim(scene.beams, QUIET)
     divide(scene.spans, QUIET.yaw, QUIET.beams)
     stand = Pose(0.0, 0.0, 0.0)

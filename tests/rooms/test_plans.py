@@ -12,7 +12,7 @@ import pytest
 
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way, scene_of
+from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
 from turtlebot_gym.values import Pose
 
 BARN = Path(__file__).parents[3] / "shared" / "data" / "barn"
@@ -66,7 +66,7 @@ def test_a_plan_is_written_into_a_scene():
     plan = FloorPlan(
         walls=(1.0, 2.0, 3.0, 4.0), circles=((0.0, 1.0, 0.5), (2.0, 3.0, 0.25, 0.1, -0.2)), boxes=((1.0, 0.0, 2.0, 1.0),)
     )
-    scene = scene_of(plan)
+    scene = plan.scene()
     assert scene.walls.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert scene.counts.tolist() == [2, 1]
     assert scene.circles.tolist() == [[0.0, 1.0, 0.5, 0.0, 0.0], [2.0, 3.0, 0.25, 0.1, -0.2]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -36,6 +36,14 @@ ROOM_PARTS = {
 }
 """Those of them that are single numbers, in a room."""
 
+
+class Room(NamedTuple):
+    """What a room's environments are made with besides the others' arguments."""
+
+    world: RoomRules | FloorPlan
+    lidar: Lidar
+
+
 SYMMETRIC = np.zeros((5, 5), np.intp)
 """Which of the 15 independent entries of a covariance stands in each place of the matrix."""
 SYMMETRIC[np.triu_indices(5)] = np.arange(15)
@@ -61,7 +69,7 @@ def make_batch(
     switch: str | None = None,
     laps: int | None = None,
     max_steps: float | None = None,
-    room: tuple[RoomRules | FloorPlan, Lidar] | None = None,
+    room: Room | None = None,
     **options: Any,
 ) -> Batch:
     """Return the environments that an environment's keyword arguments ask for.

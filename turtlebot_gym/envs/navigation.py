@@ -11,8 +11,7 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, SYMMETRIC, action_space, make_batch, observation_space
+from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, SYMMETRIC, Room, action_space, make_batch, observation_space
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -104,6 +103,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v0: first version, observation layout 1.
     """
 
+    _room: Room | None = None
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # as Gymnasium declares it
 
     def __init__(
@@ -124,7 +124,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         delay: int = 0,
         render_mode: str | None = None,
     ) -> None:
-        self._batch = self._make_batch(
+        self._batch = make_batch(
             1,
             task,
             waypoints=waypoints,
@@ -140,6 +140,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             reward=reward,
             dt=dt,
             delay=delay,
+            room=self._room,
         )
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
@@ -155,9 +156,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._started = False
         self._seeded = False
         self._renderer: Any = None
-
-    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
-        return make_batch(num_envs, task, **arguments)
 
     @property
     def parameters(self) -> Parameters:

@@ -11,8 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, action_space, make_batch, matrices, observation_space
+from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, Room, action_space, make_batch, matrices, observation_space
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -63,6 +62,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         ValueError: If an argument is unknown or out of its range.
     """
 
+    _room: Room | None = None
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
@@ -94,7 +94,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
         self._full = choose("info", info, {"default": False, "full": True})
-        self._batch = self._make_batch(
+        self._batch = make_batch(
             int(num_envs),
             task,
             waypoints=waypoints,
@@ -110,6 +110,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             reward=reward,
             dt=dt,
             delay=delay,
+            room=self._room,
         )
         self._told = ROOM_PARTS if self._batch.system.surroundings else {}
         self.num_envs = int(num_envs)
@@ -121,9 +122,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)
         self._begun = np.zeros(self.num_envs, np.bool_)
-
-    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
-        return make_batch(num_envs, task, **arguments)
 
     @property
     def parameters(self) -> Parameters | Sequence[Parameters]:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from gymnasium.vector import AutoresetMode
 
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.common import make_batch
+from turtlebot_gym.envs.common import Room
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
@@ -15,7 +14,7 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import scene_at
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
-from turtlebot_gym.tasks import ROOM, Task
+from turtlebot_gym.tasks import ROOM
 
 if TYPE_CHECKING:
     from turtlebot_gym.envs.rendering import Renderer
@@ -103,7 +102,7 @@ class RoomsEnv(NavigationEnv):
         delay: int = 0,
         render_mode: str | None = None,
     ) -> None:
-        self._room = find_world(world), find_lidar(lidar)
+        self._room = Room(find_world(world), find_lidar(lidar))
         super().__init__(
             task=ROOM,
             robot=robot,
@@ -118,13 +117,10 @@ class RoomsEnv(NavigationEnv):
             render_mode=render_mode,
         )
 
-    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
-        return make_batch(num_envs, task, room=self._room, **arguments)
-
     def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
         from turtlebot_gym.envs.rendering_rooms import RoomRenderer
 
-        return RoomRenderer(mode, scene=scene_at(self._batch.scenes, 0), lidar=self._room[1], **options)
+        return RoomRenderer(mode, scene=scene_at(self._batch.scenes, 0), lidar=self.parameters.room.lidar, **options)
 
 
 class RoomsVectorEnv(NavigationVectorEnv):
@@ -174,7 +170,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         dt: float = 0.1,
         delay: int = 0,
     ) -> None:
-        self._room = find_world(world), find_lidar(lidar)
+        self._room = Room(find_world(world), find_lidar(lidar))
         super().__init__(
             num_envs,
             max_episode_steps=max_episode_steps,
@@ -192,6 +188,3 @@ class RoomsVectorEnv(NavigationVectorEnv):
             dt=dt,
             delay=delay,
         )
-
-    def _make_batch(self, num_envs: int, task: str | Task, **arguments: Any) -> Batch:
-        return make_batch(num_envs, task, room=self._room, **arguments)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.rooms.rays import distance_to_box, distance_to_circle, distance_to_walls
+from turtlebot_gym.rooms.rays import distance_to_circle, distance_to_turned_box, distance_to_walls
 from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
 
 MARGIN = 0.1
@@ -83,8 +83,7 @@ def block(scene: Scene, clearance: float) -> None:
         for row in range(first_row, last_row + 1):
             for column in range(first_column, last_column + 1):
                 x, y = centre_of(scene, row, column)
-                dx, dy = box[0] - x, box[1] - y
-                if distance_to_box(dx * cosine + dy * sine, dy * cosine - dx * sine, box[2], box[3]) < clearance:
+                if distance_to_turned_box(box[0] - x, box[1] - y, box) < clearance:
                     ways[row, column] = _BLOCKED
 
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from turtlebot_gym.rooms.rays import distance_to_box, distance_to_circle
 from turtlebot_gym.rooms.rules import ANYWHERE, GIVEN, RoomRules
-from turtlebot_gym.rooms.scene import Scene, Walls
+from turtlebot_gym.rooms.scene import Scene, Walls, make_scenes, scene_at
+from turtlebot_gym.rooms.sensing import clearance
 from turtlebot_gym.values import Pose
 
 
@@ -43,18 +43,18 @@ class FloorPlan:
         for name in ("start", "goal"):
             pose = getattr(self, name)
             if pose is not None:
-                object.__setattr__(self, name, Pose(*_numbers(name, pose, (3,))))
-                self._refuse_inside(name, getattr(self, name))
+                pose = Pose(*_numbers(name, pose, (3,)))
+                object.__setattr__(self, name, pose)
+                if clearance(self.scene(), pose.x, pose.y) < 0.0:
+                    raise ValueError(f"FloorPlan.{name} must be in the room and in no obstacle, got {pose!r}.")
 
-    def _refuse_inside(self, name: str, pose: Pose) -> None:
-        """Refuse a pose that is in an obstacle or outside of the walls."""
-        inside = abs(pose.x - self.walls.x) > self.walls.half_length or abs(pose.y - self.walls.y) > self.walls.half_width
-        inside |= any(distance_to_circle(x - pose.x, y - pose.y, radius) < 0.0 for x, y, radius, _, _ in self.circles)
-        for x, y, length, width, heading in self.boxes:
-            dx, dy, cosine, sine = x - pose.x, y - pose.y, math.cos(heading), math.sin(heading)
-            inside |= distance_to_box(dx * cosine + dy * sine, dy * cosine - dx * sine, length / 2.0, width / 2.0) < 0.0
-        if inside:
-            raise ValueError(f"FloorPlan.{name} must be in the room and in no obstacle, got {pose!r}.")
+    def scene(self, *, beams: int = 1) -> Scene:
+        """Return a scene with the plan."""
+        circles, boxes = len(self.circles), len(self.boxes)
+        length, width = 2.0 * self.walls.half_length, 2.0 * self.walls.half_width
+        scene = scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=beams), 0)
+        self.put(scene)
+        return scene
 
     def rules(self) -> RoomRules:
         """Return the rules by which start and goal are drawn where they are not given."""

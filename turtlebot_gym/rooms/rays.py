@@ -93,6 +93,19 @@ def distance_to_box(x: float, y: float, half_length: float, half_width: float) -
 
 
 @kernel
+def distance_to_turned_box(x: float, y: float, box) -> float:
+    """Return the distance from the origin to a box with its centre at (x, y) that is turned; negative inside of it.
+
+    Args:
+        x: m.
+        y: m.
+        box: A row of `scene.Scene.boxes`.
+    """
+    cosine, sine = box[4], box[5]
+    return distance_to_box(x * cosine + y * sine, y * cosine - x * sine, box[2], box[3])
+
+
+@kernel
 def distance_to_walls(x: float, y: float, half_length: float, half_width: float) -> float:
     """Return the distance from the origin to the walls of a room with its centre at (x, y); negative outside of them."""
     return min(half_length - abs(x), half_width - abs(y))

@@ -8,8 +8,8 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, pool, reading, time_of_beam
 from turtlebot_gym.rooms.rays import (
-    distance_to_box,
     distance_to_circle,
+    distance_to_turned_box,
     distance_to_walls,
     inverse,
     ray_to_box,
@@ -66,8 +66,7 @@ def clearance(scene: Scene, x: float, y: float) -> float:
         nearest = min(nearest, distance_to_circle(circle[0] - x, circle[1] - y, circle[2]))
     for k in range(scene.counts[1]):
         box = scene.boxes[k]
-        dx, dy, cosine, sine = box[0] - x, box[1] - y, box[4], box[5]
-        nearest = min(nearest, distance_to_box(dx * cosine + dy * sine, dy * cosine - dx * sine, box[2], box[3]))
+        nearest = min(nearest, distance_to_turned_box(box[0] - x, box[1] - y, box))
     return nearest
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.rooms.drawing import capacity, draw
+from turtlebot_gym.rooms.drawing import draw
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN, way_left
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.validation import choose
 
 World = str | Path | RoomRules | FloorPlan
@@ -47,16 +46,6 @@ def find_lidar(lidar: str | Lidar) -> Lidar:
     return lidar if isinstance(lidar, Lidar) else choose("lidar", lidar, LIDARS)
 
 
-def scene_of(plan: FloorPlan, *, beams: int = 1) -> Scene:
-    """Return a scene with a floor plan."""
-    rules = plan.rules()
-    circles, boxes = capacity(rules)
-    length, width = 2.0 * rules.half_length, 2.0 * rules.half_width
-    scene = scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=beams), 0)
-    plan.put(scene)
-    return scene
-
-
 def require_a_way(plan: FloorPlan, radius: float) -> None:
     """Refuse a floor plan through which no way leads.
 
@@ -67,7 +56,7 @@ def require_a_way(plan: FloorPlan, radius: float) -> None:
     Raises:
         ValueError: If there is no way from its start to its goal, or none between any two places that were tried.
     """
-    scene = scene_of(plan)
+    scene = plan.scene()
     start, _ = draw(scene, plan.rules(), radius, episode_key(0, 0))
     if way_left(scene, start.x, start.y) == UNKNOWN:
         where = "from its start to its goal" if plan.start and plan.goal else "between the places that were drawn"

@@ -77,8 +77,11 @@ class Episode:
 
     def observe(self) -> Any:
         """Return what the policy is given: for open ground a `turtlebot_gym.tasks.Observation`, in double precision."""
-        numbers, around = self._step.observe(self.world, self.parameters), self.system.surroundings
-        return (*numbers[:-1], *around.ranges(self.scene).tolist(), numbers[-1]) if around else numbers
+        seen, around = self._step.observe(self.world, self.parameters), self.system.surroundings
+        if around is None:
+            return seen
+        before, after = seen
+        return (*before, *around.ranges(self.scene).tolist(), after)
 
 
 @kernel

@@ -24,7 +24,7 @@ from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import Parameters, make_parameters
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Outcome, World
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, reward_of
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
 from turtlebot_gym.values import Pose
 
 ROOM_LAYOUT = 2
@@ -64,21 +64,10 @@ class Around(NamedTuple):
 
 
 class RoomObservation(NamedTuple):
-    """What a policy is given in a room, but for the ranges, which come before the scan's age."""
+    """What a policy is given in a room, but for the ranges, which come between the two."""
 
-    distance: float
-    cos_bearing: float
-    sin_bearing: float
-    cos_turn: float
-    sin_turn: float
-    v: float
-    omega: float
-    std_position: float
-    std_heading: float
-    nis: float
-    next_distance: float
-    cos_next: float
-    sin_next: float
+    belief: Observation
+    """What it is given on open ground."""
     scan_age: float
     """Age of the scan by its stamp, s."""
 
@@ -134,11 +123,7 @@ def look_round(world, outcome, key, p, scene):
 @kernel
 def observe(world, p):
     """Return what the policy observes, layout 2, but for the ranges."""
-    o = look(world, p)
-    return RoomObservation(
-        o.distance, o.cos_bearing, o.sin_bearing, o.cos_turn, o.sin_turn, o.v, o.omega, o.std_position, o.std_heading, o.nis,
-        o.next_distance, o.cos_next, o.sin_next, min(world.room.scan_age, MAX_AGE),
-    )  # fmt: skip
+    return RoomObservation(look(world, p), min(world.room.scan_age, MAX_AGE))
 
 
 @kernel

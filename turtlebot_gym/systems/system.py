@@ -33,7 +33,8 @@ class Surroundings(NamedTuple):
     """``look_round(world, outcome, key, p, scene)`` returns the world and the outcome after a step, with all that is to be said
     about what lies around."""
     ranges: Callable[..., Any]
-    """``ranges(scene)`` returns an array of `seen` numbers, given to a policy before the last one that `observe` returns."""
+    """``ranges(scene)`` returns an array of `seen` numbers, given to a policy between the two parts that `observe` returns:
+    what comes before them, a NamedTuple, and one number after them."""
     seen: int
     """How many."""
 
