@@ -140,9 +140,9 @@ def test_a_speed_is_a_limit():
 def test_a_reset_begins_the_next_episode(compare, peer):
     drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
-        graph.wait_until(lambda graph: graph.time > 5.0)
+        graph.wait_until(lambda graph: graph.time > 40.0)
         assert peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request()).success
-        graph.wait_until(lambda graph: graph.time < 5.0)
+        graph.wait_until(lambda graph: graph.time < 40.0)  # for two seconds: nobody looks away for so long
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
     differ = compare.differences(compare.episode(drive, 100, number=1), compare.first(trajectory, 100))
