@@ -212,6 +212,15 @@ def test_mean_intervals_cover_as_often_as_they_say():
     assert abs(covered - 0.95) < 4.5 * math.sqrt(0.95 * 0.05 / 2000)  # one seed in 1.5 * 10^5
 
 
+def test_quantile_intervals_cover_as_often_as_they_say():
+    random = np.random.default_rng(2)
+    told = [metrics.quantile(random.exponential(size=200), 0.05) for _ in range(1000)]
+    truth = -np.log(0.95)
+    assert 0.94 < np.mean([one.low <= truth <= one.high for one in told]) < 0.99  # a rank is whole: a little more than 95 %
+    assert np.mean([one.value for one in told]) == pytest.approx(truth, rel=0.05)
+    assert metrics.quantile([3.0], 0.05) == (3.0, 3.0, 3.0)
+
+
 def test_what_is_not_known_does_not_count():
     assert metrics.mean([1.0, np.nan, 3.0]).value == 2.0
     assert all(map(math.isnan, metrics.mean([np.nan])))

@@ -5,13 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from turtlebot_gym import ROBOTS
+from turtlebot_gym import OBSERVATION_LAYOUT, ROBOTS
+from turtlebot_gym.systems import SIZES
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import best_of, tune_baseline
 from turtlebot_gym_agents.policies import POLICIES, BearingPolicy, make_policy
 from turtlebot_gym_agents.policies.baselines import default_numbers, load_baseline
 
+ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 FIRST = 549_755_813_888  # 2^39: the tries' first seed
 SMALL = {"tries": 4, "episodes": 20}
@@ -49,13 +51,16 @@ def test_a_scenario_that_the_defaults_do_not_suit_gets_other_numbers(tmp_path):
 @pytest.mark.parametrize("name", POLICIES)
 def test_numbers_stay_in_their_ranges_and_the_file_is_the_best_try(name, tmp_path):
     path = tmp_path / "tuned.json"
-    tries = tune_baseline(name, path, tries=8, episodes=5)
-    ranges = POLICIES[name].RANGES
+    layout, ranges = POLICIES[name].layout, POLICIES[name].RANGES
+    env = NAV if layout == OBSERVATION_LAYOUT else ROOMS
+    tries = tune_baseline(name, path, env=env, tries=8, episodes=5)
     for one in tries:
         assert one.numbers.keys() == ranges.keys()
         assert all(span.low <= one.numbers[number] <= span.high for number, span in ranges.items())
     assert json.loads(path.read_text())["numbers"] == best_of(tries).numbers
-    sights = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 13)).astype(np.float32)
+    sights = np.random.default_rng(0).uniform(-1.0, 1.0, (50, SIZES[layout])).astype(np.float32)
+    if layout != OBSERVATION_LAYOUT:
+        sights[:, 13:] = np.abs(sights[:, 13:])
     expected = POLICIES[name](ROBOTS["burger"], 0.1, **best_of(tries).numbers)(sights)
     np.testing.assert_array_equal(make_policy(str(path))(sights), expected)
 

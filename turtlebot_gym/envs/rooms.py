@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import Room
+from turtlebot_gym.envs.common import PARTS, Room
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
-from turtlebot_gym.rooms.scene import scene_at
+from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
 from turtlebot_gym.tasks import ROOM
 
@@ -188,3 +190,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
             dt=dt,
             delay=delay,
         )
+
+    def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:
+        """Return what no robot knows: the rooms, the true states (N, 5), and the goals' poses (N, 3)."""
+        return self._batch.scenes, self._batch.numbers(PARTS["true_state"]), self._batch.numbers(PARTS["reference"])

@@ -62,8 +62,9 @@ class Evaluate(_Driven):
     """
 
     policy: tuple[str, ...] = ("proportional", "bearing")
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate), tuned ones (FILE.json), those that come with the
-    package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
+    those that come with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
+    own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
     noise: tuple[str, ...] = ("tutorial",)
     """Noise presets: clean, tutorial, documented, wheel, rough."""
     observation: tuple[str, ...] = ("ekf",)
@@ -120,8 +121,9 @@ class Video(_Driven):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate), tuned ones (FILE.json), those that come with the
-    package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your own."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
+    those that come with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
+    own; NAME+safety drives within a safety layer."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough."""
     observation: str = "ekf"

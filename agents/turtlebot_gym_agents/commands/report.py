@@ -58,12 +58,14 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
 
 def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
     """Return what became of episodes in rooms."""
-    table = Table("", "collision, %", "time-out, %", "SPL", "least clearance, m", "its 5th percentile, m", title="in rooms")
+    table = Table(
+        "", "collision, %", "time-out, %", "SPL", "BARN's score", "least clearance, m", "its 5th percentile, m",
+        title="in rooms",
+    )  # fmt: skip
     for label, one in evaluations.items():
         s = one.summary()
-        fifth = np.percentile(one.episodes.clearance, 5.0)
-        clearance = _number(s["clearance"], 3)
-        table.add_row(label, _percent(s["collision"]), _percent(s["timeout"]), _number(s["spl"], 3), clearance, f"{fifth:.3f}")
+        shares = (_percent(s[name]) for name in ("collision", "timeout"))
+        table.add_row(label, *shares, *(_number(s[name], 3) for name in ("spl", "barn", "clearance", "clearance_5th")))
     return table
 
 

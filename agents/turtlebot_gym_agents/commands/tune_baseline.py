@@ -23,7 +23,7 @@ class TuneBaseline(Setting):
     """
 
     policy: str = "bearing"
-    """The baseline: proportional, bearing, corner, polar or rotate-drive-rotate."""
+    """The baseline: proportional, bearing, corner, polar, rotate-drive-rotate, and for rooms vfh, gap or dwa."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough."""
     observation: str = "ekf"
@@ -56,6 +56,7 @@ class TuneBaseline(Setting):
                 seed=self.seed,
                 progress=advance_to,
                 **{name: getattr(self, name) for name in names},
+                **self.room(),
             )
         table = Table("try", "time, s", "success, %", "numbers", title=f"{self.env}, {self.policy}: the best of {len(tries)}")
         ranked = sorted(range(len(tries)), key=lambda at: tries[at].time)

@@ -22,9 +22,12 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
+ORACLE = "oracle"
+"""The name that stands for `oracle.Oracle`."""
 BATCH = 1024
 """Episodes that are driven, and held in memory, at once."""
 
@@ -37,6 +40,8 @@ class Evaluation:
     """What was evaluated, the first seed among it."""
     limit: float
     """Longest time of an episode, s."""
+    max_linear: float = field(repr=False)
+    """The robot's highest speed, m/s."""
     episodes: Episodes = field(repr=False)
     trajectory: Trajectory = field(repr=False)
     """The first episode."""
@@ -65,13 +70,20 @@ class Evaluation:
         }
 
     def _in_rooms(self) -> dict[str, Interval]:
-        """Return what is told of episodes in rooms."""
-        e = self.episodes
+        """Return what is told of episodes in rooms.
+
+        References:
+            "barn": the score of the BARN challenge, at most 0.5; Xiao et al., "Autonomous Ground Navigation in Highly
+            Constrained Spaces", *IEEE Robotics & Automation Magazine* 29 (2022).
+        """
+        e, fastest = self.episodes, self.episodes.shortest / self.max_linear
         return {
             "collision": metrics.share(e.collision),
             "timeout": metrics.share(~e.success & ~e.collision),
             "spl": metrics.mean(e.success * e.shortest / np.maximum(e.path, e.shortest)),
             "clearance": metrics.mean(e.clearance),
+            "clearance_5th": metrics.quantile(e.clearance, 0.05),
+            "barn": metrics.mean(e.success * fastest / np.clip(e.time, 2.0 * fastest, 8.0 * fastest)),
         }
 
 
@@ -98,7 +110,7 @@ def evaluate(
     """Drive one episode for each seed, and measure.
 
     Args:
-        policy: A name for `turtlebot_gym_agents.make_policy`, or a policy.
+        policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle", which in rooms knows map and true pose.
         env: The id of an environment of this package.
         episodes: How many; episode i has the seed ``seed + i``.
         seed: The first seed.
@@ -117,10 +129,12 @@ def evaluate(
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
         runs.append(_run(envs, policy, seed + start, lambda ended, start=start: progress(start + ended)))
         envs.close()
-    parts, trajectories, limits = zip(*runs, strict=True)
+    parts, trajectories, parameters = zip(*runs, strict=True)
+    p: Parameters = parameters[0]
     return Evaluation(
         config={"env": env, "policy": policy, "episodes": episodes, "seed": seed, **options},
-        limit=limits[0],
+        limit=p.task.max_steps * p.dt,
+        max_linear=p.robot.max_linear,
         episodes=concatenate(parts),
         trajectory=trajectories[0],
     )
@@ -140,11 +154,11 @@ def driver_of(policy: str | Policy, p: Parameters) -> Policy:
 
 def _run(
     envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None]
-) -> tuple[Episodes, Trajectory, float]:
-    """Return the environments' episodes, the first one's trajectory, and the longest time that they may take."""
+) -> tuple[Episodes, Trajectory, Parameters]:
+    """Return the environments' episodes, the first one's trajectory, and their parameters."""
     p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    record = _drive(envs, driver_of(policy, p), seed, progress)
-    return measure(record, p, seed), record.trajectory(dt=p.dt), p.task.max_steps * p.dt
+    record = _drive(envs, Oracle(envs) if policy == ORACLE else driver_of(policy, p), seed, progress)
+    return measure(record, p, seed), record.trajectory(dt=p.dt), p
 
 
 def _drive(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:

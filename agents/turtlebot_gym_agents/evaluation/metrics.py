@@ -142,6 +142,24 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted
 
 
+def quantile(values: ArrayLike, share: float) -> Interval:
+    """Return a quantile of independent numbers, with an interval between two of them that needs no distribution.
+
+    Args:
+        values: Shape (n,), n > 0.
+        share: Of the numbers that lie below it, in (0, 1).
+
+    References:
+        Hahn, Meeker, *Statistical Intervals* (1991), section 5.2: how many of n numbers lie below it is binomial.
+    """
+    from scipy import stats
+
+    ordered = np.sort(np.asarray(values, np.float64))
+    outer = stats.binom.ppf([0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE], ordered.size, share)
+    low, high = np.clip(outer.astype(np.int64) - (1, 0), 0, ordered.size - 1)
+    return Interval(float(np.quantile(ordered, share, method="weibull")), float(ordered[low]), float(ordered[high]))
+
+
 def mean(values: ArrayLike) -> Interval:
     """Return the mean of independent numbers with Student's interval; those that are NaN do not count.
 

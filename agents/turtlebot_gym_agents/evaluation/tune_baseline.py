@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym import OBSERVATION_LAYOUT
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import choose
@@ -83,7 +82,7 @@ def tune_baseline(
         raise ValueError(f"out must be a file *.json, got {str(path)!r}.")
     robot, dt = options.get("robot", "burger"), options.get("dt", REFERENCE_PERIOD)
     config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": kind.RANGES, **options})
-    made = {"format": FORMAT, "policy": policy, "layout": OBSERVATION_LAYOUT, "robot": describe_robot(robot), "dt": dt}
+    made = {"format": FORMAT, "policy": policy, "layout": kind.layout, "robot": describe_robot(robot), "dt": dt}
     done = _read(path, {**made, "config": config})
     path.parent.mkdir(parents=True, exist_ok=True)
     while len(done) < tries:

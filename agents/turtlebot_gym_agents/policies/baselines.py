@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from turtlebot_gym import OBSERVATION_LAYOUT, Robot
+from turtlebot_gym import Robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.policies.geometric import (
@@ -19,10 +19,20 @@ from turtlebot_gym_agents.policies.geometric import (
     RotateDriveRotatePolicy,
 )
 from turtlebot_gym_agents.policies.policy import Policy
+from turtlebot_gym_agents.policies.reactive import DynamicWindowPolicy, FollowTheGapPolicy, VectorFieldHistogramPolicy
 
 FORMAT = "turtlebot-gym-baseline/1"
 
-Baseline: TypeAlias = type[BearingPolicy | CornerPolicy | PolarPolicy | ProportionalPolicy | RotateDriveRotatePolicy]
+Baseline: TypeAlias = type[
+    BearingPolicy
+    | CornerPolicy
+    | DynamicWindowPolicy
+    | FollowTheGapPolicy
+    | PolarPolicy
+    | ProportionalPolicy
+    | RotateDriveRotatePolicy
+    | VectorFieldHistogramPolicy
+]
 
 POLICIES: dict[str, Baseline] = {
     "proportional": ProportionalPolicy,
@@ -30,8 +40,12 @@ POLICIES: dict[str, Baseline] = {
     "corner": CornerPolicy,
     "polar": PolarPolicy,
     "rotate-drive-rotate": RotateDriveRotatePolicy,
+    "vfh": VectorFieldHistogramPolicy,
+    "gap": FollowTheGapPolicy,
+    "dwa": DynamicWindowPolicy,
 }
-"""The baselines by name: made with a robot and a control interval, and tunable numbers as keywords."""
+"""The baselines by name: made with a robot and a control interval, and tunable numbers as keywords. The last three are for
+rooms."""
 
 
 def default_numbers(name: str) -> dict[str, float]:
@@ -64,7 +78,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         policy = kind(Robot(**limits), made_dt, **numbers)
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # also what is not JSON, or not text
         raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
-    ours = {"format": FORMAT, "layout": OBSERVATION_LAYOUT}
+    ours = {"format": FORMAT, "layout": kind.layout}
     if found != ours:
         raise ValueError(f"{path}: made as {found}, but this version reads {ours}.")
     require_fit(path, made_for, made_dt, robot, dt)

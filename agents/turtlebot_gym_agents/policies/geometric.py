@@ -17,7 +17,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import SIZES
-from turtlebot_gym.tasks import Observation
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT, Observation
 
 _TINY = 1e-12  # instead of zero in a denominator
 
@@ -44,19 +44,20 @@ class ProportionalPolicy:
         komega: Gain on the heading still to turn, 1/s.
     """
 
+    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {"kv": Range(0.1, 5.0, log=True), "komega": Range(0.3, 10.0, log=True)}
 
     def __init__(
         self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, kv: float = 0.5, komega: float = 1.5
     ) -> None:
-        _require_positive(dt=dt, kv=kv, komega=komega)
+        require_positive(dt=dt, kv=kv, komega=komega)
         self._robot, self._kv, self._komega = make_robot(robot), kv, komega
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
         o, robot = _fields(observations), self._robot
         turn = np.arctan2(o.sin_turn, o.cos_turn)
-        return _action(self._kv * o.distance / robot.max_linear, self._komega * turn / robot.max_angular)
+        return action_of(self._kv * o.distance / robot.max_linear, self._komega * turn / robot.max_angular)
 
 
 class BearingPolicy:
@@ -79,6 +80,7 @@ class BearingPolicy:
             across its goal.
     """
 
+    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {
         "gain": Range(0.3, 20.0, log=True),
         "focus": Range(0.0, 3.0),
@@ -96,7 +98,7 @@ class BearingPolicy:
         tolerance: float = 0.03,
         slow: float = 0.05,
     ) -> None:
-        _require_positive(dt=dt, gain=gain, slow=slow)
+        require_positive(dt=dt, gain=gain, slow=slow)
         for name, number in (("focus", focus), ("tolerance", tolerance)):
             if not 0.0 <= number < math.inf:
                 raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
@@ -105,7 +107,7 @@ class BearingPolicy:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        return self.steer(_upcoming(observations, self._robot, self._dt).waypoint)
+        return self.steer(upcoming(observations, self._robot, self._dt).waypoint)
 
     def steer(self, point: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return actions (..., 2) that steer to points (...), given in the body frame: ahead + 1j left, m."""
@@ -114,7 +116,7 @@ class BearingPolicy:
         speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(distance / self._slow, 1.0)
         allowed = np.arcsin(self._tolerance / np.maximum(distance, self._tolerance)) if self._tolerance else 0.0
         turn = np.sign(angle) * np.maximum(np.abs(angle) - allowed, 0.0)
-        return _action(direction * speed, self._gain * turn / self._robot.max_angular)
+        return action_of(direction * speed, self._gain * turn / self._robot.max_angular)
 
 
 class CornerPolicy:
@@ -134,6 +136,7 @@ class CornerPolicy:
         **steering: Passed to `BearingPolicy`.
     """
 
+    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {"cut": Range(0.05, 0.4), "depth": Range(0.3, 0.85), **BearingPolicy.RANGES}
 
     def __init__(
@@ -145,7 +148,7 @@ class CornerPolicy:
         depth: float = 0.75,
         **steering: float,
     ) -> None:
-        _require_positive(cut=cut)
+        require_positive(cut=cut)
         if not 0.0 <= depth < 1.0:
             raise ValueError(f"depth must be at least 0 and less than 1, got {depth!r}.")
         self._drive = BearingPolicy(robot, dt, **steering)
@@ -153,7 +156,7 @@ class CornerPolicy:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        to = _upcoming(observations, self._robot, self._dt)
+        to = upcoming(observations, self._robot, self._dt)
         there, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint: to the robot, to the following one
         robot_away, next_away = np.abs(there), np.abs(onward)
         bisector = there / np.maximum(robot_away, _TINY) + onward / np.maximum(next_away, _TINY)
@@ -180,6 +183,7 @@ class PolarPolicy:
         Aicardi, Casalino, Bicchi, Balestrino, "Closed loop steering of unicycle-like vehicles via Lyapunov techniques" (1995).
     """
 
+    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {
         "gamma": Range(0.2, 5.0, log=True),
         "k": Range(0.5, 10.0, log=True),
@@ -195,19 +199,19 @@ class PolarPolicy:
         k: float = 2.0,
         h: float = 2.0,
     ) -> None:
-        _require_positive(dt=dt, gamma=gamma, k=k, h=h)
+        require_positive(dt=dt, gamma=gamma, k=k, h=h)
         self._robot, self._dt, self._gamma, self._k, self._h = make_robot(robot), dt, gamma, k, h
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        robot, to = self._robot, _upcoming(observations, self._robot, self._dt)
+        robot, to = self._robot, upcoming(observations, self._robot, self._dt)
         direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
         alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
-        phi = _wrap(alpha - to.turn)
+        phi = wrap(alpha - to.turn)
         v = self._gamma * distance * np.cos(alpha)
         omega = self._k * alpha + self._gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self._h * phi)
         excess = np.maximum(np.abs(v) / robot.max_linear, 1.0)
-        return _action(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
+        return action_of(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
 
 
 class RotateDriveRotatePolicy:
@@ -220,24 +224,25 @@ class RotateDriveRotatePolicy:
         **steering: Passed to `BearingPolicy`.
     """
 
+    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {"stop": Range(0.02, 0.15), **BearingPolicy.RANGES}
 
     def __init__(
         self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, stop: float = 0.1, **steering: float
     ) -> None:
-        _require_positive(dt=dt, stop=stop)
+        require_positive(dt=dt, stop=stop)
         self._drive, self._robot = BearingPolicy(robot, dt, **steering), make_robot(robot)
         self._dt, self._stop = dt, stop
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        to = _upcoming(observations, self._robot, self._dt)
-        turning = _action(np.zeros_like(to.turn), to.turn / (self._dt * self._robot.max_angular))
+        to = upcoming(observations, self._robot, self._dt)
+        turning = action_of(np.zeros_like(to.turn), to.turn / (self._dt * self._robot.max_angular))
         near = np.abs(to.waypoint) < self._stop
         return np.where(near[..., None], turning, self._drive.steer(to.waypoint))
 
 
-class _Upcoming(NamedTuple):
+class Upcoming(NamedTuple):
     """What will lie where when the next command acts, in the body frame: ahead + 1j left, m."""
 
     waypoint: NDArray[np.complex128]
@@ -247,16 +252,18 @@ class _Upcoming(NamedTuple):
     """Heading still to turn, rad, in [-pi, pi)."""
 
 
-def _upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
+def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> Upcoming:
+    """Return what will lie where, after an interval at the present speeds."""
     o = _fields(observations)
     moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
     frame = np.exp(-1j * turned)
     waypoint = (o.distance * (o.cos_bearing + 1j * o.sin_bearing) - moved) * frame
     following = (o.next_distance * (o.cos_next + 1j * o.sin_next) - moved) * frame
-    return _Upcoming(waypoint, following, _wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
+    return Upcoming(waypoint, following, wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
 
 
-def _wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Wrap angles to [-pi, pi)."""
     return np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
 
 
@@ -269,11 +276,13 @@ def _fields(observations: ArrayLike) -> Observation:
     return Observation(*np.moveaxis(values[..., : len(Observation._fields)], -1, 0))
 
 
-def _action(forward: Any, turn: Any) -> NDArray[np.float32]:
+def action_of(forward: Any, turn: Any) -> NDArray[np.float32]:
+    """Return actions (..., 2) of shares of the robot's limits."""
     return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
 
 
-def _require_positive(**numbers: float) -> None:
+def require_positive(**numbers: float) -> None:
+    """Raise ValueError unless numbers are positive and finite."""
     for name, number in numbers.items():
         if not 0.0 < number < math.inf:
             raise ValueError(f"{name} must be positive and finite, got {number!r}.")

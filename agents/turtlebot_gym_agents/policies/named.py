@@ -11,6 +11,10 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy
+from turtlebot_gym_agents.policies.protection import SafetyLayer
+
+SAFETY = "+safety"
+"""What follows a policy's name where it is to drive within a `SafetyLayer`."""
 
 
 def pretrained_folder() -> Path:
@@ -23,10 +27,10 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     """Return a policy by its name.
 
     Args:
-        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate"; a tuned one, ``*.json``;
-            "ppo-nav", "ppo-pose" or "ppo-square", which come with the package; a bundle's file, ``*.onnx``; or
-            "module:callable" for one of your own: a function is the policy itself, a class is made with ``robot`` and ``dt``
-            as keywords.
+        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap" or
+            "dwa"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose" or "ppo-square", which come with the package; a bundle's
+            file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a class is made with
+            ``robot`` and ``dt`` as keywords. In rooms any of them followed by "+safety": within a `SafetyLayer`.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
 
@@ -34,6 +38,8 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
         ValueError: If there is none of that name, or a file was made for another robot or rate.
         ImportError: If a bundle is asked for and onnxruntime is missing.
     """
+    if name.endswith(SAFETY):
+        return SafetyLayer(make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt), robot, dt)
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
     if name.endswith(".json"):

@@ -1,0 +1,98 @@
+"""The oracle: it knows the map and its true pose, and follows the shortest way. It bounds what a policy can reach."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from turtlebot_gym.envs.rooms import RoomsVectorEnv
+from turtlebot_gym.kernel import sqrt
+from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent
+from turtlebot_gym.rooms.scene import RESOLUTION, scene_at
+from turtlebot_gym.rooms.sensing import clearance
+from turtlebot_gym.systems import Parameters
+from turtlebot_gym_agents.policies import BearingPolicy
+from turtlebot_gym_agents.policies.sight import arc
+
+LOOK = 20
+"""Cells of the way that the oracle looks ahead."""
+KEPT = 0.04
+"""What the oracle keeps clear around the robot where it leaves the way's cells to drive straight, m."""
+
+
+class Oracle:
+    """Drive to the furthest point of the shortest way that a straight line leads to.
+
+    Args:
+        envs: The environments that it drives, which must be rooms: what they show it, it does not need.
+
+    Raises:
+        ValueError: If they are no rooms.
+    """
+
+    def __init__(self, envs: Any) -> None:
+        bare = envs.unwrapped
+        if not isinstance(bare, RoomsVectorEnv):
+            raise ValueError(f"the oracle knows rooms: there is no map of {bare.spec.id if bare.spec else bare}.")
+        self._envs = bare
+        p: Any = bare.parameters
+        self._p: Parameters = p if isinstance(p, Parameters) else p[0]
+        self._drive = BearingPolicy(self._p.robot, self._p.dt, tolerance=0.0)
+
+    def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return actions (N, 2); the observations do not matter."""
+        scenes, states, goals = self._envs.truth()
+        targets = np.empty((len(states), 2))
+        _find_targets(scenes, states, goals, self._p.robot.radius + KEPT, targets)
+        moved, turned = arc(states[:, 3], states[:, 4], self._p.dt)
+        to = (targets - states[:, :2]) @ np.array([1.0, 1j]) * np.exp(-1j * states[:, 2])
+        return self._drive.steer((to - moved) * np.conj(turned))
+
+
+@njit(cache=True)
+def _find_targets(scenes, states, goals, distance, targets):
+    """Write the point to drive to of each robot."""
+    for index in range(len(states)):
+        scene = scene_at(scenes, index)
+        x, y = states[index, 0], states[index, 1]
+        targets[index] = goals[index, :2]
+        if not _is_clear(scene, x, y, goals[index, 0], goals[index, 1], distance):
+            _follow(scene, x, y, distance, targets[index])
+
+
+@njit(cache=True)
+def _follow(scene, x, y, distance, target):
+    """Write the furthest point of the way to which a straight line leads; the nearest one, where none does."""
+    row, column = _best_near(scene, *cell_of(scene, x, y))
+    target[0], target[1] = centre_of(scene, row, column)
+    for _ in range(LOOK):
+        row, column = _best_near(scene, row, column)
+        to_x, to_y = centre_of(scene, row, column)
+        if _is_clear(scene, x, y, to_x, to_y, distance):
+            target[0], target[1] = to_x, to_y
+
+
+@njit(cache=True)
+def _best_near(scene, row, column):
+    """Return the cell with the shortest way of a cell and its eight neighbours."""
+    rows, columns = extent(scene)
+    best_row, best_column, best = row, column, UNREACHED - 1
+    for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+        for near_column in range(max(column - 1, 0), min(column + 2, columns)):
+            if scene.ways[near_row, near_column] < best:
+                best_row, best_column, best = near_row, near_column, scene.ways[near_row, near_column]
+    return best_row, best_column
+
+
+@njit(cache=True)
+def _is_clear(scene, x, y, to_x, to_y, distance):
+    """Return whether a straight line keeps a distance to everything."""
+    dx, dy = to_x - x, to_y - y
+    parts = int(sqrt(dx * dx + dy * dy) / (0.5 * RESOLUTION)) + 1
+    nearest = distance
+    for part in range(1, parts + 1):
+        nearest = min(nearest, clearance(scene, x + dx * part / parts, y + dy * part / parts))
+    return nearest >= distance

@@ -1,0 +1,310 @@
+"""Policies that find their way through a room from the observation alone: what every learned one is compared with.
+
+All of them drive forwards only, see `sight.look` for what they know, and are tuned by `turtlebot-gym tune-baseline`. Their
+defaults are the best of 30 tries each in the world "dense", with the LiDAR "lds01" and the noise "tutorial".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.parameters import REFERENCE_PERIOD
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym_agents.policies.geometric import Range, action_of, require_positive, wrap
+from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, arc, look, time_to_contact
+
+_TURNS = 72
+_ANGLES = wrap(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
+"""Directions that are chosen from, the first one ahead, rad; shape (72,)."""
+_SEEING: Mapping[str, Range] = {"margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True)}
+_DRIVING: Mapping[str, Range] = {
+    "gain": Range(1.0, 10.0, log=True),
+    "focus": Range(0.5, 6.0),
+    "caution": Range(0.1, 3.0, log=True),
+}
+
+
+_BENDS = np.geomspace(0.3, 25.0, 10)
+_CURVATURES = np.concatenate([-_BENDS[::-1], [0.0], _BENDS])
+"""Curvatures of the arcs, 1/m: from straight on to nearly on the spot; shape (21,)."""
+_POINTS = 20
+"""Points at which each arc is looked at."""
+_SPEEDS = np.array([0.25, 0.5, 1.0])
+"""Shares of the highest speed of each arc."""
+
+
+class _Reactive:
+    """What the policies that choose a direction have in common.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        margin: What is to be kept clear around the robot, m.
+        lag: How much older the beams are, on average, than the scan says, s.
+        sight: Distance beyond which obstacles do not count, m.
+        gain: Turning rate per angle to turn, 1/s.
+        focus: How strictly to turn first and drive then: the speed goes with this power of the cosine of the angle to turn.
+        caution: Time to contact below which the speed goes with it, s.
+    """
+
+    layout: ClassVar[int] = ROOM_LAYOUT
+    """Layout of the observations that it takes."""
+
+    def __init__(
+        self,
+        robot: str | Robot,
+        dt: float,
+        *,
+        margin: float,
+        lag: float,
+        sight: float,
+        gain: float,
+        focus: float,
+        caution: float,
+    ) -> None:
+        require_positive(dt=dt, sight=sight, gain=gain, caution=caution)
+        for name, number in (("margin", margin), ("lag", lag), ("focus", focus)):
+            if not 0.0 <= number < np.inf:
+                raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
+        self._robot, self._dt, self._margin, self._lag, self._sight = make_robot(robot), dt, margin, lag, sight
+        self._gain, self._focus, self._caution = gain, focus, caution
+
+    def _look(self, observations: ArrayLike) -> Sight:
+        return look(observations, self._robot, self._dt, self._lag)
+
+    def _blocked(self, to: Sight) -> NDArray[np.bool_]:
+        """Return which of the candidates lead into an obstacle on this side of the goal, shape (..., 72)."""
+        away = np.abs(to.points)
+        wide = np.arcsin(np.minimum((self._robot.radius + self._margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
+        counts = away < np.minimum(self._sight, np.abs(to.goal) + self._robot.radius)[..., None]
+        cosine = np.where(counts, np.cos(np.minimum(wide, np.pi)), 2.0)
+        unit = to.points / np.maximum(away, 1e-9)
+        between = np.cos(_ANGLES)[:, None] * unit.real[..., None, :] + np.sin(_ANGLES)[:, None] * unit.imag[..., None, :]
+        return np.any(between > cosine[..., None, :], axis=-1)
+
+    def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return actions (..., 2) towards directions (...), slower the sooner there would be a contact."""
+        robot = self._robot
+        v = np.maximum(np.cos(angle), 0.0) ** self._focus * robot.max_linear
+        omega = np.clip(self._gain * angle, -robot.max_angular, robot.max_angular)
+        time = time_to_contact(to.points, v[..., None], omega[..., None], robot.radius).min(axis=-1)
+        return action_of(v * np.minimum(time / self._caution, 1.0) / robot.max_linear, omega / robot.max_angular)
+
+
+class VectorFieldHistogramPolicy(_Reactive):
+    """VFH+: of the directions that are free for a robot of its size, take the one nearest to the goal's, to the present one
+    and to the last one chosen.
+
+    Where none is free it turns on the spot, to the side of the last one.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        ahead: Weight of the angle to the present direction, that to the goal's having 1.
+        last: Weight of the angle to the last direction chosen.
+        **driving: See `_Reactive`.
+
+    References:
+        Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
+    """
+
+    RANGES: ClassVar[Mapping[str, Range]] = {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **_SEEING, **_DRIVING}
+
+    def __init__(
+        self,
+        robot: str | Robot = "burger",
+        dt: float = REFERENCE_PERIOD,
+        *,
+        ahead: float = 0.1,
+        last: float = 0.64,
+        margin: float = 0.07,
+        lag: float = 0.01,
+        sight: float = 0.4,
+        gain: float = 1.6,
+        focus: float = 1.7,
+        caution: float = 0.6,
+    ) -> None:
+        super().__init__(robot, dt, margin=margin, lag=lag, sight=sight, gain=gain, focus=focus, caution=caution)
+        self._ahead, self._weight = ahead, last
+        self._last: Any = np.nan
+
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        """Forget the last direction where an episode begins."""
+        self._last = np.where(mask, np.nan, np.broadcast_to(self._last, np.shape(mask)))
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 50)."""
+        to = self._look(observations)
+        goal, last = np.angle(to.goal), wrap(np.asarray(self._last - to.omega * self._dt))
+        last = np.where(np.isfinite(last), last, goal)
+        cost = np.abs(wrap(_ANGLES - goal[..., None])) + self._ahead * np.abs(_ANGLES)
+        cost = cost + self._weight * np.abs(wrap(_ANGLES - last[..., None]))
+        blocked = self._blocked(to)
+        angle = _ANGLES[np.argmin(np.where(blocked, np.inf, cost), axis=-1)]
+        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # not to the raster: to the goal itself
+        stuck = blocked.all(axis=-1)
+        self._last = np.where(stuck, last, angle)
+        return self._drive(to, np.where(stuck, np.where(last >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))
+
+
+class FollowTheGapPolicy(_Reactive):
+    """Follow the gap: steer between the goal and the middle of the widest gap, more to the gap the nearer an obstacle is.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        alpha: Distance of an obstacle at which gap and goal count alike, m.
+        field: Angle to both sides of the goal in which gaps are looked for, rad.
+        **driving: See `_Reactive`.
+
+    References:
+        Sezer, Gokasan, "A novel obstacle avoidance algorithm: Follow the Gap Method", *Robotics and Autonomous Systems* 60
+        (2012).
+    """
+
+    RANGES: ClassVar[Mapping[str, Range]] = {
+        "alpha": Range(0.02, 2.0, log=True),
+        "field": Range(0.8, 3.1),
+        **_SEEING,
+        **_DRIVING,
+    }
+
+    def __init__(
+        self,
+        robot: str | Robot = "burger",
+        dt: float = REFERENCE_PERIOD,
+        *,
+        alpha: float = 0.16,
+        field: float = 1.66,
+        margin: float = 0.0,
+        lag: float = 0.09,
+        sight: float = 0.4,
+        gain: float = 2.5,
+        focus: float = 1.0,
+        caution: float = 0.7,
+    ) -> None:
+        super().__init__(robot, dt, margin=margin, lag=lag, sight=sight, gain=gain, focus=focus, caution=caution)
+        self._alpha, self._field = alpha, field
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 50)."""
+        to = self._look(observations)
+        goal = np.angle(to.goal)
+        outside = np.abs(wrap(_ANGLES - goal[..., None])) > self._field
+        blocked = self._blocked(to)
+        gap = _middle_of_widest(~(blocked | outside))
+        nearest = np.maximum(np.abs(to.points).min(axis=-1) - self._robot.radius, 1e-3)
+        share = self._alpha / (self._alpha + nearest)
+        angle = wrap(goal + share * wrap(np.where(np.isfinite(gap), gap, goal) - goal))
+        at = np.round(goal / (2.0 * np.pi) * _TURNS).astype(np.int64) % _TURNS
+        is_open = ~np.take_along_axis(blocked, at[..., None], axis=-1)[..., 0]
+        angle = np.where(is_open & ~blocked.any(axis=-1), goal, angle)
+        stuck = ~np.isfinite(gap)
+        return self._drive(to, np.where(stuck, np.where(goal >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))
+
+
+def _middle_of_widest(is_open: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the angle of the middle of the widest run of open directions, shape (...); NaN where none is open."""
+    twice = np.concatenate([is_open, is_open], axis=-1)
+    at = np.arange(2 * _TURNS)
+    length = np.minimum(at - np.maximum.accumulate(np.where(twice, -1, at), axis=-1), _TURNS)
+    end = np.argmax(length, axis=-1)
+    longest = np.take_along_axis(length, end[..., None], axis=-1)[..., 0]
+    middle = (end - 0.5 * (longest - 1)) * (2.0 * np.pi / _TURNS)
+    return np.where(is_open.any(axis=-1), wrap(middle), np.nan)
+
+
+class DynamicWindowPolicy:
+    """The dynamic window: of many pairs of speed and turning rate, take the one that does best on its arc.
+
+    What counts is the heading at the arc's end, the time to contact on it, and the speed. Pairs on whose arc the robot could
+    not stop in time do not count.
+
+    Args:
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
+        dt: Control interval, s.
+        heading: Weight of the heading to the goal at the end, that of the speed having 1.
+        clear: Weight of the time to contact.
+        horizon: Length of an arc, s; beyond it no contact counts.
+        aim: Time after which the heading is judged, s.
+        brake: Least time to contact of an arc that may be taken, s.
+        margin: What is to be kept clear around the robot, m.
+        lag: How much older the beams are, on average, than the scan says, s.
+
+    References:
+        Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", *IEEE Robotics & Automation Magazine* 4
+        (1997).
+    """
+
+    layout: ClassVar[int] = ROOM_LAYOUT
+    """Layout of the observations that it takes."""
+    RANGES: ClassVar[Mapping[str, Range]] = {
+        "heading": Range(0.3, 10.0, log=True),
+        "clear": Range(0.1, 10.0, log=True),
+        "horizon": Range(1.0, 8.0),
+        "aim": Range(0.2, 3.0),
+        "brake": Range(0.15, 1.5),
+        "margin": _SEEING["margin"],
+        "lag": _SEEING["lag"],
+    }
+
+    def __init__(
+        self,
+        robot: str | Robot = "burger",
+        dt: float = REFERENCE_PERIOD,
+        *,
+        heading: float = 2.0,
+        clear: float = 1.5,
+        horizon: float = 4.0,
+        aim: float = 0.8,
+        brake: float = 0.4,
+        margin: float = 0.03,
+        lag: float = 0.1,
+    ) -> None:
+        require_positive(dt=dt, horizon=horizon, aim=aim, brake=brake)
+        for name, number in (("heading", heading), ("clear", clear), ("margin", margin), ("lag", lag)):
+            if not 0.0 <= number < np.inf:
+                raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
+        self._robot, self._dt, self._lag, self._radius = make_robot(robot), dt, lag, make_robot(robot).radius + margin
+        self._heading, self._clear, self._horizon, self._aim, self._brake = heading, clear, horizon, aim, brake
+        length = self._robot.max_linear * horizon * np.arange(1, _POINTS + 1) / _POINTS
+        path, _ = arc(1.0, _CURVATURES[:, None], length)
+        self._path = np.stack([path.real, path.imag], axis=-1).reshape(-1, 2).astype(np.float32)
+        self._length = np.append(length, np.inf)
+        turning = np.abs(_CURVATURES)[:, None]
+        fastest = np.minimum(
+            self._robot.max_wheel / (1.0 + turning * self._robot.wheel_separation / 2.0), self._robot.max_linear
+        )
+        fastest = np.minimum(fastest, self._robot.max_angular / np.maximum(turning, 1e-9))
+        self._v = fastest * _SPEEDS
+        self._omega = self._v * _CURVATURES[:, None]
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., 50)."""
+        to, robot = look(observations, self._robot, self._dt, self._lag), self._robot
+        time = self._free_length(to.points)[..., None] / self._v
+        arrival = np.abs(to.goal)[..., None, None] / robot.max_linear  # what lies beyond the goal is in nobody's way
+        ends, headings = arc(self._v, self._omega, np.minimum(time, self._aim))
+        off = np.abs(np.angle((to.goal[..., None, None] - ends) * np.conj(headings)))
+        score = self._heading * (1.0 - off / np.pi) + self._v / robot.max_linear
+        score = score + self._clear * np.minimum(np.where(time > arrival, np.inf, time) / self._horizon, 1.0)
+        score = np.where(time >= self._brake, score, -np.inf).reshape(*to.goal.shape, -1)
+        best = np.argmax(score, axis=-1)
+        spot = np.where(np.angle(to.goal) >= 0.0, 1.0, -1.0)
+        stuck = ~np.isfinite(score).any(axis=-1)
+        v, omega = self._v.ravel()[best] / robot.max_linear, self._omega.ravel()[best] / robot.max_angular
+        return action_of(np.where(stuck, 0.0, v), np.where(stuck, spot, omega))
+
+    def _free_length(self, points: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """Return how far the robot gets on each curve before it meets a point, shape (..., curvatures), m."""
+        p = np.stack([points.real, points.imag], axis=-2).astype(np.float32)
+        squared = (p * p).sum(axis=-2)[..., None, :] + (self._path * self._path).sum(axis=-1)[:, None] - 2.0 * (self._path @ p)
+        meets = (squared.min(axis=-1) <= self._radius**2).reshape(*points.shape[:-1], len(_CURVATURES), _POINTS)
+        first = np.where(meets.any(axis=-1), meets.argmax(axis=-1), _POINTS)
+        return self._length[first] - np.where(first < _POINTS, self._length[0], 0.0)
