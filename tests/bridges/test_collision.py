@@ -329,6 +329,16 @@ def test_a_turn_since_the_scan_turns_what_was_seen():
     assert monitor.limit(Command(-0.2, 0.0), T + 0.39).v == pytest.approx(-0.1, rel=1e-3)
 
 
+def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
+    monitor = standing()
+    monitor.told(Command(0.0, 1.0), T - 1.0)
+    monitor.hear(scan([0.3] + [np.inf] * 7), sent=T)
+    x, y, radius = into(monitor._pose(T), monitor._points)
+    np.testing.assert_allclose(np.sort(np.arctan2(y, x)), [-0.4, -0.3, -0.2, -0.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(np.hypot(x, y), 0.3, rtol=1e-6)
+    np.testing.assert_allclose(radius, 0.1 + 0.05 + 0.03, rtol=1e-6)
+
+
 def test_the_history_is_long_enough_and_does_not_grow():
     monitor = standing()
     for k in range(2000):
@@ -432,10 +442,33 @@ def test_the_parameters_are_those_of_the_monitor():
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
     assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
-    with pytest.raises(ValueError, match="'collision_time' must be in"):
-        Parameters(collision_time=0.4)
-    with pytest.raises(ValueError, match="'scan_age' must be in"):
-        Parameters(scan_age=0.6)
+
+
+RANGES = {
+    "collision_margin": (0.0, 1.0),
+    "collision_time": (0.5, 10.0),
+    "escape_speed": (0.0, 0.1),
+    "scan_age": (1e-9, 0.5),
+    "scan_period": (0.0, 0.5),
+    "scan_error": (0.0, 0.5),
+    "reaction": (0.0, 0.5),
+    "footprint_x": (-1.0, 1.0),
+    "scan_x": (-1.0, 1.0),
+    "scan_y": (-1.0, 1.0),
+    "scan_yaw": (-2.0 * math.pi, 2.0 * math.pi),
+}
+
+
+@pytest.mark.parametrize(("name", "ends"), RANGES.items())
+def test_parameters_are_ranged(name, ends):
+    for end, beyond in zip(ends, (-1e-8, 1e-8), strict=True):
+        Parameters(**{name: end})
+        with pytest.raises(ValueError, match=f"'{name}' must be in"):
+            Parameters(**{name: end + beyond})
+    with pytest.raises(ValueError, match=f"'{name}' must be in"):
+        Parameters(**{name: math.nan})
+    with pytest.raises(ValueError, match="'scan_mount' must be one of robot, given"):
+        Parameters(scan_mount="roof")
 
 
 def test_undated_scans_after_a_gap_of_the_guard_do_not_count():

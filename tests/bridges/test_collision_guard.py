@@ -53,7 +53,7 @@ class Room:
     def _measure(self):
         scan = self.scan
         if scan is not None:
-            scan.header.stamp.sec, nanoseconds = divmod(time.time_ns() - self.old * 10**9, 10**9)
+            scan.header.stamp.sec, nanoseconds = divmod(time.time_ns() - int(self.old * 1e9), 10**9)
             scan.header.stamp.nanosec = nanoseconds
             self.lidar.publish(scan)
 
@@ -111,8 +111,10 @@ def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(guard, r
     room.scan = None
     room.until_standing("the last scan is older than 0.4 s; nothing moves")
     room.until_driving()
-    room.old = 10  # by its stamp
+    room.old = 0.7  # by its stamp, which may be that of the first beam, 0.2 s before the last
     room.until_standing("the last scan is older than 0.4 s")
+    room.old = 0.5
+    room.until_told(lambda each: each != STOP)
     room.until_driving()
     assert guard.poll() is None
 
