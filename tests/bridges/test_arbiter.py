@@ -479,6 +479,20 @@ def test_defaults():
         "speed_scale": 1.0,
         "geofence": 0.0,
         "geofence_topic": "odom",
+        "collision_monitor": False,
+        "collision_margin": 0.05,
+        "collision_time": 1.0,
+        "escape_speed": 0.05,
+        "scan_age": 0.4,
+        "scan_period": 0.2,
+        "scan_error": 0.085,
+        "reaction": 0.2,
+        "scan_mount": "robot",
+        "footprint_x": 0.0,
+        "scan_x": 0.0,
+        "scan_y": 0.0,
+        "scan_yaw": 0.0,
+        "scan_frame": "base_scan",
     }
 
 

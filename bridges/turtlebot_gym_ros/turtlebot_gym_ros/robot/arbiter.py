@@ -2,9 +2,10 @@
 
 The law: **no motion later than** ``max_age`` **after the newest command that was sent, none while any emergency stop is pressed
 or silent, none while disabled, none above the limits** (axis, wheel, acceleration of a start), and no more messages than
-``rate``; a stop is never delayed, neither by the ramp nor by the rate.
+``rate``; a stop is never delayed, neither by the ramp nor by the rate. Where the collision monitor is switched on, see
+`monitor`, it has the last word on every command, whoever sent it: it makes it slower, never faster.
 
-The age of a command is that of what was sent, see `sent`. The rule of the emergency stop stands in `emergency`. Both, and the
+The age of a command is that of what was sent, see `sent`. The rule of the emergency stop stands in `emergency`. These, and the
 core's pure limits, are all that it builds on; the node around it is in `guard`.
 """
 
@@ -17,7 +18,9 @@ from typing import Any, NamedTuple
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits, Scan
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
+from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 
 POSE_AGE = 0.5
 """Age from which a pose no longer proves that the robot is inside the geofence, s."""
@@ -64,6 +67,34 @@ class Parameters:
     """Radius about the origin of the pose's frame beyond which only a person drives, m; 0 is no fence."""
     geofence_topic: str = one_of("odom", "odom", "estimate")
     """Where the pose for the geofence comes from: ``odom`` or ``estimate``."""
+    collision_monitor: bool = False
+    """Whether obstacles on ``scan`` limit every command, a person's too; without a fresh scan nothing moves then."""
+    collision_margin: float = within(0.05, 0.0, 1.0, " m")
+    """Width of the stop zone around the footprint, m."""
+    collision_time: float = within(1.0, 0.5, 10.0, " s")
+    """Time to collision below which a command is slowed down, s."""
+    escape_speed: float = within(0.05, 0.0, 0.1, " m/s")
+    """Speed at which a robot in the stop zone may creep away from what is in it, m/s; 0: it stands."""
+    scan_age: float = within(0.4, 0.0, 0.5, " s", above=True)
+    """Age from which a scan no longer counts, s. It is the age of what was sent."""
+    scan_period: float = within(0.2, 0.0, 0.5, " s")
+    """Time that the LiDAR takes for one revolution, s."""
+    scan_error: float = within(0.085, 0.0, 0.5, "")
+    """Error of a range as a share of it, by which the stop zone grows; that of an LDS-01: 5 % and twice 1.75 %."""
+    reaction: float = within(0.2, 0.0, 0.5, " s")
+    """Time that wheels and LiDAR driver take at most, s."""
+    scan_mount: str = one_of("robot", "robot", "given")
+    """Whether the preset's footprint and mount hold, or the five parameters below."""
+    footprint_x: float = within(0.0, -1.0, 1.0, " m")
+    """Centre of the footprint ahead of the axle, m; its radius is the preset's."""
+    scan_x: float = within(0.0, -1.0, 1.0, " m")
+    """Place of the LiDAR ahead of the axle, m."""
+    scan_y: float = within(0.0, -1.0, 1.0, " m")
+    """Place of the LiDAR to the left, m."""
+    scan_yaw: float = within(0.0, -2.0 * math.pi, 2.0 * math.pi, " rad")
+    """Direction of the scan's angle 0 in the robot's frame, rad."""
+    scan_frame: str = "base_scan"
+    """Frame of the scans, without a namespace; others are refused."""
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -81,6 +112,18 @@ class Heard(NamedTuple):
     command: Command
 
 
+def monitor_of(p: Parameters, now: float) -> Monitor | None:
+    """Return the collision monitor, if it is switched on."""
+    if not p.collision_monitor:
+        return None
+    robot = ROBOTS[p.robot]
+    given = p.footprint_x, p.scan_x, p.scan_y, p.scan_yaw, p.scan_frame
+    body = Body(robot.radius, *(given if p.scan_mount == "given" else MOUNTS[p.robot]))
+    limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
+    timing = Timing(p.scan_age, p.scan_period, p.reaction)
+    return Monitor(body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now)
+
+
 class Arbiter:
     """Decide at every moment what the wheels are told.
 
@@ -92,6 +135,7 @@ class Arbiter:
         self._p = parameters
         self._robot = ROBOTS[parameters.robot]
         self.buttons = EmergencyStop()
+        self.monitor = monitor_of(parameters, now)
         self._heard: dict[str, Heard] = {}
         self._news: set[str] = set()
         self._distance = (now, math.inf)
@@ -142,6 +186,14 @@ class Arbiter:
         self._wake(now)
         self._distance = now if sent is None else min(sent, now), math.hypot(x, y)
 
+    def hear_scan(self, scan: Scan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
+        """Take a scan of the collision monitor."""
+        self._wake(now)
+        if not dated and now < self._blind_until:
+            self.refused["undated after a gap"] += 1
+        elif self.monitor:
+            self.monitor.hear(scan, sent=now if sent is None else min(sent, now))
+
     def greet(self, now: float) -> None:
         """Send zeros to a robot that has just connected, unless it is commanded: it may hold an older command."""
         self._zeros_until = now + ZEROS
@@ -168,6 +220,8 @@ class Arbiter:
         """Return what to publish now; nothing if nobody commands, nothing has changed, or the rate is used up."""
         self._wake(now)
         target = self._target(now)
+        if self.monitor:
+            self.monitor.state = ""
         if self._halt:
             self._halt, target = False, None
         if target is None:
@@ -179,6 +233,8 @@ class Arbiter:
             return self._paced(STOP, now)
         self._zeros_until = now + ZEROS
         command = self._ramp(target, min(now - self._last_at, 2.0 / self._p.rate))
+        if self.monitor:
+            command = self.monitor.limit(command, now)
         if command == self._last and self.state not in self._news:
             return None
         return self._paced(command, now)
@@ -192,6 +248,8 @@ class Arbiter:
         self._due = max(self._due, now) + period
         self._last, self._last_at = command, now
         self._news.clear()
+        if self.monitor:
+            self.monitor.told(command, now)
         return command
 
     def _target(self, now: float) -> Command | None:

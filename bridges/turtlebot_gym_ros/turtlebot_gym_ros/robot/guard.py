@@ -1,19 +1,23 @@
 """Guard of a robot's wheels: the only publisher of ``/cmd_vel``, running on the robot itself.
 
-It stands between whoever commands and the wheels. It bounds what is commanded and stops the robot when nobody commands; it does
-NO OBSTACLE AVOIDANCE. It does not use the shell of the other nodes; what it shares with them is small and pure: the core's
-`limit`, `ROBOTS` and `Command`, the rule of the emergency stop (`emergency`), the age of a message (`sent`), and `discovery`.
+It stands between whoever commands and the wheels. It bounds what is commanded and stops the robot when nobody commands. Unless
+``collision_monitor`` is switched on it knows of NO OBSTACLE. It does not use the shell of the other nodes; what it shares with
+them is small and pure: the core's `limit`, `ROBOTS` and `Command`, the rule of the emergency stop (`emergency`), the age of a
+message (`sent`), and `discovery`.
 **Its own death is not covered**: a TurtleBot3 holds its last command for ever, so a guard that is killed leaves the robot
 moving. The launch file respawns it, and a guard's first messages are zeros.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
 ``/emergency_stop`` (Bool, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence the
-Odometry on ``geofence_topic``. Outputs: ``/cmd_vel``, ``/diagnostics`` (1 Hz), ``~/enabled`` (Bool, latched). Service:
-``~/enable`` (SetBool).
+Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``. Outputs: ``/cmd_vel``, ``/diagnostics``
+(1 Hz), ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
 **The age of a command is the age of what was sent**, see `sent`: by DDS's source time and by the header's stamp where these are
 credible, by its arrival otherwise; the oldest counts. With ``use_sim_time`` the header does not count. A guard that was
 suspended or starved stops first, and what waited for it meanwhile is obeyed only if it proves to be younger than ``max_age``.
+
+**The collision monitor**, see `monitor` and `collision`, slows every command down that would lead into an obstacle, a person's
+too, and judges it anew in each period. A scan that is stale, missing or cannot be read is a stop, and reported.
 
 **An emergency stop** counts however short the press, and from any of the buttons, see `emergency`: all messages that wait are
 looked at before any motion is sent. A button that was heard and is silent for 0.5 s is a stop too. After it the guard sends
@@ -41,11 +45,13 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.report import Report
 from turtlebot_gym_ros.robot.sent import Age, SystemClock, age_of, read_clocks
 from turtlebot_gym_ros.robot.standalone import declare, run
@@ -74,6 +80,8 @@ class CmdVelGuard(Node):
         self._buttons = self._subscribe(Bool, "emergency_stop", self._hear_button, EVERY)
         if p.geofence > 0.0:
             self._subscribe(Odometry, p.geofence_topic, self._locate, LATEST)
+        if p.collision_monitor:
+            self._subscribe(LaserScan, "scan", self._scan, LATEST)
         self.create_service(SetBool, "~/enable", self._enable)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0 / p.rate, self._tick, clock=steady)
@@ -121,6 +129,18 @@ class CmdVelGuard(Node):
     def _locate(self, message: Odometry, info: Mapping[str, Any]) -> None:
         position, now = message.pose.pose.position, self._now()
         self._arbiter.locate(position.x, position.y, now, sent=now - self._age(message, info, now).seconds)
+
+    def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
+        now = self._now()
+        age, stamped = age_of(self._clock_watch, info, None, now), self._age(message, info, now)
+        # A stamp may be that of the first beam. Beyond this it counts, as that of a command does.
+        seconds = max(age.seconds, stamped.seconds - self._p.scan_period)
+        scan = Scan(
+            message.ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max,
+            message.header.frame_id,
+        )  # fmt: skip
+        self._arbiter.hear_scan(scan, now, sent=now - seconds, dated=stamped.dated)
+        self._step()
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._take_buttons()

@@ -85,6 +85,12 @@ class Report:
             )
         if self._arbiter.outside(now):
             return DiagnosticStatus.WARN, f"not known to be within {self._p.geofence} m of the origin: only a person drives"
+        monitor = self._arbiter.monitor
+        if monitor and (why := monitor.trouble(now)):
+            topic = node.resolve_topic_name("scan")
+            return DiagnosticStatus.ERROR, f"collision monitor: {topic}: {why}; nothing moves without a scan"
+        if monitor and monitor.state:
+            return DiagnosticStatus.WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():
             if now - heard <= RECENT:
                 return DiagnosticStatus.WARN, why

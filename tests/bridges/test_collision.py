@@ -1,0 +1,485 @@
+"""The collision monitor's mathematics against an oracle of its own, and its laws over drawn scans and commands."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.collision import (
+    MOUNTS,
+    SLOWEST,
+    Body,
+    Limits,
+    Scan,
+    gaps,
+    into,
+    limited,
+    moved,
+    out_of,
+    points_of,
+    times_to_contact,
+)
+from turtlebot_gym_ros.robot.monitor import Monitor, Timing
+
+BODY = Body(0.1, 0.0, 0.0, 0.0, 0.0, "base_scan")
+LIMITS = Limits(margin=0.05, error=0.1, time=1.0, escape_speed=0.04)
+TIMING = Timing(age=0.4, period=0.2, reaction=0.2)
+T = 100.0
+
+
+def scan(ranges, **changes):
+    ranges = np.asarray(ranges, np.float32)
+    step = 2.0 * math.pi / max(len(ranges), 1)
+    return Scan(ranges, 0.0, step, 0.12, 3.5, "base_scan")._replace(**changes)
+
+
+def wall(distance, direction=0.0, beams=360, **changes):
+    """A scan of one straight wall."""
+    angles = 2.0 * math.pi * np.arange(beams) / beams
+    cosine = np.cos(angles - direction)
+    with np.errstate(divide="ignore"):
+        ranges = np.where(cosine > 0.0, distance / cosine, np.inf)
+    return scan(np.where(ranges <= 3.5, ranges, np.inf), **changes)
+
+
+def points(*rows):
+    return np.array(rows, np.float64).reshape(-1, 3).T
+
+
+# When a circle on an arc touches a point.
+
+
+def touches(point, command, center_x):
+    """The same by search: where the circle's centre is, by the rotation about the arc's centre, and bisection."""
+    (x, y, radius), (v, omega) = point, command
+    end = 2.0 * math.pi / abs(omega) if omega else 1000.0
+    times = np.linspace(0.0, end, 50_001)
+
+    def gap(t):
+        theta = omega * t
+        forward, aside = (v * np.sin(theta) / omega, v * (1.0 - np.cos(theta)) / omega) if omega else (v * t, 0.0 * t)
+        return np.hypot(forward + center_x * np.cos(theta) - x, aside + center_x * np.sin(theta) - y) - radius
+
+    (first,) = np.nonzero(gap(times) <= 0.0)
+    if not first.size:
+        return math.inf
+    low, high = times[first[0] - 1], times[first[0]]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if gap(middle) <= 0.0 else (middle, high)
+    return high
+
+
+def test_the_time_to_contact_is_that_of_a_search_along_the_arc():
+    rng, met = np.random.default_rng(0), 0
+    for _ in range(300):
+        command = Command(rng.uniform(-0.3, 0.3) * rng.integers(0, 2), rng.uniform(-3.0, 3.0) * 10.0 ** -rng.integers(0, 4))
+        center_x, radius = rng.uniform(-0.2, 0.1), rng.uniform(0.05, 0.25)
+        away, direction = radius + rng.uniform(0.001, 0.4), rng.uniform(-math.pi, math.pi)
+        point = (center_x + away * math.cos(direction), away * math.sin(direction), radius)
+        (found,), expected = times_to_contact(points(point), command, center_x), touches(point, command, center_x)
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6), (point, command, center_x)
+        met += math.isfinite(expected)
+    assert 40 < met < 260
+
+
+@pytest.mark.parametrize("omega", [0.0, 1e-300, 1e-12, 1.9e-9, 2.1e-9, 1e-7, 1e-5])
+def test_an_arc_may_be_as_straight_as_it_likes(omega):
+    near = points((1.0, 0.0, 0.2), (1.0, 0.1, 0.2), (1.0, 0.3, 0.2), (-1.0, 0.0, 0.2), (0.0, 1.0, 0.2))
+    for sign in (1.0, -1.0):
+        ahead = times_to_contact(near, Command(0.2, sign * omega), -0.05)
+        assert ahead[:2] == pytest.approx([4.25, (1.05 - math.sqrt(0.03)) / 0.2], rel=1e-4)
+        assert (ahead[2:] > 1e4).all()
+        back = times_to_contact(near, Command(-0.2, sign * omega), 0.0)
+        assert back[3] == pytest.approx(4.0, rel=1e-4)
+
+
+def test_from_inside_only_what_comes_nearer_is_contact():
+    near = points((0.1, 0.0, 0.15))
+    for command, time in ((Command(0.1, 0.0), 0.0), (Command(-0.1, 0.0), math.inf), (Command(0.0, 1.0), math.inf)):
+        assert times_to_contact(near, command, 0.0) == [time]
+    # A footprint behind the axle swings to the side where the robot turns on the spot.
+    beside = points((-0.1, 0.12, 0.15))
+    assert times_to_contact(beside, Command(0.0, 1.0), -0.1) == [math.inf]
+    assert times_to_contact(beside, Command(0.0, -1.0), -0.1) == [0.0]
+
+
+# What a scan says.
+
+
+def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
+    body = Body(0.1, -0.05, 0.2, -0.1, math.pi / 2.0, "base_scan")
+    found = points_of(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body, LIMITS, 10.0)
+    expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
+    np.testing.assert_allclose(found, points(*expected), atol=1e-7)
+    turned = scan([1.0, 2.0, 0.5, np.inf], angle_min=0.3, angle_increment=-math.pi / 2.0)
+    x, y, _ = points_of(turned, BODY, LIMITS, 10.0)
+    np.testing.assert_allclose(np.arctan2(y, x), [0.3, 0.3 - math.pi / 2.0, 0.3 - math.pi], atol=1e-7)
+
+
+def test_points_out_of_reach_are_left_out_by_their_stop_zone():
+    body, seen = BODY._replace(center_x=-0.5), scan([1.0] * 4, range_min=0.0)
+    assert points_of(seen, body, LIMITS, 0.251)[:2] == pytest.approx(np.array([[-1.0], [0.0]]), abs=1e-6)
+    assert points_of(seen, body, LIMITS, 0.249).shape == (3, 0)
+
+
+def test_what_was_not_seen_is_free_and_what_is_too_near_counts():
+    found = points_of(scan([np.inf, 0.0, 0.05, -np.inf, 9.0, -0.0]), BODY, LIMITS, 100.0)
+    np.testing.assert_allclose(np.hypot(found[0], found[1]), [0.05, 0.12, 9.0], rtol=1e-6)
+
+
+BAD = [
+    (scan([1.0, np.nan] * 4), "it has ranges that are NaN"),
+    (scan([1.0, -1.0] * 4), "it has negative ranges"),
+    (scan([], angle_increment=1.0), "it has no ranges"),
+    (scan([1.0] * 8, angle_increment=0.0), "8 ranges with an angle_increment of 0 rad do not cover all directions"),
+    (scan([1.0] * 180, angle_increment=0.0174), "180 ranges with an angle_increment of 0.0174 rad do not cover"),
+    (scan([1.0] * 8, range_min=4.0), r"range_min must be in \[0, range_max\), but they are 4 and 3.5"),
+    (scan([1.0] * 8, range_min=3.5), "range_min must be in"),
+    (scan([1.0] * 8, range_min=-0.1), "range_min must be in"),
+    (scan([1.0] * 8, frame="rplidar_link"), "its frame is 'rplidar_link', not 'base_scan'"),
+    (scan([1.0] * 8, frame=""), "its frame is ''"),
+    *(
+        (scan([1.0] * 8, **{name: value}), f"{name} is {value}")
+        for name in ("angle_min", "angle_increment", "range_min", "range_max")
+        for value in (math.nan, math.inf, -math.inf)
+    ),
+]
+
+
+@pytest.mark.parametrize(("bad", "why"), BAD)
+def test_a_bad_scan_is_refused_in_one_line_and_stops_until_a_good_one_comes(bad, why):
+    with pytest.raises(ValueError, match=why) as error:
+        points_of(bad, BODY, LIMITS, 1.0)
+    assert "\n" not in str(error.value)
+    monitor = standing()
+    monitor.hear(scan([2.0] * 8), sent=T)
+    assert monitor.limit(Command(0.1, 0.2), T) == Command(0.1, 0.2)
+    monitor.hear(bad, sent=T + 0.01)
+    assert monitor.limit(Command(0.1, 0.2), T + 0.02) == STOP
+    assert monitor.state == f"a scan was refused: {error.value}"
+    monitor.hear(scan([2.0] * 8), sent=T + 0.03)
+    assert monitor.limit(Command(0.1, 0.2), T + 0.04) == Command(0.1, 0.2)
+    assert monitor.state == ""
+
+
+def test_a_lidar_that_is_blind_beyond_the_stop_zone_is_refused():
+    """0.1 m and a margin of 0.05 m: less the error, 0.149 m are in the stop zone, 0.151 m are not."""
+    for body in (BODY, BODY._replace(scan_x=-0.03), BODY._replace(scan_y=0.03), BODY._replace(center_x=0.03)):
+        away = math.hypot(body.scan_x - body.center_x, body.scan_y)
+        points_of(scan([1.0] * 8, range_min=(0.149 - away) / 0.9), body, LIMITS, 1.0)
+        with pytest.raises(ValueError, match=r"sees nothing below range_min, 0.* so the margin must be at least 0.051 m"):
+            points_of(scan([1.0] * 8, range_min=(0.151 - away) / 0.9), body, LIMITS, 1.0)
+
+
+def test_a_scan_all_round_is_one_with_a_gap_of_a_tenth_at_most():
+    step = (2.0 * math.pi - 0.099) / 100
+    assert points_of(scan([1.0] * 100, angle_increment=-step, frame="left/base_scan"), BODY, LIMITS, 9.0).shape == (3, 100)
+    with pytest.raises(ValueError, match="cover"):
+        points_of(scan([1.0] * 100, angle_increment=-step * 0.999), BODY, LIMITS, 9.0)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    ranges=st.lists(st.floats(width=32), max_size=12),
+    numbers=st.tuples(*[st.floats(width=32)] * 4),
+    frame=st.sampled_from(["base_scan", "a/base_scan", "", "/"]),
+)
+def test_no_scan_whatever_raises_anything_but_its_refusal(ranges, numbers, frame):
+    monitor = standing()
+    monitor.hear(Scan(np.array(ranges, np.float32), *numbers, frame), sent=T)
+    allowed = monitor.limit(Command(0.2, 1.0), T)
+    assert (allowed == STOP) == (monitor.trouble(T) != "" or monitor.state.startswith("stopped"))
+
+
+def test_the_footprints_hold_the_bodies():
+    """Corners of the bodies and of the wheels in the robots' URDF, m; to a millimetre."""
+    corners = {
+        "burger": (0.105, [(-0.102, 0.07), (0.038, 0.07), (0.033, 0.089), (-0.033, 0.089)]),
+        "waffle": (0.22, [(-0.197, 0.133), (0.069, 0.133), (0.033, 0.153), (-0.033, 0.153)]),
+        "turtlebot4": (0.171, [(-0.17, 0.0), (0.17, 0.0), (0.0, 0.17)]),
+    }
+    for robot, (radius, places) in corners.items():
+        assert all(math.hypot(x - MOUNTS[robot][0], y) <= radius + 0.001 for x, y in places), robot
+    assert MOUNTS["burger"] == (-0.024, -0.032, 0.0, 0.0, "base_scan")
+    assert MOUNTS["waffle"][1:] == (-0.064, 0.0, 0.0, "base_scan")
+    assert MOUNTS["turtlebot4"][1:] == (-0.04, 0.0, math.pi / 2.0, "rplidar_link")
+    assert MOUNTS["tutorial"] == MOUNTS["burger"]
+
+
+# How much of a command passes.
+
+COMMANDS = st.builds(Command, st.floats(-0.3, 0.3), st.floats(-3.0, 3.0))
+PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.05, 0.3))
+CENTERS = st.sampled_from([0.0, -0.05, 0.1])
+ESCAPES = st.sampled_from([0.0, 0.04])
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.lists(PLACES, max_size=8), PLACES, COMMANDS, CENTERS, ESCAPES)
+def test_the_arc_is_kept_and_nothing_is_faster_with_or_without_another_point(places, another, command, center_x, escape):
+    limits = LIMITS._replace(escape_speed=escape)
+    one = limited(points(*places), command, center_x, limits)
+    two = limited(points(*places, another), command, center_x, limits)
+    assert abs(two.v) <= abs(one.v) <= abs(command.v)
+    assert abs(two.omega) <= abs(one.omega) <= abs(command.omega)
+    assert one.v * command.omega == pytest.approx(one.omega * command.v, rel=1e-9, abs=1e-300)
+    assert one.v * command.v >= 0.0
+    assert one.omega * command.omega >= 0.0
+    assert limited(points(*places), STOP, center_x, limits) == STOP
+    # A circle about the axle is moved nowhere by turning on the spot.
+    assert limited(points(*places), Command(0.0, command.omega), 0.0, limits) == Command(0.0, command.omega)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(PLACES, max_size=8), COMMANDS, CENTERS)
+def test_mirrored_obstacles_and_commands_are_mirrored_limits(places, command, center_x):
+    v, omega = limited(points(*places), command, center_x, LIMITS)
+    mirrored = [(x, -y, radius) for x, y, radius in places]
+    assert limited(points(*mirrored), Command(command.v, -command.omega), center_x, LIMITS) == Command(v, -omega)
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.lists(PLACES, min_size=1, max_size=8), COMMANDS, CENTERS, ESCAPES)
+def test_what_passes_is_the_time_limit_away_from_every_stop_zone_and_leads_out_of_those_around(
+    places, command, center_x, escape
+):
+    limits = LIMITS._replace(escape_speed=escape)
+    allowed = limited(points(*places), command, center_x, limits)
+    speed = math.hypot(allowed.v, allowed.omega * center_x)
+    if speed == 0.0:
+        return
+    assert times_to_contact(points(*places), allowed, center_x).min() >= limits.time * (1.0 - 1e-9)
+    if (gaps(points(*places), center_x) <= 0.0).any():
+        assert speed <= escape * (1.0 + 1e-9)
+        before = points(*places)
+        later = into(moved((0.0, 0.0, 0.0), allowed, 1e-4), before)
+        there = gaps(before, center_x) <= 0.0
+        assert (gaps(later, center_x)[there] >= gaps(before, center_x)[there] - 1e-6 * speed).all()
+
+
+def test_the_speed_falls_with_the_distance_and_ends_at_the_slowest():
+    def at(gap, command=(0.2, 0.0), **changes):
+        return limited(points((0.15 + gap, 0.0, 0.15)), Command(*command), 0.0, LIMITS._replace(**changes))
+
+    assert at(0.2001) == Command(0.2, 0.0)
+    assert at(0.1) == pytest.approx((0.1, 0.0))
+    assert at(0.1, time=2.0) == pytest.approx((0.05, 0.0))
+    assert at(SLOWEST + 1e-6).v == pytest.approx(0.01, abs=1e-5)
+    assert at(SLOWEST - 1e-6) == STOP
+    assert at(0.001, Command(0.0005, 0.0)) == Command(0.0005, 0.0)  # what is slow enough need not slow down
+    assert at(-0.01) == STOP
+    assert at(-0.01, Command(-0.2, 0.0)) == pytest.approx((-0.04, 0.0))
+    assert at(-0.01, Command(-0.2, 1.0)) == pytest.approx((-0.04, 0.2))
+    assert at(-0.01, Command(-0.03, 0.0)) == Command(-0.03, 0.0)
+    assert at(-0.01, Command(-0.2, 0.0), escape_speed=0.0) == STOP
+    assert at(0.01, Command(-0.2, 0.0)) == Command(-0.2, 0.0)
+
+
+# Where the robot is in a scan, and which scan counts.
+
+
+def standing(body=BODY, limits=LIMITS, timing=TIMING):
+    return Monitor(body, limits, timing, speed=0.3, turning=3.0, now=T - 10.0)
+
+
+def test_poses_move_exactly_along_arcs_and_frames_are_inverse():
+    pose = (1.0, -2.0, 0.7)
+    for command in (Command(0.2, 0.0), Command(0.2, 1.3), Command(0.0, -2.0)):
+        steps = pose
+        for _ in range(1000):
+            steps = moved(steps, command, 0.001)
+        assert moved(pose, command, 1.0) == pytest.approx(steps)
+        assert steps[2] == pytest.approx(0.7 + command.omega)
+    assert moved((0.0, 0.0, 0.0), Command(0.2, 1.0), math.pi / 2.0)[:2] == pytest.approx((0.2, 0.2))
+    places = points((0.3, -0.4, 0.1), (2.0, 0.0, 0.2))
+    np.testing.assert_allclose(into(pose, out_of(pose, places)), places, atol=1e-12)
+    np.testing.assert_allclose(out_of((1.0, 0.0, math.pi / 2.0), points((0.5, 0.0, 0.1))), points((1.0, 0.5, 0.1)), atol=1e-12)
+
+
+def test_what_the_robot_moved_since_the_scan_is_taken_off():
+    """At 0.1 m/s towards a wall; each moment in doubt counts, so the scan is up to 0.4 s older than when it was sent."""
+    limits = LIMITS._replace(error=0.0)
+    for seconds, gap in ((0.0, 0.5 - 0.04), (0.3, 0.5 - 0.07)):
+        monitor = standing(limits=limits)
+        monitor.told(Command(0.1, 0.0), T - 1.0)
+        monitor.hear(wall(0.65), sent=T)
+        allowed = monitor.limit(Command(1.0, 0.0), T + seconds)
+        assert allowed.v == pytest.approx(gap, rel=1e-3)
+        monitor.told(Command(-0.1, 0.0), T + seconds)  # and what moves away is taken off as well, from the nearest layer
+        assert monitor.limit(Command(1.0, 0.0), T + seconds + 0.1).v == pytest.approx(gap + 0.01, rel=1e-3)
+
+
+def test_a_turn_since_the_scan_turns_what_was_seen():
+    timing = TIMING._replace(period=0.0, reaction=0.0)
+    monitor = standing(limits=LIMITS._replace(error=0.0), timing=timing)
+    monitor.hear(wall(0.25), sent=T)
+    assert monitor.limit(Command(0.2, 0.0), T).v == pytest.approx(0.1, rel=1e-3)
+    monitor.told(Command(0.0, 10.0), T)
+    monitor.told(STOP, T + math.pi / 20.0)
+    now = T + 0.2
+    assert monitor.limit(Command(0.2, 0.0), now) == Command(0.2, 0.0)
+    assert monitor.limit(Command(-0.2, 0.0), now) == Command(-0.2, 0.0)
+    monitor.told(Command(0.0, 10.0), now)
+    monitor.told(STOP, now + math.pi / 20.0)
+    assert monitor.limit(Command(-0.2, 0.0), T + 0.39).v == pytest.approx(-0.1, rel=1e-3)
+
+
+def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
+    monitor = standing()
+    monitor.told(Command(0.0, 1.0), T - 1.0)
+    monitor.hear(scan([0.3] + [np.inf] * 7), sent=T)
+    x, y, radius = into(monitor._pose(T), monitor._points)
+    np.testing.assert_allclose(np.sort(np.arctan2(y, x)), [-0.4, -0.3, -0.2, -0.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(np.hypot(x, y), 0.3, rtol=1e-6)
+    np.testing.assert_allclose(radius, 0.1 + 0.05 + 0.03, rtol=1e-6)
+
+
+def test_the_history_is_long_enough_and_does_not_grow():
+    monitor = standing()
+    for k in range(2000):
+        monitor.told(Command(0.1, 0.01 * (k % 3)), T + 0.02 * k)
+    assert len(monitor._times) == len(monitor._poses) == len(monitor._told) <= 103
+    assert monitor._times[0] <= T + 40.0 - 1.0
+
+
+def test_only_a_fresh_scan_lets_anything_pass_and_turning_needs_one_too():
+    monitor, command = standing(), Command(0.0, 1.0)
+    assert monitor.limit(command, T) == STOP
+    assert monitor.state == "no scan has come"
+    monitor.hear(scan([2.0] * 8), sent=T)
+    assert monitor.limit(command, T + 0.399) == command
+    assert monitor.limit(command, T + 0.401) == STOP
+    assert monitor.state == "the last scan is older than 0.4 s"
+
+
+def test_an_older_scan_does_not_take_the_place_of_a_newer_one():
+    monitor = standing()
+    monitor.hear(wall(0.16), sent=T)
+    monitor.hear(scan([2.0] * 8), sent=T - 0.1)
+    assert monitor.limit(Command(0.2, 0.0), T) == STOP
+    assert monitor.state == "stopped: an obstacle is in the stop zone"
+    monitor.hear(wall(0.3), sent=T)
+    assert 0.0 < monitor.limit(Command(0.2, 0.0), T).v < 0.2
+    assert monitor.state == "slowed down: an obstacle is ahead"
+
+
+# In the guard.
+
+
+def drive(arbiter, command, seconds, *, start=0.0, source="teleop", seen=lambda t: scan([2.0] * 8)):
+    """Tick at 50 Hz, with commands at 10 Hz and scans at 5 Hz; return what the wheels were told last at each tick."""
+    held, last = [], arbiter._last
+    for k in range(round(start / 0.02), round((start + seconds) / 0.02)):
+        now = T + 0.02 * k
+        if k % 10 == 0 and (ranges := seen(now - T)) is not None:
+            arbiter.hear_scan(ranges, now)
+        if k % 5 == 0:
+            arbiter.hear(source, command, now)
+        last = arbiter.step(now) or last
+        held.append(last)
+    return held
+
+
+def test_it_is_off_unless_asked_for():
+    arbiter = Arbiter(Parameters(), T)
+    assert arbiter.monitor is None
+    assert drive(arbiter, Command(0.2, 0.0), 1.0, seen=lambda t: wall(0.1))[-1] == Command(0.2, 0.0)
+
+
+@pytest.mark.parametrize("source", ["teleop", "program"])
+def test_a_command_that_is_held_is_judged_anew_while_the_robot_comes_nearer(source):
+    arbiter = Arbiter(Parameters(collision_monitor=True), T)
+    x = []
+
+    def seen(t):  # the wall stands still, the robot is where it was told to be
+        return wall(0.6 - (sum(v for v, _ in x) * 0.02))
+
+    for k in range(600):
+        x += drive(arbiter, Command(0.2, 0.0), 0.02, start=0.02 * k, source=source, seen=seen)
+    speeds = np.array([v for v, _ in x])
+    assert speeds.max() == pytest.approx(0.2)
+    # The footprint's centre is 0.008 m before the LiDAR. Its radius, the margin and the error are taken off.
+    away = 0.6 - (np.cumsum(speeds) - speeds) * 0.02
+    free = away - 0.008 - 0.105 - 0.05 - 0.085 * away
+    assert (speeds <= np.maximum(free, 0.0) + 1e-6).all()  # in one second
+    left = away[-1]
+    assert speeds[-1] == 0.0
+    assert 0.0 < free[-1] < 0.03
+    assert arbiter.monitor.state.startswith("stopped")
+    assert arbiter.state == source
+    assert drive(arbiter, Command(-0.2, 0.0), 1.0, start=12.0, source=source, seen=lambda t: wall(left))[-1].v < 0.0
+    # Without a command it has nothing to say.
+    for k in range(50):
+        arbiter.step(T + 13.0 + 0.02 * k)
+    assert arbiter.monitor.state == ""
+
+
+def test_the_acceleration_of_a_start_holds_behind_it_and_silence_of_the_scan_stops():
+    arbiter = Arbiter(Parameters(collision_monitor=True, max_acceleration=0.5), T)
+    held = drive(arbiter, Command(0.2, 0.0), 3.0, seen=lambda t: scan([2.0] * 8) if t < 1.0 else None)
+    speeds = np.array([v for v, _ in held])
+    assert np.diff(speeds).max() <= 0.5 * 0.04 + 1e-9
+    assert speeds[50] == 0.2  # the last scan came at 0.8 s
+    assert set(held[62:]) == {STOP}
+    assert held[59] != STOP
+
+
+def test_the_parameters_are_those_of_the_monitor():
+    given = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "footprint_x": 0.4, "scan_frame": "front"}
+    own = Arbiter(Parameters(collision_monitor=True, scan_mount="given", **given), T).monitor
+    assert own._body == Body(0.105, 0.4, 0.1, 0.2, 0.3, "front")
+    preset = Parameters(
+        collision_monitor=True, robot="waffle", collision_margin=0.01, scan_error=0.02, collision_time=3.0, escape_speed=0.03,
+        scan_age=0.1, scan_period=0.3, reaction=0.15, **given,
+    )  # fmt: skip
+    monitor = Arbiter(preset, T).monitor
+    assert monitor._body == Body(0.22, -0.064, -0.064, 0.0, 0.0, "base_scan")
+    assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
+    assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15)
+    assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
+
+
+RANGES = {
+    "collision_margin": (0.0, 1.0),
+    "collision_time": (0.5, 10.0),
+    "escape_speed": (0.0, 0.1),
+    "scan_age": (1e-9, 0.5),
+    "scan_period": (0.0, 0.5),
+    "scan_error": (0.0, 0.5),
+    "reaction": (0.0, 0.5),
+    "footprint_x": (-1.0, 1.0),
+    "scan_x": (-1.0, 1.0),
+    "scan_y": (-1.0, 1.0),
+    "scan_yaw": (-2.0 * math.pi, 2.0 * math.pi),
+}
+
+
+@pytest.mark.parametrize(("name", "ends"), RANGES.items())
+def test_parameters_are_ranged(name, ends):
+    for end, beyond in zip(ends, (-1e-8, 1e-8), strict=True):
+        Parameters(**{name: end})
+        with pytest.raises(ValueError, match=f"'{name}' must be in"):
+            Parameters(**{name: end + beyond})
+    with pytest.raises(ValueError, match=f"'{name}' must be in"):
+        Parameters(**{name: math.nan})
+    with pytest.raises(ValueError, match="'scan_mount' must be one of robot, given"):
+        Parameters(scan_mount="roof")
+
+
+def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
+    arbiter = Arbiter(Parameters(collision_monitor=True), T)
+    drive(arbiter, Command(0.2, 0.0), 0.5)
+    now = T + 1.5
+    arbiter.hear_scan(scan([2.0] * 8), now, dated=False)
+    assert arbiter.refused["undated after a gap"] == 1
+    arbiter.hear("program", Command(0.2, 0.0), now + 0.01)
+    for k in range(5):
+        assert arbiter.step(now + 0.01 + 0.02 * k) in (None, STOP)
+    assert arbiter.monitor.state == "the last scan is older than 0.4 s"
+    arbiter.hear_scan(scan([2.0] * 8), now + 0.11, sent=now + 0.1, dated=True)
+    assert arbiter.step(now + 0.12).v > 0.0
