@@ -90,7 +90,7 @@ def test_replay_takes_other_names_of_columns(drive, capsys):
         (["evaluate", "--noise", "loud"], "noise must be one of 'clean', "),
         (
             ["evaluate", "--policy", "clever"],
-            "policy must be one of 'proportional', 'bearing', 'corner', 'polar', 'rotate-drive-rotate', 'vfh', 'gap', 'dwa', or 'module:callable'",
+            "'rotate-drive-rotate', 'vfh', 'gap', 'dwa', or 'module:callable', got 'clever'",
         ),
         (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
         (["evaluate", "--env", "CartPole-v1"], "env must be one of "),
