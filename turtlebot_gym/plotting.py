@@ -163,12 +163,20 @@ def draw_heading_error(axes: Axes, trajectory: Trajectory) -> Axes:
     return _draw_errors(axes, trajectory, heading_error, "heading error (rad)")
 
 
-def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figure:
+def tutorial_figure(
+    trajectory: Trajectory,
+    *,
+    title: str | None = None,
+    room: Obstacles | None = None,
+    scan: tuple[Scan, Pose] | None = None,
+) -> Figure:
     """Return a drive at a glance: its trajectory; x, y and heading, commands and position error over time.
 
     Args:
         trajectory: The drive.
         title: What stands above.
+        room: What stood around.
+        scan: The last scan, and the pose of the LiDAR's frame.
     """
     figure = _figure(14.0, 7.0, title)
     panels = figure.subplot_mosaic(
@@ -176,6 +184,10 @@ def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figu
         width_ratios=[1.75, 1.0, 1.0],
     )
     draw_trajectory(panels["trajectory"], trajectory)
+    if room:
+        draw_room(panels["trajectory"], room)
+    if scan:
+        draw_scan(panels["trajectory"], *scan)
     draw_component(panels["x"], trajectory, "x")
     draw_component(panels["y"], trajectory, "y")
     draw_component(panels["theta"], trajectory, "theta")

@@ -227,6 +227,23 @@ def test_what_does_not_fit_is_refused_before_anything_starts(options, said, tmp_
         assert said in line
 
 
+def test_in_lock_step_a_scan_is_sent_again_until_its_step_and_the_next_are_answered(runner, peer, wait_for):
+    """Who begins to listen late hears it all the same: lds01's second scan comes with the third step."""
+    overrides = {"world": "dense", "lock_step": True, "speed": 0.0}
+    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
+    truths, commands = peer.hear("true_state", Odometry), peer.speak("cmd_vel", TwistStamped)
+    wait_for(lambda: truths and commands.get_subscription_count())
+    for k, scan_of in enumerate((0, 0, 2, 2)):
+        step, expected = 10**9 + k * TENTH, 10**9 + scan_of * TENTH
+        wait_for(lambda step=step: Time.from_msg(truths[-1].header.stamp).nanoseconds == step)
+        scans, newest = peer.hear("scan", LaserScan), peer.hear("scan/newest", TimeReference)  # after the step began
+        wait_for(lambda scans=scans, newest=newest: scans and newest)
+        assert {Time.from_msg(scan.header.stamp).nanoseconds for scan in scans} == {expected}
+        said = {tuple(Time.from_msg(stamp).nanoseconds for stamp in (each.header.stamp, each.time_ref)) for each in newest}
+        assert said == {(step, expected)}
+        commands.publish(TwistStamped(header=truths[-1].header))
+
+
 class Watcher:
     """A block that remembers what it was given."""
 

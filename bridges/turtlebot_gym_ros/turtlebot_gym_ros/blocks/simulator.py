@@ -27,6 +27,8 @@ ROOM_OUTPUTS = {
     "obstacles": Output(topic="obstacles", type=Obstacles),
 }
 """What is said besides in a room."""
+OPEN_GROUND = ("open", "")
+"""Worlds without a room."""
 SHOWN_EVERY = 5
 """Steps from one picture of the obstacles to the next."""
 
@@ -67,17 +69,22 @@ class TurtlebotSimulator:
         heard."""
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
-        world: str = ""
-        """The room around it: a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo world; empty for open
-        ground."""
+        world: str = "open"
+        """The room around it: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo
+        world."""
         lidar: str = "lds01"
         """In a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
 
         def __post_init__(self) -> None:
-            if self.world and self.random_start:
+            if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
             if not 0 <= self.seed <= MAX_SEED:
                 raise ValueError(f"seed must be in [0, {MAX_SEED}], got {self.seed!r}.")
+
+        @property
+        def in_room(self) -> bool:
+            """Whether there is a room around it."""
+            return self.world not in OPEN_GROUND
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
@@ -86,11 +93,11 @@ class TurtlebotSimulator:
     }
 
     def __init__(self, params: Params) -> None:
-        task = replace(ROOM if params.world else replace(NAV, random=params.random_start), max_steps=math.inf)
+        task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
         p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
         self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
         plan, self._lidar = None, None
-        if params.world:
+        if params.in_room:
             world, self._lidar = find_world(params.world), find_lidar(params.lidar)
             p = p._replace(room=make_room(world, self._lidar, p.dt))
             if isinstance(world, FloorPlan):

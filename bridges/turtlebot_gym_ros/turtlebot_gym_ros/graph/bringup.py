@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.plotting import draw_room, draw_scan, tutorial_figure
+from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             except KeyboardInterrupt:
                 print("interrupted", file=sys.stderr)
             trajectory = graph.trajectory()
-            clearance = graph.clearance() if given.get("world") else None
+            clearance = graph.clearance() if graph.in_room else None
             latest = dict(graph.latest)
     except KeyboardInterrupt:
         return 0
@@ -144,11 +144,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if report:
         report.write_text(json.dumps({"options": given, "metrics": figures}, indent=2) + "\n")
     if figure:
-        picture = tutorial_figure(trajectory)
-        if clearance is not None:
-            lidar = LIDARS[given.get("lidar", TurtlebotSimulator.Params().lidar)]
-            draw_scan(picture.axes[0], latest["scan"], mounted(latest["true_state"], lidar))
-            draw_room(picture.axes[0], latest["obstacles"])
-        picture.savefig(figure)
+        lidar = LIDARS[given.get("lidar", TurtlebotSimulator.Params().lidar)]
+        scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
+        tutorial_figure(trajectory, room=latest.get("obstacles"), scan=scan).savefig(figure)
         print(f"figure written to {figure}")
     return 0

@@ -20,6 +20,7 @@ from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
+from turtlebot_gym_ros.blocks.simulator import OPEN_GROUND
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.discovery import SETTLE
 from turtlebot_gym_ros.node.parameters import Common
@@ -83,7 +84,8 @@ class Graph:
         unknown = set(parameters) - {key for each in self._parameters.values() for key in each}
         if unknown:
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
-        self._room = bool(parameters.get("world"))
+        self.in_room = parameters.get("world", "open") not in OPEN_GROUND
+        """Whether the simulator stands in a room."""
         self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
         try:
             Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
@@ -110,7 +112,7 @@ class Graph:
         """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
         try:
-            self._recorder = Recorder(self._runner.context, stamped=self._stamped, lock_step=self._lock_step, room=self._room)
+            self._recorder = Recorder(self._runner.context, stamped=self._stamped, lock_step=self._lock_step, room=self.in_room)
             self._runner.add(self._recorder)
             for name in self._names:
                 self._start(name)
@@ -222,13 +224,13 @@ def fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         ValueError: If the policy is made for a room and there is none, or the reverse.
     """
-    world, name = parameters.get("world"), parameters.get("policy", VelocityController.Params().policy)
+    world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
     layout = layout_of(make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1)))
-    if layout == ROOM_LAYOUT and not world:
+    if layout == ROOM_LAYOUT and world in OPEN_GROUND:
         raise ValueError(f"policy {name!r} sees by a LiDAR (observation layout {layout}): it needs a world.")
-    if layout == OBSERVATION_LAYOUT and world:
+    if layout == OBSERVATION_LAYOUT and world not in OPEN_GROUND:
         raise ValueError(f"policy {name!r} was made for open ground (observation layout {layout}), not for a world.")
-    if not world:
+    if world in OPEN_GROUND:
         return dict(parameters)
     lidar = find_lidar(parameters.get("lidar", TurtlebotSimulator.Params().lidar))
     return {"waypoints": "room", "lidar_yaw": lidar.yaw, "lidar_beams": lidar.beams, **parameters}
