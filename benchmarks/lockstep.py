@@ -22,6 +22,7 @@ from typing import Annotated, Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from rich.console import Console
 
 import turtlebot_gym  # noqa: F401  # registers the environments
@@ -29,6 +30,7 @@ from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.graph.bringup import room_metrics
 
 DT = 0.1
 """Control interval, s."""
@@ -40,6 +42,28 @@ DOMAINS = range(180, 215)
 
 AT_ONCE = 2
 """Graphs in real time at the same time."""
+
+
+ROOM_STEPS = 600
+"""Length of an episode in a room."""
+
+
+class RoomDrive(NamedTuple):
+    """An episode in a room, the same in the environment and in the graph."""
+
+    policy: str = "wary:wary"
+    world: str = "dense"
+    lidar: str = "lds01"
+    noise: str = "tutorial"
+    seed: int = 0
+
+
+class Told(NamedTuple):
+    """What was said of an episode in a room."""
+
+    trajectory: Trajectory
+    clearance: NDArray[np.float32]
+    """Shape (T,), m; in single precision, as it travels."""
 
 
 class Drive(NamedTuple):
@@ -69,6 +93,10 @@ class Config:
     """How many processes do nothing but keep the machine busy."""
     real_time: int = 10
     """Seeds of the drives in real time."""
+    rooms: int = 20
+    """Rooms, of the preset "dense", with a process for each node."""
+    room_policy: str = "wary:wary"
+    """Who drives there."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Write the results here too."""
 
@@ -102,6 +130,53 @@ def live(drive: Drive, steps: int, **options: Any) -> Trajectory:
     with Graph(**drive._asdict(), laps=drive.laps, goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 4.0 * steps * DT))
         return first(graph.trajectory(), steps)
+
+
+def room_episode(drive: RoomDrive) -> Told:
+    """Return the environment's episode, from its start to its end."""
+    options = drive._asdict()
+    policy, seed = make_policy(options.pop("policy")), options.pop("seed")
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", max_episode_steps=ROOM_STEPS, **options)
+    observation, info = env.reset(seed=seed)
+    infos, ended = [info], False
+    while not ended:
+        observation, _, terminated, truncated, info = env.step(policy(observation))
+        infos.append(info)
+        ended = terminated or truncated
+    env.close()
+    return Told(Trajectory.from_infos(infos, dt=DT), np.array([each["clearance"] for each in infos], np.float32))
+
+
+def room_live(drive: RoomDrive, steps: int, **options: Any) -> Told:
+    """Return the graph's drive, of as many steps; the options are those of `Graph`."""
+    with Graph(**drive._asdict(), goal_tolerance=0.0, **options) as graph:
+        graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
+        return Told(first(graph.trajectory(), steps), graph.clearance()[: steps + 1].astype(np.float32))
+
+
+def room_differences(one: Told, other: Told) -> dict[str, float]:
+    """Return the largest difference in each part of two episodes in a room."""
+    clearance = float(np.abs(one.clearance - other.clearance).max())
+    return differences(one.trajectory, other.trajectory) | {"clearance": clearance}
+
+
+def rooms(config: Config) -> dict[str, Any]:
+    """Drive through rooms in a process for each node, and compare outcome and drive with the environment's."""
+    found = []
+    for seed in range(config.rooms):
+        drive = RoomDrive(config.room_policy, seed=seed)
+        expected = room_episode(drive)
+        told = room_live(drive, len(expected.clearance) - 1, processes=True)
+        outcomes = [room_metrics(*each) for each in (expected, told)]
+        largest, same = max(room_differences(expected, told).values()), outcomes[0] == outcomes[1]
+        found.append({"seed": seed, "largest": largest, "same": same, **outcomes[1]})
+    return {
+        "same outcome": sum(each["same"] for each in found),
+        "largest difference": max((each["largest"] for each in found), default=0.0),
+        "goals": sum(each["goal reached"] for each in found),
+        "collisions": sum(each["collision"] for each in found),
+        "of": found,
+    }
 
 
 def first(trajectory: Trajectory, steps: int) -> Trajectory:
@@ -217,7 +292,7 @@ def error(trajectory: Trajectory, steps: int) -> float:
 def measure(config: Config) -> dict[str, Any]:
     """Return the results of all parts, each with the load of the machine before and after it (1 min average)."""
     parts: dict[str, Callable[[Config], dict[str, Any]]] = {
-        "equality": equality, "speed": speeds, "repeats": repeats, "real time": real_time,
+        "equality": equality, "rooms": rooms, "speed": speeds, "repeats": repeats, "real time": real_time,
     }  # fmt: skip
     results: dict[str, Any] = {}
     for name, part in parts.items():
@@ -232,6 +307,8 @@ def main() -> None:
     config = tyro.cli(Config, description=__doc__)
     os.environ["ROS_DOMAIN_ID"] = str(DOMAINS.stop + os.getpid() % 17)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    # So the processes of a graph find the policies that stand beside this file.
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), *sys.path[1:]])
     result = measure(config)
     if config.json is not None:
         write_json(config.json, result, config=asdict(config))

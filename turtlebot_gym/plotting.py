@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from turtlebot_gym.rooms.scan import Obstacles, Scan
+    from turtlebot_gym.values import Pose
+
 BLACK, ORANGE, SKY_BLUE, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 
@@ -47,6 +50,8 @@ _WAYPOINT: _Style = {
 }  # fmt: skip
 _START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
 _COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
+_SCAN: _Style = {"color": PURPLE, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 2.3, "label": "last scan"}
+_SOLID = "#777777"
 _COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE)
 _STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
 _PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
@@ -92,6 +97,32 @@ def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -
     return axes
 
 
+def draw_room(axes: Axes, room: Obstacles) -> Axes:
+    """Draw walls and obstacles, seen from above, behind what else is drawn."""
+    from matplotlib.patches import Circle, Polygon, Rectangle  # heavy, and not needed on a robot
+
+    x, y, a, b = room.walls
+    axes.add_patch(Rectangle((x - a, y - b), 2.0 * a, 2.0 * b, fill=False, edgecolor=_SOLID, linewidth=2.0, zorder=0.5))
+    for cx, cy, radius in room.circles:
+        axes.add_patch(Circle((cx, cy), radius, facecolor=_SOLID, zorder=0.5))
+    for cx, cy, length, width, heading in room.boxes:
+        u, v = 0.5 * length, 0.5 * width
+        turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+        corners = np.array([[u, v], [-u, v], [-u, -v], [u, -v]]) @ turn + (cx, cy)
+        axes.add_patch(Polygon(corners, facecolor=_SOLID, zorder=0.5))
+    axes.autoscale_view()
+    return axes
+
+
+def draw_scan(axes: Axes, scan: Scan, lidar: Pose) -> Axes:
+    """Draw where the beams of a scan end, seen from the pose of a LiDAR's frame."""
+    angles = lidar.theta + scan.first + scan.increment * np.arange(len(scan.ranges))
+    seen = np.isfinite(scan.ranges)
+    x, y = lidar.x + scan.ranges * np.cos(angles), lidar.y + scan.ranges * np.sin(angles)
+    _plot(axes, x[seen], y[seen], _SCAN)
+    return axes
+
+
 def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "y", "theta"]) -> Axes:
     """Draw x, y or the heading over time: truth, estimate with its band, measurements and the waypoint's.
 
@@ -132,12 +163,20 @@ def draw_heading_error(axes: Axes, trajectory: Trajectory) -> Axes:
     return _draw_errors(axes, trajectory, heading_error, "heading error (rad)")
 
 
-def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figure:
+def tutorial_figure(
+    trajectory: Trajectory,
+    *,
+    title: str | None = None,
+    room: Obstacles | None = None,
+    scan: tuple[Scan, Pose] | None = None,
+) -> Figure:
     """Return a drive at a glance: its trajectory; x, y and heading, commands and position error over time.
 
     Args:
         trajectory: The drive.
         title: What stands above.
+        room: What stood around.
+        scan: The last scan, and the pose of the LiDAR's frame.
     """
     figure = _figure(14.0, 7.0, title)
     panels = figure.subplot_mosaic(
@@ -145,6 +184,10 @@ def tutorial_figure(trajectory: Trajectory, *, title: str | None = None) -> Figu
         width_ratios=[1.75, 1.0, 1.0],
     )
     draw_trajectory(panels["trajectory"], trajectory)
+    if room:
+        draw_room(panels["trajectory"], room)
+    if scan:
+        draw_scan(panels["trajectory"], *scan)
     draw_component(panels["x"], trajectory, "x")
     draw_component(panels["y"], trajectory, "y")
     draw_component(panels["theta"], trajectory, "theta")

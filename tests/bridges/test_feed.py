@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
 
 from turtlebot_gym.values import Command, State
-from turtlebot_gym_ros.node.block import Input
+from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed
 
@@ -25,7 +25,7 @@ class FakeNode:
 def make(*, lock_step=False, **options):
     """Return an input of odometry and the node that it is connected to."""
     feed, node = Feed(Input(topic="odom", type=State, **options), conversion(State), lock_step=lock_step), FakeNode()
-    node.endpoint = feed.connect(node, "hear")
+    node.endpoint = feed.connect(node, "hear", "told")
     return feed, node
 
 
@@ -72,24 +72,24 @@ def test_a_message_in_another_frame_is_refused():
 def test_an_input_is_awaited_and_then_old_half_a_second_after_it_came():
     feed, _ = make()
     assert feed.missing(100.0) == "waits for /robot/odom"
-    assert feed.take(100.0) is None
+    assert feed.take(100.0, 0) is None
     assert feed.stamp is None
     feed.accept("here", 100.0, 7)
     assert feed.missing(100.5) is None
-    assert feed.take(100.5) == "here"
+    assert feed.take(100.5, 0) == "here"
     assert feed.missing(100.5625) == "/robot/odom is older than 0.5 s"
-    assert feed.take(100.5625) is None
+    assert feed.take(100.5625, 0) is None
     feed.accept("there", 101.0, 8)
-    assert feed.take(101.0) == "there"
+    assert feed.take(101.0, 0) == "there"
 
 
 def test_an_optional_input_is_none_where_it_is_missing_or_old():
     feed, _ = make(required=False, max_age=2.0)
     assert feed.missing(100.0) is None
-    assert feed.take(100.0) is None
+    assert feed.take(100.0, 0) is None
     feed.accept("here", 100.0, 7)
-    assert feed.take(102.0) == "here"
-    assert feed.take(102.5) is None
+    assert feed.take(102.0, 0) == "here"
+    assert feed.take(102.5, 0) is None
     assert feed.missing(102.5) is None
 
 
@@ -98,24 +98,24 @@ def test_an_input_without_an_age_holds_its_last_value():
     assert feed.missing(100.0) == "waits for /robot/odom"
     feed.accept("here", 100.0, 7)
     assert feed.missing(1e6) is None
-    assert feed.take(1e6) == "here"
-    assert feed.take(1e6) == "here"  # again: it is no event
+    assert feed.take(1e6, 0) == "here"
+    assert feed.take(1e6, 0) == "here"  # again: it is no event
 
 
 def test_in_lock_step_a_value_does_not_age():
     feed, _ = make(lock_step=True)
     feed.accept("here", 100.0, 7)
-    assert feed.take(1e6) == "here"
+    assert feed.take(1e6, 0) == "here"
     assert feed.stamp == 7
 
 
 def test_what_is_given_once_is_gone_after_one_step():
     feed, _ = make(required=False, once=True)
     feed.accept("goal", 100.0, 7)
-    assert feed.take(100.1) == "goal"
-    assert feed.take(100.1) is None
+    assert feed.take(100.1, 0) == "goal"
+    assert feed.take(100.1, 0) is None
     feed.accept("another", 100.2, 8)
-    assert feed.take(100.2) == "another"
+    assert feed.take(100.2, 0) == "another"
 
 
 def test_after_a_reset_it_waits_for_a_new_value():
@@ -145,3 +145,29 @@ def test_the_diagnostics_count_and_tell_the_age():
     for _ in range(3):
         feed.refuse("its frame is wrong")
     assert feed.figures(101.25) == {"/robot/odom": "0.25 s ago, 2 received, 3 refused"}
+
+
+def test_an_aged_value_comes_with_the_difference_of_the_stamps():
+    feed, _ = make(aged=True)
+    assert feed.take(100.0, 5) is None
+    feed.accept("here", 100.0, 2_000_000_000)
+    assert feed.take(100.0, 2_300_000_000) == Aged("here", 0.3)
+    assert feed.take(100.5, 1_900_000_000) == Aged("here", -0.1)  # from after the step
+    assert feed.take(100.5625, 2_300_000_000) is None  # old by the steady clock, whatever the stamps say
+
+
+def test_a_value_belongs_to_the_step_of_its_stamp_and_of_a_rare_one_that_is_told():
+    feed, _ = make()
+    feed.accept("here", 0.0, 7)
+    assert feed.step == 7
+    rare = Feed(Input(topic="odom", type=State, lock_step="newest"), conversion(State), lock_step=True)
+    assert rare.step is None
+    rare.accept("here", 0.0, 7)
+    assert rare.step is None
+    for newest, step in ((7, 10), (7, 11), (9, None)):
+        rare._newest = (step or 12, newest)
+        assert rare.step == step
+    rare.accept("there", 0.0, 9)
+    assert rare.step == 12
+    rare.forget()
+    assert rare.step is None

@@ -163,7 +163,9 @@ def test_wrong_parameters_are_refused():
         Graph(speed=0.0)
     with pytest.raises(ValueError, match="mode must be one of"):
         Graph(mode="manual")
-    with pytest.raises(RuntimeError, match="ended with exit code 2"), Graph(processes=True, policy="clever"):
+    with pytest.raises(ValueError, match="policy"):  # before a process is started
+        Graph(processes=True, policy="clever")
+    with pytest.raises(RuntimeError, match="ended with exit code 2"), Graph(processes=True, noise="thunder"):
         pass
 
 

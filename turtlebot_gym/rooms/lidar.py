@@ -118,11 +118,14 @@ def time_of_beam(beam: float, lidar: Lidar) -> float:
 
 @kernel
 def age_of_scan(at: int, lidar: Lidar, dt: float) -> float:
-    """Return the age of the newest complete scan at the end of a step, by its stamp, s."""
+    """Return the age of the newest complete scan at the end of a step, by its stamp, s.
+
+    Stamps are whole nanoseconds, and so is the difference of two of them.
+    """
     revolutions = beams_by(at, lidar, dt) // int(lidar.beams)
     first = (revolutions - 1.0) / lidar.rate
     stamp = revolutions / lidar.rate if lidar.stamped_at_end or not lidar.turning else first
-    return max(at * dt - stamp, 0.0)
+    return math.floor(max(at * dt - stamp, 0.0) * 1e9 + 0.5) / 1e9
 
 
 @kernel

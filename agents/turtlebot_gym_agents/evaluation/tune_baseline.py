@@ -21,7 +21,7 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
 from turtlebot_gym_agents.files import replace_json
-from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
+from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers, layout_of_baseline
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.policies.geometric import Range
 from turtlebot_gym_agents.provenance import plain, provenance
@@ -82,7 +82,7 @@ def tune_baseline(
         raise ValueError(f"out must be a file *.json, got {str(path)!r}.")
     robot, dt = options.get("robot", "burger"), options.get("dt", REFERENCE_PERIOD)
     config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": kind.RANGES, **options})
-    made = {"format": FORMAT, "policy": policy, "layout": kind.layout, "robot": describe_robot(robot), "dt": dt}
+    made = {"format": FORMAT, "policy": policy, "layout": layout_of_baseline(policy), "robot": describe_robot(robot), "dt": dt}
     done = _read(path, {**made, "config": config})
     path.parent.mkdir(parents=True, exist_ok=True)
     while len(done) < tries:

@@ -9,7 +9,7 @@ from turtlebot_gym_agents.policies.geometric import (
     RotateDriveRotatePolicy,
 )
 from turtlebot_gym_agents.policies.named import make_policy, pretrained_folder
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, layout_of
 
 __all__ = [
     "POLICIES",
@@ -20,6 +20,7 @@ __all__ = [
     "PolicyWithMemory",
     "ProportionalPolicy",
     "RotateDriveRotatePolicy",
+    "layout_of",
     "make_policy",
     "pretrained_folder",
 ]

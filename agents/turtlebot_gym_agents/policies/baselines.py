@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from turtlebot_gym import Robot
+from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.policies.geometric import (
@@ -18,7 +18,7 @@ from turtlebot_gym_agents.policies.geometric import (
     ProportionalPolicy,
     RotateDriveRotatePolicy,
 )
-from turtlebot_gym_agents.policies.policy import Policy
+from turtlebot_gym_agents.policies.policy import Policy, layout_of
 from turtlebot_gym_agents.policies.reactive import DynamicWindowPolicy, FollowTheGapPolicy, VectorFieldHistogramPolicy
 
 FORMAT = "turtlebot-gym-baseline/1"
@@ -46,6 +46,11 @@ POLICIES: dict[str, Baseline] = {
 }
 """The baselines by name: made with a robot and a control interval, and tunable numbers as keywords. The last three are for
 rooms."""
+
+
+def layout_of_baseline(name: str) -> int:
+    """Return the layout of the observations that a baseline is made for; those for open ground drive in rooms, too."""
+    return layout_of(choose("policy", name, POLICIES)) or OBSERVATION_LAYOUT
 
 
 def default_numbers(name: str) -> dict[str, float]:
@@ -78,7 +83,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         policy = kind(Robot(**limits), made_dt, **numbers)
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # also what is not JSON, or not text
         raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
-    ours = {"format": FORMAT, "layout": kind.layout}
+    ours = {"format": FORMAT, "layout": layout_of_baseline(name)}
     if found != ours:
         raise ValueError(f"{path}: made as {found}, but this version reads {ours}.")
     require_fit(path, made_for, made_dt, robot, dt)

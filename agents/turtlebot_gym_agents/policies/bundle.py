@@ -110,6 +110,8 @@ class BundlePolicy:
             raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
         self.card = Card(**told)
         """What it was trained for."""
+        self.layout: int = self.card.layout
+        """Layout of the observations that it takes."""
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self._input = self._session.get_inputs()[0].name
 

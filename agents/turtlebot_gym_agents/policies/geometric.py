@@ -17,7 +17,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import SIZES
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT, Observation
+from turtlebot_gym.tasks import Observation
 
 _TINY = 1e-12  # instead of zero in a denominator
 
@@ -44,7 +44,6 @@ class ProportionalPolicy:
         komega: Gain on the heading still to turn, 1/s.
     """
 
-    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {"kv": Range(0.1, 5.0, log=True), "komega": Range(0.3, 10.0, log=True)}
 
     def __init__(
@@ -80,7 +79,6 @@ class BearingPolicy:
             across its goal.
     """
 
-    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {
         "gain": Range(0.3, 20.0, log=True),
         "focus": Range(0.0, 3.0),
@@ -136,7 +134,6 @@ class CornerPolicy:
         **steering: Passed to `BearingPolicy`.
     """
 
-    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {"cut": Range(0.05, 0.4), "depth": Range(0.3, 0.85), **BearingPolicy.RANGES}
 
     def __init__(
@@ -183,7 +180,6 @@ class PolarPolicy:
         Aicardi, Casalino, Bicchi, Balestrino, "Closed loop steering of unicycle-like vehicles via Lyapunov techniques" (1995).
     """
 
-    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {
         "gamma": Range(0.2, 5.0, log=True),
         "k": Range(0.5, 10.0, log=True),
@@ -224,7 +220,6 @@ class RotateDriveRotatePolicy:
         **steering: Passed to `BearingPolicy`.
     """
 
-    layout: ClassVar[int] = OBSERVATION_LAYOUT
     RANGES: ClassVar[Mapping[str, Range]] = {"stop": Range(0.02, 0.15), **BearingPolicy.RANGES}
 
     def __init__(

@@ -1,4 +1,8 @@
-"""What a policy is: any callable from observations (..., 13) to actions (..., 2); one with memory also has ``reset(mask)``."""
+"""What a policy is: any callable from observations (..., n) to actions (..., 2); one with memory also has ``reset(mask)``.
+
+How many numbers it observes is said by its attribute ``layout``: 1 for the 13 of open ground, 2 for the 50 of a room. One that
+says nothing takes the first 13 of either.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,14 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.systems import SIZES
+
 
 class Policy(Protocol):
-    """What drives: a callable from observations, layout 1, to actions."""
+    """What drives: a callable from observations to actions."""
 
     def __call__(self, observations: NDArray[np.float32], /) -> NDArray[np.float32]:
-        """Return actions (..., 2) in [-1, 1], shares of the robot's limits, for observations (..., 13)."""
+        """Return actions (..., 2) in [-1, 1], shares of the robot's limits, for observations (..., n)."""
         ...
 
 
@@ -23,3 +29,15 @@ class PolicyWithMemory(Policy, Protocol):
     def reset(self, mask: NDArray[np.bool_], /) -> None:
         """Forget what was observed where the mask (...) is true: an episode begins there."""
         ...
+
+
+def layout_of(policy: Policy) -> int | None:
+    """Return the layout of the observations that a policy is made for; None where it says nothing.
+
+    Raises:
+        ValueError: If there is no such layout.
+    """
+    layout = getattr(policy, "layout", None)
+    if layout is not None and layout not in SIZES:
+        raise ValueError(f"a policy's layout must be one of {', '.join(map(str, SIZES))}, got {layout!r}.")
+    return layout

@@ -121,7 +121,7 @@ def test_files(tmp_path, name, text):
         ("a.csv", "x,y,theta\n1,2\n", "entry 1"),
         ("a.csv", "1,2,north\n", "entry 1"),
         ("a.csv", "x,y,theta\n", "one or more finite poses"),
-        ("a.txt", "1 2 3", "must be 'square' or a"),
+        ("a.txt", "1 2 3", "'room', or a"),
     ],
 )
 def test_a_malformed_file_is_refused(tmp_path, name, text, said):

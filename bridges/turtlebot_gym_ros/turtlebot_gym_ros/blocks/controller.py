@@ -13,23 +13,27 @@ from numpy.typing import NDArray
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.tasks import NAV, arrived, observe, stated_deviations
+from turtlebot_gym.rooms.lidar import MAX_AGE
+from turtlebot_gym.rooms.scan import Pooling, Scan
+from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
+from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, arrived, observe, stated_deviations
 from turtlebot_gym.values import STOP, Command, Pose
-from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
-from turtlebot_gym_ros.node.block import Input, On, Output
+from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
+from turtlebot_gym_ros.node.block import Aged, Input, On, Output
 
 VARIANCE_FLOOR = 1e-6
 """A stated variance of exactly zero is taken as (1 mm)^2 or (1 mrad)^2: nobody knows a pose exactly."""
 
 
 class VelocityController:
-    """Drive to the reference by a policy. There is no obstacle avoidance: it sees poses, not the room.
+    """Drive to the reference by a policy. One of observation layout 2 sees the room by a LiDAR; any other sees poses only.
 
     It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: the
     robot is stopped and left to others, until the reference changes.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
-    ``next_reference``; optional: the waypoint after it). All in the world frame.
+    ``next_reference``; optional: the waypoint after it), all in the world frame; for a policy of layout 2 also ``scan``
+    (`Scan`, on ``scan``, of a whole turn).
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
     Parameters: those of `Params`.
     """
@@ -46,6 +50,10 @@ class VelocityController:
         """Period for which the policy was made, s. Estimates that come more slowly are an error."""
         goal_tolerance: float = 0.15
         """Believed distance to a last waypoint within which the robot is done, m; 0 never is."""
+        lidar_yaw: float = 0.0
+        """Direction of the LiDAR's frame in the robot's, rad: pi/2 on a TurtleBot 4."""
+        lidar_beams: int = 0
+        """How many beams a scan must have; 0 for any number."""
 
         def __post_init__(self) -> None:
             if not 0.001 <= self.period <= 10.0:
@@ -53,6 +61,10 @@ class VelocityController:
             if not (self.goal_tolerance == 0.0 or 0.01 <= self.goal_tolerance < math.inf):
                 rule = "must be 0, or at least 0.01 m, the resolution of a TurtleBot3"
                 raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")
+            if not math.isfinite(self.lidar_yaw):
+                raise ValueError(f"lidar_yaw must be finite, got {self.lidar_yaw!r}.")
+            if self.lidar_beams < 0:
+                raise ValueError(f"lidar_beams must be 0 or a number of beams, got {self.lidar_beams!r}.")
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
@@ -67,8 +79,13 @@ class VelocityController:
         self._policy = make_policy(params.policy, robot=self._robot, dt=params.period)
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
-        self.observation: NDArray[np.float32] = np.zeros(13, np.float32)
-        """What the policy was last given; shape (13,)."""
+        layout = layout_of(self._policy) or OBSERVATION_LAYOUT
+        if layout == ROOM_LAYOUT:
+            scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, reliable=False)
+            self.inputs = {**self.inputs, "scan": scan}
+        self._pool = Pooling(yaw=params.lidar_yaw, beams=params.lidar_beams)
+        self.observation: NDArray[np.float32] = np.zeros(SIZES[layout], np.float32)
+        """What the policy was last given; shape (n,), as its layout says."""
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
         """What it answered; shape (2,)."""
         self.reset()
@@ -77,9 +94,11 @@ class VelocityController:
         """Forget the last episode, also in a policy with memory."""
         self._done_with: Pose | None = None
         if isinstance(self._policy, PolicyWithMemory):
-            self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., 13)
+            self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
 
-    def step(self, dt: float, estimate: Estimate, reference: Pose, following: Pose | None) -> dict[str, Any]:
+    def step(
+        self, dt: float, estimate: Estimate, reference: Pose, following: Pose | None, scan: Aged | None = None
+    ) -> dict[str, Any]:
         """Return the command, or nothing where the robot is done."""
         mean, P = estimate.belief
         if min(P.xx, P.yy, P.tt) <= 0.0:
@@ -93,7 +112,8 @@ class VelocityController:
             return {}
         self._done_with = None
         seen = observe(mean, stated_deviations(P), estimate.nis, reference, following or reference, self._robot)
-        self.observation = np.array(seen, np.float32)
+        ranges = () if scan is None else (*self._pool(scan.value), min(max(scan.age, 0.0), MAX_AGE))
+        self.observation = np.array((*seen, *ranges), np.float32)
         self.action = np.asarray(self._policy(self.observation), np.float32)
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must answer with two finite numbers, got {self.action!r}")

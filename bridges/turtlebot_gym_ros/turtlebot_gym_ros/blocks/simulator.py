@@ -7,23 +7,44 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.systems import Episode, make_parameters
-from turtlebot_gym.tasks import NAV
+from turtlebot_gym.rooms.lidar import Lidar, beams_by
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
+from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
+from turtlebot_gym.systems import Episode, make_parameters, make_room
+from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Pose, Senses, State
-from turtlebot_gym_ros.node.block import Every, Input, Output
+from turtlebot_gym_ros.node.block import Aged, Every, Input, Output
 
 THROUGH = {"estimate": Estimate, "reference": Pose, "next_reference": Pose}
 """Topics over which a step's odometry leads to the command that answers it, in their order."""
+ROOM_OUTPUTS = {
+    "scan": Output(topic="scan", type=Scan, newest=True, reliable=False),
+    "goal": Output(topic="room_goal", type=Pose),
+    "clearance": Output(topic="clearance", type=Clearance),
+    "obstacles": Output(topic="obstacles", type=Obstacles),
+}
+"""What is said besides in a room."""
+OPEN_GROUND = ("open", "")
+"""Worlds without a room."""
+SHOWN_EVERY = 5
+"""Steps from one picture of the obstacles to the next."""
 
 
 class TurtlebotSimulator:
     """Simulate a TurtleBot: each step is the environment's, with the noise that it would have for the same seed and episode.
 
+    In a ``world`` it stands in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a LiDAR. Contact is
+    judged as there, but nothing is solid: an episode's first contact is reported, and the robot goes on.
+
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
-    out, with the twist that the wheels executed), both in the world frame. Parameters: those of `Params`. A reset begins the
-    next episode.
+    out, with the twist that the wheels executed), both in the world frame. In a room also ``scan`` (`Scan`, on ``scan``, each
+    when it is complete, with the LiDAR's stamps), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
+    ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers. Parameters:
+    those of `Params`. A reset begins the next episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,10 +69,22 @@ class TurtlebotSimulator:
         heard."""
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
+        world: str = "open"
+        """The room around it: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo
+        world."""
+        lidar: str = "lds01"
+        """In a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
 
         def __post_init__(self) -> None:
+            if self.in_room and self.random_start:
+                raise ValueError("random_start must be false in a world: the room says where the robot starts.")
             if not 0 <= self.seed <= MAX_SEED:
                 raise ValueError(f"seed must be in [0, {MAX_SEED}], got {self.seed!r}.")
+
+        @property
+        def in_room(self) -> bool:
+            """Whether there is a room around it."""
+            return self.world not in OPEN_GROUND
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
@@ -60,16 +93,27 @@ class TurtlebotSimulator:
     }
 
     def __init__(self, params: Params) -> None:
-        task = replace(NAV, random=params.random_start, max_steps=math.inf)
+        task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
         p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
         self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
-        self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed)  # it has no waypoints: others drive
+        plan, self._lidar = None, None
+        if params.in_room:
+            world, self._lidar = find_world(params.world), find_lidar(params.lidar)
+            p = p._replace(room=make_room(world, self._lidar, p.dt))
+            if isinstance(world, FloorPlan):
+                plan = world
+                require_a_way(plan, p.robot.radius)
+            self.outputs = {**self.outputs, **ROOM_OUTPUTS}
+        self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # the waypoints are others' business
         self._begun = False
+        self.notice: str | None = None
+        """The first contact of the episode, in words."""
 
     def reset(self) -> None:
         """Begin the next episode."""
         self._episode.reset()
         self._begun = False
+        self.notice = None
 
     def step(self, dt: float, command: Command | None) -> dict[str, Any]:
         """Return the first measurement; from the second call on, the result of a control interval."""
@@ -77,4 +121,21 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
-        return {"truth": world.body.true_state, "odometry": world.senses}
+        said = {"truth": world.body.true_state, "odometry": world.senses}
+        return said if self._lidar is None else {**said, **self._look_round(self._lidar)}
+
+    def _look_round(self, lidar: Lidar) -> dict[str, Any]:
+        """Return what is said of the room: a scan only where one is complete."""
+        episode, dt = self._episode, self._episode.parameters.dt
+        at, room = int(episode.world.steps), episode.world.room
+        if room.collided and self.notice is None:
+            self.notice = f"contact after {at * dt:.1f} s: the environment's episode ends here."
+        said: dict[str, Any] = {"goal": episode.waypoints[0], "clearance": Clearance(room.clearance)}
+        if at == 0 or beams_by(at, lidar, dt) // lidar.beams > beams_by(at - 1, lidar, dt) // lidar.beams:
+            beam_period = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
+            ranges = episode.scene.ranges[1, : lidar.beams].copy()
+            scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
+            said["scan"] = Aged(scan, room.scan_age)
+        if at % SHOWN_EVERY == 0:
+            said["obstacles"] = obstacles_of(episode.scene)
+        return said

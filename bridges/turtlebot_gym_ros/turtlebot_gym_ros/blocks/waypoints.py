@@ -23,7 +23,8 @@ class WaypointGenerator:
     ``arrival="belief"``. By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint
     stays. A pose from RViz takes the place of all waypoints. A reset begins with the first one again.
 
-    Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional).
+    Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional), and where
+    ``waypoints`` is "room", ``room_goal`` (`Pose`, on ``room_goal``; optional).
     Outputs: ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame.
     Parameters: those of `Params`.
     """
@@ -33,7 +34,8 @@ class WaypointGenerator:
         """Parameters of the waypoints."""
 
         waypoints: str = "square"
-        """"square", the tutorial's, or the path of a YAML or CSV file with x, y (m) and theta (rad)."""
+        """"square", the tutorial's; "room", the goal of the simulator's room; or the path of a YAML or CSV file with x, y (m)
+        and theta (rad)."""
         switch: str = "arrival"
         """When the next waypoint is taken: on "arrival", as the filter believes, or after a "time", reached or not."""
         switch_period: float = SQUARE_PERIOD
@@ -62,26 +64,34 @@ class WaypointGenerator:
     }
 
     def __init__(self, params: Params) -> None:
-        given = SQUARE_WAYPOINTS if params.waypoints == "square" else load_waypoints(params.waypoints)
+        in_room = params.waypoints == "room"
+        if in_room:
+            room_goal = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
+            self.inputs = {**self.inputs, "room_goal": room_goal}
+        given = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else load_waypoints(params.waypoints)
         task, self._waypoints = make_task("square", waypoints=given, switch=params.switch, laps=params.laps)
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
-        self._relative = params.relative
+        self._relative, self._in_room = params.relative, in_room
         self.trigger = Every(params.period, answers="estimate")
         self.reset()
 
     def reset(self) -> None:
         """Begin with the first waypoint again."""
-        self._poses: Sequence[Pose] = () if self._relative else self._waypoints
+        self._poses: Sequence[Pose] = () if self._relative or self._in_room else self._waypoints
+        self._room_goal: Pose | None = None
         self._laps = self._task.laps
         self._visited = 0
         self._steps = 0
 
-    def step(self, dt: float, estimate: Estimate | None, goal: Pose | None) -> dict[str, Pose]:
+    def step(self, dt: float, estimate: Estimate | None, goal: Pose | None, room_goal: Pose | None = None) -> dict[str, Pose]:
         """Return the waypoint to reach and the one after it; nothing before they are known."""
+        if room_goal is not None and room_goal != self._room_goal:  # another episode's
+            self._room_goal = room_goal
+            goal = room_goal if goal is None else goal
         if goal is not None:
             self._poses, self._laps, self._visited, self._steps = (goal,), 1.0, 0, 0
         if not self._poses:
-            if estimate is None:
+            if estimate is None or self._in_room:
                 return {}
             origin = estimate.belief.mean
             self._poses = [_compose(Pose(origin.x, origin.y, origin.theta), pose) for pose in self._waypoints]
@@ -121,7 +131,7 @@ def load_waypoints(path: str) -> list[Pose]:
     """
     file = Path(path).expanduser()
     if file.suffix not in (".yaml", ".yml", ".csv"):
-        raise ValueError(f"waypoints must be 'square' or a .yaml, .yml or .csv file, got {path!r}.")
+        raise ValueError(f"waypoints must be 'square', 'room', or a .yaml, .yml or .csv file, got {path!r}.")
     try:
         rows = _read_csv(file) if file.suffix == ".csv" else _read_yaml(file)
     except (OSError, UnicodeDecodeError) as error:

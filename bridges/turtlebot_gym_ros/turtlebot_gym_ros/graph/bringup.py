@@ -11,10 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.node.runner import refuse
 from turtlebot_gym_ros.nodes import MODES
@@ -53,11 +60,40 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
     }
 
 
+def room_metrics(trajectory: Trajectory, clearance: NDArray[np.float64]) -> dict[str, float]:
+    """Return how an episode in a room ended, by the true pose, as the environment judges it.
+
+    The first contact or arrival ends it; what came after does not count.
+
+    Args:
+        trajectory: The drive.
+        clearance: Between the footprint and the room in each row, shape (T,), m.
+    """
+    poses = zip(trajectory.true_state.tolist(), trajectory.reference.tolist(), strict=True)
+    there = [at > 0 and arrived(State(*state), Pose(*goal), ROOM) for at, (state, goal) in enumerate(poses)]
+    contact = clearance < 0.0
+    ended = np.flatnonzero(contact | there)
+    end = int(ended[0]) if len(ended) else len(there) - 1
+    return {
+        "collision": float(contact[end]),
+        "goal reached": float(there[end] and not contact[end]),
+        "end of the episode": float(trajectory.time[end]),
+        "least clearance": float(np.nanmin(clearance[: end + 1])),
+    }
+
+
+def mounted(state: State, lidar: Lidar) -> Pose:
+    """Return the pose of a LiDAR's frame on a robot."""
+    sine, cosine = sincos(state.theta)
+    x, y = state.x + lidar.x * cosine - lidar.y * sine, state.y + lidar.x * sine + lidar.y * cosine
+    return Pose(x, y, wrap(state.theta + lidar.yaw))
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bringup",
-        description="Run the closed loop as a ROS 2 graph on this machine. The simulated robot has no obstacles to avoid; "
-        "a real one has, and no policy here sees them.",
+        description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
+        "no obstacles to avoid; a real one has, and only a policy of observation layout 2 sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
@@ -68,8 +104,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
     parser.add_argument("--filter", help='"matched" (default) or "tutorial"')
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
+    parser.add_argument("--world", help="a room: dense, office, ... or a Gazebo world's file; its goal is the waypoint")
+    parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
     parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
-    parser.add_argument("--seed", type=int, help="of the noise")
+    parser.add_argument("--seed", type=int, help="of the noise, and of the room")
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
     parser.add_argument("--json", type=Path, help="write the metrics to this file")
     return parser
@@ -90,6 +128,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             except KeyboardInterrupt:
                 print("interrupted", file=sys.stderr)
             trajectory = graph.trajectory()
+            clearance = graph.clearance() if graph.in_room else None
+            latest = dict(graph.latest)
     except KeyboardInterrupt:
         return 0
     except (ValueError, RuntimeError) as error:
@@ -97,13 +137,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     if len(trajectory.time) < 2:
         return 0
     figures = metrics(trajectory)
+    if clearance is not None:
+        figures |= room_metrics(trajectory, clearance[: len(trajectory.time)])
     for name, value in figures.items():
         print(f"{name:<26}{value:10.3f}")
     if report:
         report.write_text(json.dumps({"options": given, "metrics": figures}, indent=2) + "\n")
     if figure:
-        from turtlebot_gym.plotting import tutorial_figure
-
-        tutorial_figure(trajectory).savefig(figure)
+        lidar = LIDARS[given.get("lidar", TurtlebotSimulator.Params().lidar)]
+        scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
+        tutorial_figure(trajectory, room=latest.get("obstacles"), scan=scan).savefig(figure)
         print(f"figure written to {figure}")
     return 0

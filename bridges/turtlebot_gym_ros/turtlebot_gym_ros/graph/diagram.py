@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 BEHIND_GUARD = {name: entry.guarded for name, entry in NODES.items() if entry.guarded}
 """Where those who command speak, instead of on ``cmd_vel``, when there is a guard."""
-HIDDEN = ("/rosout", "/parameter_events", "/diagnostics", "/clock", "/reset", "/recorded")
+HIDDEN = ("/rosout", "/parameter_events", "/diagnostics", "/clock", "/reset", "/recorded", "/scan/newest")
 """Topics that nearly every node has; they carry nothing of the loop."""
 
 

@@ -9,10 +9,18 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from std_srvs.srv import SetBool, Trigger
 
+from turtlebot_gym.rooms.worlds import find_lidar
+from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.policies import layout_of, make_policy
+from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
+from turtlebot_gym_ros.blocks.simulator import OPEN_GROUND
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.discovery import SETTLE
 from turtlebot_gym_ros.node.parameters import Common
@@ -36,6 +44,8 @@ class Graph:
     Its time is real at speed 1. In autonomous mode it is simulated otherwise, in lock-step: each step waits for its command, so
     that the drive is the environment's of the same seed, to the bit, on any machine. A person's command belongs to no step:
     teleoperation is in real time by default, and runs by a faster or slower clock otherwise.
+
+    With a ``world`` the simulator stands in a room, and its goal is the room's.
 
     Args:
         mode: "autonomous" or "teleoperation".
@@ -68,10 +78,14 @@ class Graph:
             raise ValueError(f"speed must be positive and below 1000, or None, got {speed!r}.")
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
+        if self._autonomous:
+            parameters = fit_room(parameters)
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
         unknown = set(parameters) - {key for each in self._parameters.values() for key in each}
         if unknown:
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
+        self.in_room = parameters.get("world", "open") not in OPEN_GROUND
+        """Whether the simulator stands in a room."""
         self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
         try:
             Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
@@ -98,7 +112,7 @@ class Graph:
         """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
         try:
-            self._recorder = Recorder(self._runner.context, stamped=self._stamped, lock_step=self._lock_step)
+            self._recorder = Recorder(self._runner.context, stamped=self._stamped, lock_step=self._lock_step, room=self.in_room)
             self._runner.add(self._recorder)
             for name in self._names:
                 self._start(name)
@@ -145,7 +159,8 @@ class Graph:
 
     @property
     def latest(self) -> Mapping[str, Any]:
-        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"."""
+        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel", and in a world "clearance",
+        "scan" and "obstacles"."""
         return self._recorder.latest
 
     @property
@@ -166,6 +181,10 @@ class Graph:
     def trajectory(self) -> Trajectory:
         """Return the drive so far."""
         return self._recorder.trajectory()
+
+    def clearance(self) -> NDArray[np.float64]:
+        """Return the clearance in each row of the drive so far, shape (T,), m; in a world only."""
+        return self._recorder.clearance()
 
     def wait_until(self, condition: Callable[[Graph], Any], *, timeout: float | None = 60.0) -> None:
         """Wait until a condition on the graph holds.
@@ -197,6 +216,24 @@ class Graph:
             time.sleep(SETTLE)  # until their leaving has been heard, see `discovery.leave`
         self._processes.clear()
         self._runner.close()
+
+
+def fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a graph, with those that follow from its world where they are not given.
+
+    Raises:
+        ValueError: If the policy is made for a room and there is none, or the reverse.
+    """
+    world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
+    layout = layout_of(make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1)))
+    if layout == ROOM_LAYOUT and world in OPEN_GROUND:
+        raise ValueError(f"policy {name!r} sees by a LiDAR (observation layout {layout}): it needs a world.")
+    if layout == OBSERVATION_LAYOUT and world not in OPEN_GROUND:
+        raise ValueError(f"policy {name!r} was made for open ground (observation layout {layout}), not for a world.")
+    if world in OPEN_GROUND:
+        return dict(parameters)
+    lidar = find_lidar(parameters.get("lidar", TurtlebotSimulator.Params().lidar))
+    return {"waypoints": "room", "lidar_yaw": lidar.yaw, "lidar_beams": lidar.beams, **parameters}
 
 
 def _ros(value: Any) -> str:

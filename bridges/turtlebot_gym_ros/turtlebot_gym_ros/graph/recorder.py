@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -23,6 +24,7 @@ from std_msgs.msg import Header, String
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Command, Pose, Senses, State
 from turtlebot_gym_ros.node.convert import conversion
@@ -41,6 +43,8 @@ TOPICS: dict[str, type] = {
 """What it hears, and as which values."""
 STEP = ("true_state", "odom", "estimate", "reference")
 """The topics of a row; the reference is not tied to a step in real time."""
+ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles": Obstacles}
+"""What it hears besides of a simulator in a room."""
 TELL = 50
 """After so many steps it says how far it has heard, so that the plant does not outrun it."""
 
@@ -52,10 +56,19 @@ class Recorder:
         context: The rclpy context.
         stamped: Whether velocities travel as TwistStamped.
         lock_step: Whether the graph is in lock-step: a row is then complete, and a leap of the stamps begins another episode.
+        room: Whether the simulator is in a room: a row then holds the clearance too.
         name: The node's name.
     """
 
-    def __init__(self, context: Context, *, stamped: bool = True, lock_step: bool = False, name: str = "bringup") -> None:
+    def __init__(
+        self,
+        context: Context,
+        *,
+        stamped: bool = True,
+        lock_step: bool = False,
+        room: bool = False,
+        name: str = "bringup",
+    ) -> None:
         self.node = Node(name, context=context)
         self._lock = Lock()
         self.latest: dict[str, Any] = {}
@@ -65,6 +78,8 @@ class Recorder:
         self.state = "silent"
         """The controller's state."""
         self._lock_step = lock_step
+        self._step = (*STEP, "clearance") if room else STEP
+        self._sampled = self._step if lock_step else tuple(topic for topic in self._step if topic not in STEP[3:])
         self._rows: dict[int, dict[str, Any]] = {}
         self._last: int | None = None
         self._span = -1
@@ -72,7 +87,7 @@ class Recorder:
         self._waits_for_rest = False
         self._heard: list[Subscription] = []
         self._tell = self.node.create_publisher(Header, "recorded", LOCK_STEP)
-        for topic, kind in TOPICS.items():
+        for topic, kind in (TOPICS | (ROOM_TOPICS if room else {})).items():
             way = conversion(kind, stamped=stamped)
             qos, group = (LOCK_STEP, Swift()) if lock_step else (SENSOR, None)
             hear = self._hear(topic, way.read)
@@ -85,7 +100,7 @@ class Recorder:
             value = read(message)
             with self._lock:
                 self.latest[topic] = value
-                if topic not in (STEP if self._lock_step else STEP[:3]):
+                if topic not in self._sampled:
                     return
                 stamp = Time.from_msg(message.header.stamp).nanoseconds
                 if self._lock_step:
@@ -109,9 +124,9 @@ class Recorder:
                 self._first, self._span = stamp, -1
             self._last = stamp
         row = self._rows.setdefault(stamp, {})
-        again = topic == "true_state" and len(row) == len(STEP)
+        again = topic == "true_state" and len(row) == len(self._step)
         row[topic] = value
-        if len(row) < len(STEP):
+        if len(row) < len(self._step):
             return
         self._span = max(self._span, stamp - self._first)
         if again or stamp == self._first or len(self._rows) % TELL == 0:
@@ -155,8 +170,8 @@ class Recorder:
                 return max(self._span, 0) / 1e9
             return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
-    def trajectory(self) -> Trajectory:
-        """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step.
+    def _collect(self) -> list[tuple[int, dict[str, Any]]]:
+        """Return the rows so far by their stamps; in lock-step up to the last complete step.
 
         Raises:
             RuntimeError: If in lock-step a step before that one was not heard as a whole.
@@ -165,7 +180,24 @@ class Recorder:
             first, end = (self._first, self._first + self._span) if self._lock_step else (-math.inf, math.inf)
             rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows) if first <= stamp <= end]
         if self._lock_step:
-            _require_whole(rows)
+            _require_whole(rows, len(self._step))
+        return rows
+
+    def clearance(self) -> NDArray[np.float64]:
+        """Return the clearance in each row of `trajectory`, shape (T,), m; NaN where it was not heard.
+
+        Raises:
+            RuntimeError: As `trajectory`.
+        """
+        return np.array([row["clearance"].distance if "clearance" in row else np.nan for _, row in self._collect()])
+
+    def trajectory(self) -> Trajectory:
+        """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step.
+
+        Raises:
+            RuntimeError: If in lock-step a step before that one was not heard as a whole.
+        """
+        rows = self._collect()
         nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3}
 
         def column(topic: str, pick: Callable[[Any], Any] = tuple) -> Any:
@@ -197,9 +229,9 @@ class Recorder:
         self.node.destroy_node()
 
 
-def _require_whole(rows: list[tuple[int, dict[str, Any]]]) -> None:
+def _require_whole(rows: list[tuple[int, dict[str, Any]]], topics: int) -> None:
     """Refuse rows of which one is incomplete or missing."""
     stamps = [stamp for stamp, _ in rows]
     gaps = {after - before for before, after in pairwise(stamps)}
-    if len(gaps) > 1 or any(len(row) < len(STEP) for _, row in rows):
+    if len(gaps) > 1 or any(len(row) < topics for _, row in rows):
         raise RuntimeError(f"the recorder lost some of {len(rows)} steps: the machine was too busy for it.")

@@ -35,11 +35,13 @@ class ByAnswers(Drive):
     def heard(self, key: str, stamp: int) -> None:
         """Answer the step if it is complete, or once more."""
         hands, rule = self._hands, self._rule
-        turn, gap = rule.hear(key, {name: feed.stamp for name, feed in hands.feeds.items()})
+        steps = {name: feed.step for name, feed in hands.feeds.items()}
+        turn, gap = rule.hear(key, steps)
         if gap:
             hands.node.get_logger().info(f"{gap}: a new episode.")
             hands.begin()
-            turn, _ = rule.hear(key, {name: feed.stamp for name, feed in hands.feeds.items()})
+            turn, _ = rule.hear(key, steps)
+        stamp = steps[rule.messages.input] or 0
         if turn is Turn.REPEAT and hands.may_move():
             hands.outputs.publish_again()
         if turn is Turn.HOLD and hands.outputs.moving and hands.may_move():

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,10 @@ class Input:
     """Whether each value is delivered to a single step."""
     lock_step: str = "latest"
     """What a step in lock-step takes: "latest", the value at hand; "same", the value of the step's own stamp, for which it
-    waits; or "refused", where the value belongs to no step."""
+    waits; "newest", the last one that its output had said by that step, for which it waits too; or "refused", where the value
+    belongs to no step."""
+    aged: bool = False
+    """Whether ``step`` is given the value with its age by the stamps, as an `Aged`."""
     reliable: bool = True
     """Whether lost messages are sent again; without, publishers of either kind are understood."""
 
@@ -44,6 +47,19 @@ class Output:
 
     A block with such an output moves a robot: it starts disabled and is switched by the service ``~/enable``.
     """
+    newest: bool = False
+    """Whether it does not come in every step. In lock-step it then also says, in each step on ``TOPIC/newest``, which message
+    is the newest one, for inputs that wait for that."""
+    reliable: bool = True
+    """Whether lost messages are sent again, outside of lock-step; without, as sensors publish."""
+
+
+class Aged(NamedTuple):
+    """A value that was measured before the step: an output may be one, and an input is where it says so."""
+
+    value: Any
+    age: float
+    """The step's stamp minus the value's, s; negative for a value from after the step's stamp."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +97,16 @@ class On:
     """Decimate to this period, s; 0 runs on every message."""
     max_gap: float = 1.0
     """Gap between two messages from which on the block is reset, s."""
+
+
+@runtime_checkable
+class Notices(Protocol):
+    """A block that notices something which a person should know of: it is logged, and stands in the diagnostics."""
+
+    @property
+    def notice(self) -> str | None:
+        """One line; None where there is nothing."""
+        ...
 
 
 class Block(Protocol):

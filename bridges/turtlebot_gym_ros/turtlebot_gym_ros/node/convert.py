@@ -23,10 +23,15 @@ from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
+from turtlebot_gym_ros.node.scans import read_clearance, read_scan, write_clearance, write_scan
 
 _NIS = 14
 # Row-major 6 x 6, in the order x y z roll pitch yaw: the diagonal places that a planar robot does not use.
@@ -239,3 +244,6 @@ register(
     lambda belief, header: _estimate_to_message(Estimate(belief, 0.0, 0.0), header),
     in_world=True,
 )
+register(Scan, LaserScan, read_scan, write_scan)
+register(Obstacles, MarkerArray, read_obstacles, write_obstacles, in_world=True)
+register(Clearance, Range, read_clearance, write_clearance)

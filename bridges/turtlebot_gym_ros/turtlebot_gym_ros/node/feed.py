@@ -7,12 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.time import Time
+from sensor_msgs.msg import TimeReference
 
-from turtlebot_gym_ros.node.block import Input
+from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import Conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
 from turtlebot_gym_ros.node.qos import LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.node.swift import Swift
+from turtlebot_gym_ros.node.triggers import SECOND
 
 
 class Feed:
@@ -29,14 +32,29 @@ class Feed:
         self._lock_step = lock_step
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
+        self._newest: tuple[int, int] | None = None  # a step, and the stamp of the newest value there was by then
         self.conversion = conversion
         self.refusal: str | None = None
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced as one, since two threads look at it
 
-    def connect(self, node: Node, hear: Callable[[Any], None]) -> Endpoint:
-        """Subscribe to its topic, and return that as the diagnostics want it."""
+    def connect(self, node: Node, hear: Callable[[Any], None], told: Callable[[], None]) -> Endpoint:
+        """Subscribe to its topic, and return that as the diagnostics want it.
+
+        Args:
+            node: The node.
+            hear: Called with each message.
+            told: Called when it has become known to which step the newest value belongs.
+        """
         kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
+        if self._lock_step and self.declared.lock_step == "newest":
+
+            def tell(message: TimeReference) -> None:
+                self._newest = Time.from_msg(message.header.stamp).nanoseconds, Time.from_msg(message.time_ref).nanoseconds
+                told()
+
+            topic = f"{self.declared.topic}/newest"
+            self._teller = node.create_subscription(TimeReference, topic, tell, LOCK_STEP, callback_group=Swift())
         self._subscription = node.create_subscription(
             kind,
             self.declared.topic,
@@ -47,6 +65,14 @@ class Feed:
         )
         self.topic: str = self._subscription.topic_name
         return Endpoint(self.topic, type_name(kind), False)
+
+    @property
+    def step(self) -> int | None:
+        """The stamp of the step in lock-step to which the latest value belongs, ns; None where that is not known."""
+        if self.declared.lock_step != "newest":
+            return self.stamp
+        step, newest = self._newest or (None, None)
+        return step if newest == self.stamp else None
 
     def read(self, message: Any, frame: str) -> Any:
         """Return a message's value.
@@ -73,7 +99,7 @@ class Feed:
 
     def forget(self) -> None:
         """Forget the latest value."""
-        self._latest = self.stamp = None
+        self._latest = self.stamp = self._newest = None
 
     def _is_fresh(self, now: float) -> bool:
         latest, limit = self._latest, self.declared.max_age
@@ -85,12 +111,14 @@ class Feed:
             return None
         return f"waits for {self.topic}" if self._latest is None else f"{self.topic} is older than {self.declared.max_age} s"
 
-    def take(self, now: float) -> Any:
-        """Return the value for a step, None where it is missing."""
+    def take(self, now: float, stamp: int) -> Any:
+        """Return the value for a step at a stamp, ns; None where it is missing."""
         latest = self._latest
         value = latest[0] if latest is not None and self._is_fresh(now) else None
         if self.declared.once:
             self._latest = None
+        if value is not None and self.declared.aged and self.stamp is not None:
+            return Aged(value, (stamp - self.stamp) / SECOND)
         return value
 
     def figures(self, now: float) -> dict[str, str]:

@@ -65,7 +65,7 @@ class Answers:
     def __init__(self, trigger: On, inputs: Mapping[str, Input]) -> None:
         self.messages = Messages(trigger)
         self._input = trigger.input
-        self._tied = {trigger.input, *(key for key, each in inputs.items() if each.lock_step == "same")}
+        self._tied = {trigger.input, *(key for key, each in inputs.items() if each.lock_step in ("same", "newest"))}
         self.reset()
 
     def reset(self) -> None:
@@ -88,7 +88,7 @@ class Answers:
 
         Args:
             key: Its name.
-            stamps: The stamps of the latest values of all inputs, ns.
+            stamps: The stamps of the steps to which the latest values of all inputs belong, ns.
 
         Returns:
             The turn, and what to say of a gap, where the block must be reset first.

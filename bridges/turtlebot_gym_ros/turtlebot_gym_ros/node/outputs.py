@@ -8,14 +8,16 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.time import Time
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
 from turtlebot_gym.values import Command
-from turtlebot_gym_ros.node.block import Output
+from turtlebot_gym_ros.node.block import Aged, Output
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
 from turtlebot_gym_ros.node.parameters import Common
-from turtlebot_gym_ros.node.qos import LOCK_STEP, STREAM, overridable
+from turtlebot_gym_ros.node.qos import LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node.triggers import SECOND
 
 
 class Outputs:
@@ -29,16 +31,24 @@ class Outputs:
     """
 
     def __init__(self, node: Node, declared: Mapping[str, Output], common: Common, time: Callable[[], int]) -> None:
-        qos = LOCK_STEP if common.lock_step else STREAM
+        lock_step = common.lock_step
         self._declared, self._common, self._time = declared, common, time
         self._ways = {key: conversion(each.type, stamped=common.enable_stamped_cmd_vel) for key, each in declared.items()}
         self._publishers = {
-            key: node.create_publisher(self._ways[key].message, each.topic, qos, qos_overriding_options=overridable())
+            key: node.create_publisher(
+                self._ways[key].message,
+                each.topic,
+                LOCK_STEP if lock_step else (STREAM if each.reliable else SENSOR),
+                qos_overriding_options=overridable(),
+            )
             for key, each in declared.items()
         }
+        newest = {key: f"{each.topic}/newest" for key, each in declared.items() if lock_step and each.newest}
+        self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         self.moving = [key for key, each in declared.items() if each.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
+        self._step = 0
 
     @property
     def endpoints(self) -> list[Endpoint]:
@@ -51,12 +61,14 @@ class Outputs:
     def message(self, key: str, value: Any, stamp: int) -> Any:
         """Return the message of an output's value.
 
-        Commands are stamped now, all else with the step's stamp, ns; in lock-step commands are as well, since they answer a
-        step.
+        Commands are stamped now, all else with the step's stamp, ns, or by their age before it; in lock-step commands are as
+        well, since they answer a step.
 
         Raises:
             ValueError: If the value is not finite.
         """
+        if isinstance(value, Aged):
+            value, stamp = value.value, stamp - round(value.age * SECOND)
         way, is_command = self._ways[key], self._declared[key].type is Command
         frame = self._common.frame if way.in_world else self._common.body_frame
         now = is_command and not self._common.lock_step
@@ -72,17 +84,28 @@ class Outputs:
             if key in messages:
                 publisher.publish(messages[key])
 
-    def publish_answer(self, messages: Mapping[str, Any]) -> None:
-        """Publish messages that may have to be published again."""
-        self._last = messages
+    def publish_answer(self, messages: Mapping[str, Any], stamp: int) -> None:
+        """Publish the messages of a step, which may have to be published again, and which ones are the newest."""
+        held = {key: self._last[key] for key in self._tellers if key in self._last}
+        self._last, self._step = {**held, **messages}, stamp
         self.publish(messages)
+        self._tell_newest()
+
+    def _tell_newest(self) -> None:
+        """Publish which messages are the newest ones of the outputs that do not come in every step."""
+        for key, teller in self._tellers.items():
+            if key in self._last:
+                header = Header(stamp=Time(nanoseconds=self._step).to_msg())
+                teller.publish(TimeReference(header=header, time_ref=self._last[key].header.stamp))
 
     def publish_again(self, stamp: int | None = None) -> None:
         """Publish the last answer again, under another stamp, ns, where one is given."""
         if stamp is not None:
-            for message in self._last.values():
-                message.header.stamp = Time(nanoseconds=stamp).to_msg()
+            self._step = stamp
+            for key in self._last.keys() - self._tellers.keys():
+                self._last[key].header.stamp = Time(nanoseconds=stamp).to_msg()
         self.publish(self._last)
+        self._tell_newest()
 
     def stops(self, stamp: int = 0) -> dict[str, Any]:
         """Return what stops the robot; in lock-step it answers the step of a stamp, ns, and none without."""
@@ -99,5 +122,5 @@ class Outputs:
 
     def flush(self) -> None:
         """Wait until whoever listens has what was published, for half a second each at most: Fast DDS drops what it has not."""
-        for publisher in self._publishers.values():
+        for publisher in (*self._publishers.values(), *self._tellers.values()):
             publisher.wait_for_all_acked(Duration(seconds=0.5))

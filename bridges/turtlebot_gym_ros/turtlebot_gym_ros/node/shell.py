@@ -24,7 +24,7 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from turtlebot_gym_ros.node.answering import make_drive
-from turtlebot_gym_ros.node.block import Block, Every
+from turtlebot_gym_ros.node.block import Block, Every, Notices
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import ERROR, WARN, Problem, Reporter
 from turtlebot_gym_ros.node.drives import Hands
@@ -99,6 +99,7 @@ class Shell:
         node, block, lock_step = self.node, self.block, self.common.lock_step
         self._waits: str | None = "has not run yet"
         self._trouble: str | None = None
+        self._notice: str | None = None
         self._steps = self._overruns = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
 
@@ -112,7 +113,10 @@ class Shell:
             step=self._step, begin=self._begin_anew, may_move=lambda: self.switch is None or self.switch.safety.enabled,
         )  # fmt: skip
         self._drive = make_drive(hands, block, lock_step=lock_step)
-        endpoints = [feed.connect(node, partial(self._receive, key)) for key, feed in self._feeds.items()]
+        endpoints = [
+            feed.connect(node, partial(self._receive, key), partial(self._drive.heard, key, 0))
+            for key, feed in self._feeds.items()
+        ]
         self._reporter = Reporter(node, [*self.outputs.endpoints, *endpoints], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
         if self._is_plant:
@@ -157,7 +161,7 @@ class Shell:
         dt = drive.interval(stamp)
         ticket = switch.safety.begin(now=now) if switch else None
         try:
-            outputs = self.block.step(dt, **{key: feed.take(now) for key, feed in self._feeds.items()})
+            outputs = self.block.step(dt, **{key: feed.take(now, stamp) for key, feed in self._feeds.items()})
             messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
         except Exception as error:  # a block is anybody's code: whatever it raises stops the robot
             self._fault(f"{type(error).__name__}: {error}")
@@ -167,11 +171,19 @@ class Shell:
                 switch.safety.end()
         self._steps += 1
         self._overruns += self._now() - now > drive.period > 0.0
+        self._take_notice()
         if switch:
             return self._move(switch, ticket, messages, stamp)
         self._trouble = None
-        self.outputs.publish_answer(messages)
+        self.outputs.publish_answer(messages, stamp)
         return True
+
+    def _take_notice(self) -> None:
+        """Log what the block has noticed, once."""
+        notice = self.block.notice if isinstance(self.block, Notices) else None
+        if notice and notice != self._notice:
+            self._log.warning(notice)
+        self._notice = notice
 
     def _move(self, switch: Switch, ticket: object, messages: Mapping[str, Any], stamp: int) -> bool:
         """Publish the result of a step, unless it was stopped meanwhile; a block that leaves its command out is done."""
@@ -181,9 +193,9 @@ class Shell:
                 if answers:
                     switch.stop("done")
                     if self.common.lock_step:  # at rest, but time goes on
-                        self.outputs.publish_answer(self.outputs.stops(stamp))
+                        self.outputs.publish_answer(self.outputs.stops(stamp), stamp)
             elif switch.safety.activate(ticket):
-                self.outputs.publish_answer(messages)
+                self.outputs.publish_answer(messages, stamp)
             else:
                 self._dropped += 1
                 answers = False
@@ -259,6 +271,7 @@ class Shell:
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
         problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self._feeds.values() if feed.refusal]
+        problems += [Problem(WARN, self._notice)] if self._notice else []
         problems += [Problem(ERROR, why) for why in (self._drive.trouble(), self._trouble) if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}

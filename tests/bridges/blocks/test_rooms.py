@@ -1,0 +1,125 @@
+"""The blocks in a room, in a ``for`` loop: what they hand to each other is the environment's to the bit."""
+
+import math
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import turtlebot_gym  # noqa: F401  # registers the environments
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.node.block import Aged
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+from wary import wary
+
+DT = 0.1
+
+
+def make(block, **parameters):
+    return block(block.Params(**parameters))
+
+
+class Loop:
+    """The four blocks, driven as lock-step drives them."""
+
+    def __init__(self, *, world, lidar, seed, noise="tutorial", policy="wary:wary"):
+        self.plant = make(TurtlebotSimulator, world=world, lidar=lidar, seed=seed, noise=noise)
+        self.filter = make(KalmanFilter, noise=noise)
+        self.generator = make(WaypointGenerator, waypoints="room")
+        told = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
+        self.controller = make(VelocityController, policy=policy, goal_tolerance=0.0, **told)
+        self.command, self.scan, self.at, self.stamp = None, None, 0, 0
+
+    def step(self):
+        """Take one step, and return what the plant said; stamps are whole nanoseconds, as in messages."""
+        said = self.plant.step(DT, self.command)
+        now = self.at * 100_000_000
+        if "scan" in said:
+            self.scan, self.stamp = said["scan"].value, now - round(said["scan"].age * 1e9)
+        estimate = self.filter.step(DT if self.at else 0.0, said["odometry"])["estimate"]
+        way = self.generator.step(DT, estimate, None, said["goal"])
+        scan = Aged(self.scan, (now - self.stamp) / 1e9)
+        self.command = self.controller.step(DT, estimate, **way, scan=scan)["command"]
+        self.at += 1
+        return said
+
+
+def differences(loop, env, steps):
+    """Compare a loop with the environment over one episode, and return its outcome."""
+    observation, info = env.reset()
+    for _ in range(steps):
+        said = loop.step()
+        np.testing.assert_array_equal(loop.controller.observation, observation)
+        np.testing.assert_array_equal(said["truth"], info["true_state"])
+        assert said["goal"] == tuple(info["reference"])
+        assert said["clearance"].distance == info["clearance"]
+        action = wary(observation)
+        np.testing.assert_array_equal(loop.controller.action, action)
+        observation, _, terminated, _, info = env.step(action)
+        if terminated:
+            break
+    assert (loop.plant.step(DT, loop.command)["clearance"].distance < 0.0) == info["collision"]
+    assert (loop.plant.notice is not None) == info["collision"]
+    return info
+
+
+@pytest.mark.parametrize(
+    ("world", "lidar", "noise"),
+    [
+        *((world, "lds01", "tutorial") for world in ROOMS),
+        *(("dense", lidar, "rough") for lidar in LIDARS),
+    ],
+)
+def test_they_are_the_environment_to_the_bit(world, lidar, noise):
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=world, lidar=lidar, noise=noise)
+    env.reset(seed=3)
+    loop = Loop(world=world, lidar=lidar, noise=noise, seed=3)
+    for block in (loop.plant, loop.filter, loop.generator, loop.controller):
+        block.reset()  # the second episode
+    differences(loop, env, 80)
+
+
+def test_a_contact_is_noticed_once_and_the_next_episode_forgets_it():
+    """The first seed of a drive straight to the goal that ends at an obstacle."""
+    for seed in range(20):
+        plant = make(TurtlebotSimulator, world="dense", seed=seed)
+        said, notices = plant.step(DT, None), set()
+        for _ in range(200):
+            x, y, theta = said["truth"][:3]
+            bearing = math.atan2(said["goal"].y - y, said["goal"].x - x) - theta
+            turn = math.atan2(math.sin(bearing), math.cos(bearing))
+            said = plant.step(DT, type(said["odometry"].twist)(0.2 * (abs(turn) < 0.3), turn))
+            notices.add(plant.notice)
+            assert (said["clearance"].distance < 0.0) <= (plant.notice is not None)
+        if len(notices) > 1:
+            break
+    assert len(notices) == 2
+    assert any(notice and notice.startswith("contact after") for notice in notices)
+    plant.reset()
+    assert plant.notice is None
+
+
+def test_on_open_ground_nothing_is_said_of_a_room():
+    plant = make(TurtlebotSimulator)
+    assert plant.outputs.keys() == plant.step(DT, None).keys() == {"truth", "odometry"}
+    assert plant.notice is None
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"world": "jungle"}, "world must be one of"),
+        ({"world": "no_such.world"}, "no_such.world"),
+        ({"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
+        ({"world": "dense", "random_start": True}, "random_start must be false"),
+        ({"world": "dense", "lidar": "ideal", "period": 0.2}, "at most one scan in a control interval"),
+    ],
+)
+def test_a_room_that_cannot_be_is_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        make(TurtlebotSimulator, **wrong)

@@ -1,0 +1,323 @@
+"""The scan at live nodes: it moves who sees by it, and whoever cannot see stops and says why, on one line."""
+
+import itertools
+import json
+import math
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from sensor_msgs.msg import LaserScan, TimeReference
+from std_msgs.msg import Header, String
+from std_srvs.srv import SetBool
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Belief, Covariance, Pose, State
+from turtlebot_gym_ros import Graph, Shell
+from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
+from turtlebot_gym_ros.graph.bringup import main as bringup
+from turtlebot_gym_ros.graph.bringup import room_metrics
+from turtlebot_gym_ros.node.block import Input, On, Output
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.qos import LATCHED
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+TENTH = 100_000_000
+BELIEF = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01)))
+
+
+def a_scan(beams=360, length=3.0):
+    return Scan(np.full(beams, length, np.float32), 0.0, 2.0 * math.pi / beams, 0.12, 3.5)
+
+
+CONTACT = 9
+"""Seed of a room in which the straight way to the goal is blocked, after 2.1 s."""
+
+
+class Robot:
+    """A live controller that sees, and the test as everything else."""
+
+    def __init__(self, runner, peer, wait_for, **parameters):
+        self.peer, self.wait_for = peer, wait_for
+        overrides = {"policy": "wary:wary", "start_enabled": True, "goal_tolerance": 0.0, **parameters}
+        self.shell = Shell(VelocityController, VelocityController.Params, context=runner.context, overrides=overrides)
+        runner.add(self.shell)
+        self.estimates, self.references = peer.speak("estimate", Odometry), peer.speak("reference", PoseStamped)
+        self.scans = peer.speak("scan", LaserScan, SENSOR)  # best effort, as drivers publish
+        self.commands, self.reports = peer.hear("cmd_vel", TwistStamped), peer.hear("/diagnostics", DiagnosticArray)
+        self.states = peer.hear("velocity_controller/state", String, LATCHED)
+        wait_for(lambda: all(each.get_subscription_count() for each in (self.estimates, self.references)))
+
+    def send(self, scan=None):
+        """Send all that it hears, stamped now; a scan is a message, a value or nothing."""
+        header = Header(stamp=Time(nanoseconds=time.time_ns()).to_msg(), frame_id="odom")
+        self.references.publish(conversion(Pose).write(Pose(3.0, 0.0, 0.0), header))
+        if scan is not None:
+            message = conversion(Scan).write(scan, header) if isinstance(scan, Scan) else scan
+            message.header = header
+            self.scans.publish(message)
+        self.estimates.publish(conversion(Estimate).write(Estimate(BELIEF, 0.0, 0.0), header))
+        time.sleep(0.05)
+
+    @property
+    def speed(self):
+        return self.commands[-1].twist.linear.x if self.commands else 0.0
+
+    def drives(self):
+        self.wait_for(lambda: self.send(a_scan()) or self.speed > 0.1)
+
+    def says(self, text):
+        """Return whether its diagnostics contain a text."""
+        statuses = [each for message in self.reports for each in message.status if each.name == "/velocity_controller"]
+        return any(text in each.message for each in statuses)
+
+
+def test_it_drives_by_a_fresh_scan_and_stops_without(runner, peer, wait_for):
+    robot = Robot(runner, peer, wait_for)
+    for _ in range(10):
+        robot.send()
+    wait_for(lambda: robot.send() or robot.says("waits for /scan"))
+    assert robot.speed == 0.0
+    robot.drives()
+    wait_for(lambda: robot.send() or robot.speed == 0.0)  # estimates go on, scans do not
+    wait_for(lambda: robot.send() or robot.says("/scan is older than 0.5 s"))
+    robot.drives()  # and drives again by itself
+
+
+def test_it_stops_for_what_it_sees(runner, peer, wait_for):
+    robot = Robot(runner, peer, wait_for)
+    robot.drives()
+    wait_for(lambda: robot.send(a_scan(length=0.15)) or abs(robot.speed) < 1e-6)
+    assert robot.states[-1].data == "active"
+
+
+BAD = {
+    "no ranges": ({"ranges": []}, "the scan has no ranges"),
+    "NaN": ({"ranges": [math.nan] * 360}, "ranges are not numbers"),
+    "increment 0": ({"angle_increment": 0.0}, "angle_increment must be positive"),
+    "limits": ({"range_min": 9.0}, "range_min must be below range_max"),
+    "half a turn": ({"angle_increment": math.pi / 360}, "must look around a whole turn"),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_scan_that_cannot_be_stops_it_and_is_named(runner, peer, wait_for, bad):
+    changes, said = BAD[bad]
+    robot = Robot(runner, peer, wait_for)
+    robot.drives()
+    message = conversion(Scan).write(a_scan(), Header())
+    for name, value in changes.items():
+        setattr(message, name, value)
+    wait_for(lambda: robot.send(message) or robot.speed == 0.0)
+    wait_for(lambda: robot.send(message) or robot.says(said))
+    robot.drives()
+
+
+def test_a_scan_of_other_beams_than_it_was_told_is_a_fault(runner, peer, wait_for):
+    robot = Robot(runner, peer, wait_for, lidar_beams=360)
+    robot.drives()
+    wait_for(lambda: robot.send(a_scan(269)) or robot.speed == 0.0)
+    wait_for(lambda: robot.send(a_scan(269)) or robot.says("the scan has 269 beams, but lidar_beams says 360"))
+    for _ in range(20):
+        robot.send(a_scan())
+    assert robot.speed == 0.0  # a fault: a person must look at it
+    assert peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=True)).success
+    robot.drives()
+
+
+def test_the_age_of_a_scan_is_the_difference_of_stamps(runner, peer, wait_for):
+    robot = Robot(runner, peer, wait_for, period=0.5)
+    wait_for(robot.scans.get_subscription_count)
+
+    def is_seen(at, age):
+        """Return whether a step is made of a scan so much older than the estimate; what was lost is sent again."""
+        now, then = (Header(stamp=Time(nanoseconds=at - round(by * 1e9)).to_msg(), frame_id="odom") for by in (0.0, age))
+        robot.references.publish(conversion(Pose).write(Pose(3.0, 0.0, 0.0), now))
+        robot.scans.publish(conversion(Scan).write(a_scan(), then))
+        time.sleep(0.1)
+        robot.estimates.publish(conversion(Estimate).write(Estimate(BELIEF, 0.0, 0.0), now))
+        time.sleep(0.1)
+        return robot.shell.block.observation[-1] == np.float32(min(max(age, 0.0), 1.0))
+
+    at = itertools.count(50, 2)
+    for age in (0.25, 0.0, 0.4, 3.0, -0.1):
+        wait_for(lambda age=age: is_seen(next(at) * 10**9 // 4, age))
+
+
+def test_who_sees_poses_only_hears_no_scan(runner, peer, wait_for):
+    shell = Shell(VelocityController, VelocityController.Params, context=runner.context, overrides={"policy": "bearing"})
+    runner.add(shell)
+    assert "scan" not in shell._feeds
+    assert len(shell.block.observation) == 13
+
+
+def test_the_simulators_scans_are_a_sensors(runner, peer, wait_for):
+    """Best effort, five a second by their stamps, in a graph of real time."""
+    overrides = {"world": "dense", "lidar": "lds01", "seed": 3}
+    simulator = Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides)
+    runner.add(simulator)
+    scans = peer.hear("scan", LaserScan, SENSOR)
+    wait_for(lambda: len(scans) > 5)
+    (info,) = peer.node.get_publishers_info_by_topic("scan")
+    assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+    assert peer.node.count_publishers("scan/newest") == 0
+    assert {len(scan.ranges) for scan in scans} == {360}
+    stamps = np.array([Time.from_msg(scan.header.stamp).nanoseconds for scan in scans])
+    assert np.isin(np.diff(stamps), 2 * TENTH * np.arange(1, 50)).all()
+    assert scans[0].header.frame_id == "base_footprint"
+
+
+def test_contact_is_reported_once_and_ends_the_episode(capfd):
+    """Who drives straight to the goal, in a room where something is in its way."""
+    with Graph(world="dense", policy="bearing", seed=CONTACT, goal_tolerance=0.0, speed=20.0) as graph:
+        graph.wait_until(lambda graph: any("contact after 2.1 s" in text for _, text in graph.reports.values()))
+        graph.wait_until(lambda graph: graph.time > 4.0)
+        trajectory = graph.trajectory()
+        ended = room_metrics(trajectory, graph.clearance()[: len(trajectory.time)])
+    assert (ended["collision"], ended["goal reached"], ended["end of the episode"]) == (1.0, 0.0, pytest.approx(2.1))
+    assert ended["least clearance"] < 0.0
+    assert capfd.readouterr().err.count("contact after") == 1
+
+
+def test_bringup_drives_in_a_world_and_draws_it(tmp_path, capsys):
+    figure, report = tmp_path / "drive.png", tmp_path / "drive.json"
+    options = ["--world", "dense", "--lidar", "a1", "--policy", "bearing", "--seed", str(CONTACT), "--duration", "3"]
+    assert bringup([*options, "--figure", str(figure), "--json", str(report)]) == 0
+    assert json.loads(report.read_text())["metrics"]["collision"] == 1.0
+    assert "least clearance" in capsys.readouterr().out
+    assert figure.stat().st_size > 10_000
+
+
+BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"policy": "wary:wary"}, "it needs a world"),
+        ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
+        ({"policy": "ground:blind", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
+        ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, got 7"),
+        ({"world": "jungle"}, "world must be one of"),
+        ({"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
+        ({"world": "nowhere.world"}, "nowhere.world"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_starts(options, said, tmp_path, monkeypatch, capsys):
+    (tmp_path / "ground.py").write_text(BLIND.format(1))
+    (tmp_path / "other.py").write_text(BLIND.format(7))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError) as refused:  # noqa: PT011  # the message is compared below
+        Graph(**options).start()
+    assert said in str(refused.value)
+    if options.get("lidar") != "sonar":  # which argparse refuses by itself
+        argv = [word for name, value in options.items() for word in (f"--{name}", value)]
+        assert bringup([*argv, "--duration", "1"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
+
+
+def test_in_lock_step_a_scan_is_sent_again_until_its_step_and_the_next_are_answered(runner, peer, wait_for):
+    """Who begins to listen late hears it all the same: lds01's second scan comes with the third step."""
+    overrides = {"world": "dense", "lock_step": True, "speed": 0.0}
+    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
+    truths, commands = peer.hear("true_state", Odometry), peer.speak("cmd_vel", TwistStamped)
+    wait_for(lambda: truths and commands.get_subscription_count())
+    for k, scan_of in enumerate((0, 0, 2, 2)):
+        step, expected = 10**9 + k * TENTH, 10**9 + scan_of * TENTH
+        wait_for(lambda step=step: Time.from_msg(truths[-1].header.stamp).nanoseconds == step)
+        scans, newest = peer.hear("scan", LaserScan), peer.hear("scan/newest", TimeReference)  # after the step began
+        wait_for(lambda scans=scans, newest=newest: scans and newest)
+        assert {Time.from_msg(scan.header.stamp).nanoseconds for scan in scans} == {expected}
+        said = {tuple(Time.from_msg(stamp).nanoseconds for stamp in (each.header.stamp, each.time_ref)) for each in newest}
+        assert said == {(step, expected)}
+        commands.publish(TwistStamped(header=truths[-1].header))
+
+
+class Watcher:
+    """A block that remembers what it was given."""
+
+    inputs = {
+        "estimate": Input(topic="estimate", type=Estimate),
+        "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True),
+    }
+    outputs = {"reference": Output(topic="reference", type=Pose)}
+    trigger = On("estimate")
+
+    def __init__(self, params):
+        self.given = []
+
+    def reset(self):
+        pass
+
+    def step(self, dt, estimate, scan):
+        self.given.append((round(estimate.belief.mean.x), round(float(scan.value.ranges[0])), scan.age))
+        return {"reference": Pose(0.0, 0.0, 0.0)}
+
+
+class Careless(Watcher):
+    """The defect: it takes the scan that is at hand."""
+
+    inputs = {**Watcher.inputs, "scan": Input(topic="scan", type=Scan, aged=True)}
+
+
+def given_and_expected(runner, make, order, *, again):
+    """Tell a node of nine steps, message by message, and return what its block was given, and what it should be.
+
+    Scans come in every other step, half a step old.
+
+    Args:
+        runner: Whose context the node lives in.
+        make: The block.
+        order: In which the messages of a step come.
+        again: Whether each step's messages come twice, the newest scan in every step.
+    """
+    shell = Shell(make, VelocityController.Params, context=runner.context, overrides={"lock_step": True})
+    runner.add(shell)
+    feed, stamp_of = shell._feeds["scan"], lambda at: Time(nanoseconds=at).to_msg()
+    expected = []
+    for k in range(9):
+        at, since = 10**9 + k * TENTH, k % 2
+        scan_at = at - since * TENTH - TENTH // 2
+        header = Header(stamp=stamp_of(at), frame_id="odom")
+        belief = BELIEF._replace(mean=State(float(k), 0.0, 0.0, 0.0, 0.0))
+        scan = a_scan(length=3.0 if (k // 2) % 2 else 1.0)
+        expected.append((k, round(float(scan.ranges[0])), (TENTH // 2 + since * TENTH) / 1e9))
+        estimate = conversion(Estimate).write(Estimate(belief, 0.0, 0.0), header)
+        seen = conversion(Scan).write(scan, Header(stamp=stamp_of(scan_at)))
+        newest = TimeReference(header=header, time_ref=stamp_of(scan_at))
+        say = {
+            "estimate": partial(shell._receive, "estimate", estimate),
+            "scan": partial(shell._receive, "scan", seen),
+            "newest": partial(feed._teller.callback, newest) if hasattr(feed, "_teller") else lambda: None,
+        }
+        if since and not again:
+            del say["scan"]
+        for name in [each for each in order if each in say] * (2 if again else 1):
+            say[name]()
+    return shell.block.given, expected
+
+
+ORDERS = list(itertools.permutations(("estimate", "scan", "newest")))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("again", [False, True])
+def test_in_lock_step_a_step_has_its_newest_scan_whatever_comes_first(runner, order, again):
+    given, expected = given_and_expected(runner, Watcher, order, again=again)
+    assert given == expected
+
+
+def test_a_node_that_takes_the_scan_at_hand_is_noticed(runner):
+    given, expected = given_and_expected(runner, Careless, ("estimate", "scan", "newest"), again=False)
+    assert given != expected
