@@ -86,6 +86,8 @@ class Batch:
     def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
         """Make scenes for parameters, unless those that there are have the same sizes."""
         scenes = around.make(parameters)
+        if self._plan and self._plan.map:
+            scenes = self._plan.map.share(scenes)
         if not isinstance(self.scenes, tuple) or [part.shape for part in scenes] != [part.shape for part in self.scenes]:
             self.scenes = scenes
             if self._plan:

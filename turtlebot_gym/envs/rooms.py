@@ -64,8 +64,8 @@ class RoomsEnv(NavigationEnv):
     ## Arguments
 
     Args:
-        world: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``, ``.sdf``),
-            a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`.
+        world: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``, ``.sdf``)
+            or of a map (``.yaml``), a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`.
         lidar: "lds01", "lds02", "a1", "ideal", or a `turtlebot_gym.rooms.lidar.Lidar`.
         robot: And all further arguments: see `NavigationEnv`.
         noise: See there.

@@ -40,13 +40,15 @@ class RoomRules:
     """Whether the robot starts in the first fifth of the room's length and goes to the last one."""
     min_distance: float = 1.5
     """Least distance between start and goal, m."""
+    max_distance: float = math.inf
+    """Distance between start and goal at most, along each axis, where the start is known before the goal is drawn, m."""
     start: tuple[float, ...] = ANYWHERE
     """The pose in which the robot starts; NaN where it is drawn."""
     goal: tuple[float, ...] = ANYWHERE
     """The pose that it is to reach; NaN where it is drawn."""
 
     def __post_init__(self) -> None:
-        require(self, "positive", "half_length", "half_width", "radius")
+        require(self, "positive", "half_length", "half_width", "radius", "max_distance")
         require(self, "finite", "half_length", "half_width", "radius")
         require(self, "non-negative", "circles", "boxes", "speed", "min_distance")
         require(self, "a probability", "fill")

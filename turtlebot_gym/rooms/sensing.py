@@ -6,6 +6,7 @@ import numpy as np
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, pool, reading, time_of_beam
 from turtlebot_gym.rooms.rays import (
     distance_to_circle,
@@ -18,6 +19,9 @@ from turtlebot_gym.rooms.rays import (
 )
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import Pose
+
+CLEAR = 1.0
+"""Clearance on a map at most, m: farther cells are not looked at."""
 
 
 @kernel
@@ -54,11 +58,21 @@ def cast(scene: Scene, x, y, dx, dy, lengths, reach: float) -> None:
                 aside = inverse(dy[ray] * cosine - dx[ray] * sine)
                 to_x, to_y = to_x * cosine + to_y * sine, to_y * cosine - to_x * sine
                 lengths[ray] = min(lengths[ray], ray_to_box(to_x, to_y, ahead, aside, half_length, half_width))
+    if scene.squares.shape[1] > 0:
+        cosine, sine, resolution = scene.frame[2], scene.frame[3], scene.frame[4]
+        for ray in range(n):
+            column, row = to_cells(scene.frame, x[ray], y[ray])
+            ahead, aside = dx[ray] * cosine + dy[ray] * sine, dy[ray] * cosine - dx[ray] * sine
+            length = resolution * ray_to_cells(scene.squares, column, row, ahead, aside, reach / resolution)
+            lengths[ray] = min(lengths[ray], length)
 
 
 @kernel
 def clearance(scene: Scene, x: float, y: float) -> float:
-    """Return the distance from a point to the nearest surface in the room, m; negative inside of an obstacle."""
+    """Return the distance from a point to the nearest surface in the room, m; negative inside of an obstacle.
+
+    On a map it is at most `CLEAR`.
+    """
     walls = scene.walls
     nearest = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3])
     for k in range(scene.counts[0]):
@@ -67,6 +81,9 @@ def clearance(scene: Scene, x: float, y: float) -> float:
     for k in range(scene.counts[1]):
         box = scene.boxes[k]
         nearest = min(nearest, distance_to_turned_box(box[0] - x, box[1] - y, box))
+    if scene.squares.shape[1] > 0:
+        column, row = to_cells(scene.frame, x, y)
+        nearest = min(nearest, scene.frame[4] * distance_to_cells(scene.squares, column, row, CLEAR / scene.frame[4]))
     return nearest
 
 

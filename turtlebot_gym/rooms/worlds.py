@@ -9,6 +9,7 @@ from turtlebot_gym.rooms.drawing import draw
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN, way_left
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.validation import choose
@@ -17,13 +18,15 @@ World = str | Path | RoomRules | FloorPlan
 """How a world may be named."""
 GAZEBO = (".world", ".sdf")
 """How the names of Gazebo's files end."""
+MAPS = (".yaml", ".yml")
+"""How the names of maps end."""
 
 
 def find_world(world: World) -> RoomRules | FloorPlan:
     """Return the rules or the floor plan of a world.
 
     Args:
-        world: A name in `rules.ROOMS`, the path of a Gazebo world, rules, or a floor plan.
+        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules, or a floor plan.
 
     Raises:
         ValueError: If there is no such world, or its file cannot be read.
@@ -32,8 +35,11 @@ def find_world(world: World) -> RoomRules | FloorPlan:
         return world
     if Path(world).suffix in GAZEBO:
         return read_gazebo(world)
+    if Path(world).suffix in MAPS:
+        return read_map(world)
     if world not in ROOMS:
-        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file {' or '.join(GAZEBO)}, got {world!r}.")
+        files = ", ".join((*GAZEBO, *MAPS))
+        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file ({files}), got {world!r}.")
     return ROOMS[str(world)]
 
 
