@@ -25,7 +25,6 @@ from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
-CAST = njit(lambda scene, x, y, dx, dy, lengths, reach: sensing.cast(scene, x, y, dx, dy, lengths, reach), error_model="numpy")
 NEAR = njit(lambda scene, x, y: sensing.clearance(scene, x, y), error_model="numpy")
 BLOCK = njit(lambda scene, clearance: geodesic.block(scene, clearance), error_model="numpy")
 DRAW = njit(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), error_model="numpy")
@@ -162,7 +161,7 @@ def lengths_to_cells(grid, x, y, dx, dy):
 
 
 @pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at):
+def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at, cast_all):
     """At random, along the rows, and a hair beside the corners of cells."""
     grid = GRIDS[at]
     solid, outline = boxes_of(grid)
@@ -179,7 +178,7 @@ def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at
             angles[4:14] = np.arctan2(beside[:, 1] - y, beside[:, 0] - x) + random.choice([-1e-7, 1e-7], 10)
         dx, dy = np.cos(angles), np.sin(angles)
         found = np.empty(angles.size)
-        CAST(scene, np.full(angles.size, x), np.full(angles.size, y), dx, dy, found, 99.0)
+        cast_all(scene, np.full(angles.size, x), np.full(angles.size, y), dx, dy, found, 99.0)
         worst = max(worst, float(np.abs(found - lengths_to_cells(grid, x, y, dx, dy)).max()))
         if number < 3:
             ends = np.stack([np.broadcast_to([x, y], (100, 2)), np.stack([x + 20.0 * dx, y + 20.0 * dy], -1)[:100]], 1)
@@ -206,7 +205,7 @@ def test_clearance_agrees_with_shapely(at):
 
 
 @pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_plain_python_finds_the_same_bits(at):
+def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
     grid = GRIDS[at]
     compiled, plain = (FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2))
     x, y = points_on(grid, 200, at)
@@ -214,8 +213,8 @@ def test_plain_python_finds_the_same_bits(at):
     angles[:4] = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
     found, expected = np.empty(200), np.empty(200)
     for reach in (0.3, 99.0):
-        CAST(compiled, x, y, np.cos(angles), np.sin(angles), found, reach)
-        sensing.cast(plain, x, y, np.cos(angles), np.sin(angles), expected, reach)
+        cast_all(compiled, x, y, np.cos(angles), np.sin(angles), found, reach)
+        cast_plain(plain, x, y, np.cos(angles), np.sin(angles), expected, reach)
         np.testing.assert_array_equal(found, expected)
     assert [NEAR(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
         sensing.clearance(plain, a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)
@@ -226,7 +225,7 @@ def test_plain_python_finds_the_same_bits(at):
         np.testing.assert_array_equal(compiled.ways, plain.ways)
 
 
-def test_a_ray_around_a_corner_ends_everywhere():
+def test_a_ray_around_a_corner_ends_everywhere(cast_all):
     """From lattice points along diagonals, where rounding decides which cell is next: it must decide, and end."""
     cells = np.zeros((30, 30), np.int8)
     cells[::7, ::5] = OCCUPIED
@@ -236,7 +235,7 @@ def test_a_ray_around_a_corner_ends_everywhere():
     x, y = (part.ravel() for part in np.meshgrid(at, at))
     for angle in np.arange(64) * math.pi / 32.0:
         found = np.empty(x.size)
-        CAST(scene, x, y, np.full(x.size, math.cos(angle)), np.full(x.size, math.sin(angle)), found, 99.0)
+        cast_all(scene, x, y, np.full(x.size, math.cos(angle)), np.full(x.size, math.sin(angle)), found, 99.0)
         assert (found >= 0.0).all()
         assert (found < 4.3).all()
 
@@ -333,11 +332,11 @@ def test_a_row_is_the_scalar_environment_on_a_map(hall):
             assert (reward, told["clearance"]) == (rewards[i], info["clearance"][i])
 
 
-def test_obstacles_may_stand_on_a_map():
+def test_obstacles_may_stand_on_a_map(cast_all):
     grid = GridMap(cells=np.zeros((60, 60), np.int8), resolution=0.1)
     plan = FloorPlan(walls=grid.walls(), map=grid, circles=((3.0, 1.0, 0.5),))
     found = np.empty(2)
-    CAST(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), found, 99.0)
+    cast_all(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), found, 99.0)
     assert found == pytest.approx([1.5, 3.0])
     assert NEAR(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
 
