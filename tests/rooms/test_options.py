@@ -99,9 +99,9 @@ def test_options_that_cannot_be_are_one_line_and_nothing_is_begun(options, told)
 
 
 def test_more_obstacles_than_can_be_drawn_are_refused():
-    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 37 boxes"):
+    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
         RoomRules(circles=(0.0, 385.0))
-    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 37 boxes"):
-        RoomRules(boxes=(38.0, 38.0))
+    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
+        RoomRules(boxes=(81.0, 81.0))
     crowded = FloorPlan(walls=(0.0, 0.0, 9.0, 9.0), circles=((1.0, 0.0, 0.1),) * 500)  # what is given has no such limit
     assert crowded.scene().counts.tolist() == [500, 0]

@@ -10,7 +10,7 @@ from turtlebot_gym.validation import require
 GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
 """Kinds of rooms: one that is given, obstacles at random places, rooms with doors, and a cellular automaton's caves."""
 KINDS = {"given": GIVEN, "scattered": SCATTERED, "office": OFFICE, "cellular": CELLULAR}
-MAX_CIRCLES, MAX_BOXES = 384, 37
+MAX_CIRCLES, MAX_BOXES = 384, 80
 """Most obstacles that are drawn in a room: each takes draws of its own, see `drawing`."""
 ANYWHERE = (math.nan, math.nan, math.nan)
 """Stands for a pose that is drawn."""
@@ -57,7 +57,7 @@ class RoomRules:
         if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
             raise ValueError(
                 f"RoomRules must have at most {MAX_CIRCLES} circles and {MAX_BOXES} boxes, "
-                f"got {self.circles!r} and {self.boxes!r}."
+                f"got at most {self.circles[-1]:g} and {self.boxes[-1]:g}."
             )
         for name in ("circles", "boxes", "radius", "speed"):
             value = getattr(self, name)
