@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
+from turtlebot_gym.compiled.cache import njit
 from turtlebot_gym.rooms.drawing import capacity
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
+from turtlebot_gym.rooms.sensing import BLOCK, cast
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +25,26 @@ def empty_scene() -> Callable[..., Scene]:
         return scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=beams), 0)
 
     return make
+
+
+def _cast_all(scene, x, y, dx, dy, lengths, reach):
+    rays = np.empty(5 * BLOCK)
+    for first in range(0, len(lengths), BLOCK):
+        n = min(BLOCK, len(lengths) - first)
+        for ray in range(n):
+            rays[ray], rays[BLOCK + ray] = x[first + ray], y[first + ray]
+            rays[2 * BLOCK + ray], rays[3 * BLOCK + ray] = dx[first + ray], dy[first + ray]
+        cast(scene, rays, n, reach)
+        lengths[first : first + n] = rays[4 * BLOCK : 4 * BLOCK + n]
+
+
+@pytest.fixture(scope="session")
+def cast_plain() -> Callable[..., None]:
+    """Return a function that casts any number of rays, in plain Python."""
+    return _cast_all
+
+
+@pytest.fixture(scope="session")
+def cast_all() -> Callable[..., None]:
+    """Return the same function, compiled."""
+    return njit(_cast_all, error_model="numpy")

@@ -19,8 +19,10 @@ from turtlebot_gym.rooms.lidar import (
     beams_by,
     bias_of,
     divide,
+    is_drawn,
     pool,
     reading,
+    reading_of,
     time_of_beam,
 )
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -66,6 +68,15 @@ def test_a_reading_is_infinite_out_of_its_limits_and_where_it_is_lost():
     assert [reading(length, 0.5, 0, 0.0, 7, lidar) for length in (0.4, 0.6, 2.9, 3.1)] == [math.inf, 0.6, 2.9, math.inf]
     lost = [reading(1.0, 0.0, beam, 0.0, 7, replace(QUIET, dropout=0.3)) for beam in range(4000)]
     assert np.isinf(lost).mean() == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_lidar_without_noise_reads_the_same_without_draws():
+    """The quicker way is taken only where no draw could be noticed."""
+    lidar = replace(QUIET, range_min=0.5, range_max=3.0, quantization=0.01)
+    for length in np.linspace(0.0, 3.5, 200).tolist():
+        assert reading(length, 0.5, 3, 0.02, 7, lidar) == reading_of(length, 0.5, 0.0, 1.0, 0.02, lidar)
+    assert [is_drawn(LIDARS[name]) for name in ("lds01", "lds02", "a1", "ideal")] == [True, True, True, False]
+    assert [is_drawn(replace(lidar, **{name: 0.1})) for name in ("deviation", "deviation_share", "dropout")] == [True] * 3
 
 
 def test_the_bias_of_an_episode_is_drawn_evenly_up_to_the_accuracy():

@@ -87,7 +87,7 @@ def test_all_environments_of_a_batch_have_the_plan_and_a_start_of_their_own():
 @pytest.mark.parametrize(
     ("world", "told"),
     [
-        ("denser", "world must be one of 'clutter', 'dense', .* or a file .world or .sdf, got 'denser'"),
+        ("denser", "world must be one of 'clutter', 'dense', .*, or a file \\(.world, .sdf, .yaml, .yml\\), got 'denser'"),
         ("nowhere.world", "There is no Gazebo world 'nowhere.world'"),
     ],
 )

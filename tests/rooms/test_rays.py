@@ -14,7 +14,6 @@ from turtlebot_gym.rooms import drawing, rays, sensing
 from turtlebot_gym.rooms.rules import ROOMS
 
 DRAW = njit(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), error_model="numpy")
-CAST = njit(lambda scene, x, y, dx, dy, lengths: sensing.cast(scene, x, y, dx, dy, lengths, 99.0), error_model="numpy")
 NEAR = njit(lambda scene, x, y: sensing.clearance(scene, x, y), error_model="numpy")
 
 
@@ -47,7 +46,7 @@ def lengths_to_circles(scene, x, y, dx, dy):
     return shortest
 
 
-def test_100_000_rays_agree_with_shapely(empty_scene):
+def test_100_000_rays_agree_with_shapely(empty_scene, cast_all):
     """Rooms of all kinds; rays at random, along the axes, at corners, and a hair beside tangents."""
     random, tried, worst = np.random.default_rng(1), 0, 0.0
     names = ["dense", "office", "clutter", "crowd", "corridor"]
@@ -69,7 +68,7 @@ def test_100_000_rays_agree_with_shapely(empty_scene):
         x, y = np.full(angles.size, at[0]), np.full(angles.size, at[1])
         dx, dy = np.cos(angles), np.sin(angles)
         found = np.empty(angles.size)
-        CAST(scene, x, y, dx, dy, found)
+        cast_all(scene, x, y, dx, dy, found, 99.0)
         expected = np.minimum(lengths_to_polygons(scene, x, y, dx, dy), lengths_to_circles(scene, x, y, dx, dy))
         worst, tried = max(worst, float(np.abs(found - expected).max())), tried + angles.size
     assert tried >= 90_000

@@ -83,9 +83,21 @@ class Batch:
         tiles = table.reshape(-1, TILE, self.layout.parameters.size).transpose(0, 2, 1)
         self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
 
+    def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
+        """Use another world from the next reset on, before which there is none to be driven in.
+
+        Args:
+            parameters: For all environments, with the rules of the world.
+            plan: Its floor plan, if it is one.
+        """
+        self._plan, self.scenes = plan, None
+        self.set_parameters(parameters)
+
     def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
         """Make scenes for parameters, unless those that there are have the same sizes."""
         scenes = around.make(parameters)
+        if self._plan and self._plan.map:
+            scenes = self._plan.map.share(scenes)
         if not isinstance(self.scenes, tuple) or [part.shape for part in scenes] != [part.shape for part in self.scenes]:
             self.scenes = scenes
             if self._plan:

@@ -1,4 +1,4 @@
-"""The picture of a room: walls, obstacles, and where the newest scan ends."""
+"""The picture of a room: walls, a map, obstacles, and where the newest scan ends."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from turtlebot_gym.envs.rendering import Renderer
 from turtlebot_gym.plotting import PURPLE
+from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import World
@@ -16,7 +17,7 @@ from turtlebot_gym.systems import World
 if TYPE_CHECKING:
     from pygame import Surface
 
-_SOLID = "#555555"
+_SOLID, _UNKNOWN = "#555555", "#dddddd"
 
 
 class RoomRenderer(Renderer):
@@ -38,6 +39,7 @@ class RoomRenderer(Renderer):
 
     def _draw_around(self, paper: Surface) -> None:
         """Draw the walls and what stands still."""
+        self._draw_map(paper)
         x, y, half_length, half_width = self._scene.walls.tolist()
         corner, size = (
             self._at(x - half_length, y + half_width),
@@ -48,6 +50,21 @@ class RoomRenderer(Renderer):
             corners = [(x + cosine * u - sine * v, y + sine * u + cosine * v) for u, v in ((a, b), (-a, b), (-a, -b), (a, -b))]
             self._pygame.draw.polygon(paper, _SOLID, [self._at(*corner) for corner in corners])
         self._draw_circles(paper, walking=False)
+
+    def _draw_map(self, paper: Surface) -> None:
+        """Colour what is occupied, outside of the map or not known, pixel by pixel."""
+        squares = self._scene.squares
+        if squares.shape[1] == 0:
+            return
+        width, height = paper.get_size()
+        metres = 1.0 / self._length(1.0)
+        x = self._centre[0] - self._half + (np.arange(width)[:, None] + 0.5) * metres
+        y = self._centre[1] + self._half - (np.arange(height)[None, :] + 0.5) * metres
+        column, row = (np.floor(at).astype(np.intp) for at in to_cells(self._scene.frame, x, y))
+        column, row = np.clip(column, 0, squares.shape[2] - 1), np.clip(row, 0, squares.shape[1] - 1)
+        pixels = self._pygame.surfarray.pixels2d(paper)
+        pixels[self._scene.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(_UNKNOWN))
+        pixels[squares[0, row, column] == 0] = paper.map_rgb(self._pygame.Color(_SOLID))
 
     def _draw_present(self, surface: Surface, world: World) -> None:
         self._draw_circles(surface, walking=True)

@@ -13,9 +13,12 @@ from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Scene, scene_at
-from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
+from turtlebot_gym.rooms.worlds import World, find_lidar, find_world, with_options
+from turtlebot_gym.systems import make_room
 from turtlebot_gym.tasks import ROOM
 
 if TYPE_CHECKING:
@@ -51,7 +54,8 @@ class RoomsEnv(NavigationEnv):
 
     ## Starting State
 
-    At rest in a room that was drawn, at least 1.5 m away from the goal. The first scan is a whole one.
+    At rest in a room that was drawn, at least 1.5 m away from the goal. The first scan is a whole one. The options ``world``,
+    ``start`` and ``goal`` of `reset` give them for an episode.
 
     ## Episode End
 
@@ -66,8 +70,8 @@ class RoomsEnv(NavigationEnv):
     ## Arguments
 
     Args:
-        world: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``, ``.sdf``),
-            a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`.
+        world: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``, ``.sdf``)
+            or of a map (``.yaml``), a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`.
         lidar: "lds01", "lds02", "a1", "ideal", or a `turtlebot_gym.rooms.lidar.Lidar`.
         robot: And all further arguments: see `NavigationEnv`.
         noise: See there.
@@ -104,7 +108,8 @@ class RoomsEnv(NavigationEnv):
         delay: int = 0,
         render_mode: str | None = None,
     ) -> None:
-        self._room = Room(find_world(world), find_lidar(lidar))
+        self._room = self._own = Room(find_world(world), find_lidar(lidar))
+        self._world = self._own.world
         super().__init__(
             task=ROOM,
             robot=robot,
@@ -118,6 +123,38 @@ class RoomsEnv(NavigationEnv):
             delay=delay,
             render_mode=render_mode,
         )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode: the first one of a seed, or the next one.
+
+        Args:
+            seed: Where it is None the next episode of the seed in use begins.
+            options: For this episode only: ``world``, as the environment takes it; ``start`` and ``goal``, poses (x, y, theta).
+
+        Raises:
+            ValueError: If an option is unknown or cannot be, or no way leads from start to goal.
+        """
+        self._enter(options or {})
+        observation, info = super().reset(seed=seed)
+        if info["way_left"] == UNKNOWN:
+            self._started = False
+            radius = self.parameters.robot.radius
+            raise ValueError(
+                f"No way leads from start to goal for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
+            )
+        return observation, info
+
+    def _enter(self, options: dict[str, Any]) -> None:
+        """Use the world of some options, or again the environment's own."""
+        world = with_options(self._own.world, options)
+        if world is not self._world:
+            parameters = self.parameters
+            room = make_room(world, self._own.lidar, parameters.dt)
+            self._batch.set_world(parameters._replace(room=room), world if isinstance(world, FloorPlan) else None)
+            self._world = world
+            self.close()  # a picture shows the arrays of the world before
 
     def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
         from turtlebot_gym.envs.rendering_rooms import RoomRenderer

@@ -181,6 +181,19 @@ def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: floa
 
 
 @kernel
+def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -> Pose:
+    """Return a goal that is given, or drawn in the part of the room that is not too far from the start."""
+    walls, far = scene.walls, rules.max_distance
+    goal = _place(scene, rules, rules.goal, 0.8, key, at)
+    if not math.isnan(rules.goal[0]) or far == math.inf:
+        return goal
+    u1, u2 = uniforms(key, at, 0)
+    x = _between(max(start.x - far, walls[0] - walls[2]), min(start.x + far, walls[0] + walls[2]), u1)
+    y = _between(max(start.y - far, walls[1] - walls[3]), min(start.y + far, walls[1] + walls[3]), u2)
+    return Pose(x, y, goal.theta)
+
+
+@kernel
 def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose, Pose]:
     """Draw a room with a way through it, and return the robot's start and goal.
 
@@ -195,20 +208,25 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
     """
     room_key = sub_key(key, ROOM)
     start, goal = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
-    for attempt in range(ATTEMPTS):
+    nothing_is_drawn = rules.kind == GIVEN and not math.isnan(rules.start[0]) and not math.isnan(rules.goal[0])
+    to_be_blocked = True
+    for attempt in range(1 if nothing_is_drawn else ATTEMPTS):
         first = attempt * _NUMBERS
         if rules.kind != GIVEN:
             _furnish(scene, rules, room_key, first)
             if attempt == ATTEMPTS - 1:
                 scene.counts[0], scene.counts[1] = 0, 0
-        block(scene, radius + MARGIN)
+        if to_be_blocked:
+            block(scene, radius + MARGIN)
+        to_be_blocked = rules.kind != GIVEN
         for place in range(ATTEMPTS):
             start = _place(scene, rules, rules.start, 0.0, room_key, first + _PLACES + 2 * place)
-            goal = _place(scene, rules, rules.goal, 0.8, room_key, first + _PLACES + 2 * place + 1)
+            goal = _goal_near(scene, rules, start, room_key, first + _PLACES + 2 * place + 1)
             dx, dy = goal.x - start.x, goal.y - start.y
             far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
             if far and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
                 spread(scene, goal.x, goal.y)
+                to_be_blocked = True
                 row, column = cell_of(scene, start.x, start.y)
                 if scene.ways[row, column] < UNREACHED - 1:
                     return start, goal

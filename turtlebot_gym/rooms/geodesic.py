@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.rooms.cells import distance_to_cells, is_on_map, to_cells
 from turtlebot_gym.rooms.rays import distance_to_circle, distance_to_turned_box, distance_to_walls
 from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
 
@@ -54,7 +55,10 @@ def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
 
 @kernel
 def block(scene: Scene, clearance: float) -> None:
-    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to what stands still in the room."""
+    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to what stands still in the room.
+
+    On a map, those as well whose centres are not known to be free.
+    """
     rows, columns = extent(scene)
     ways, walls = scene.ways, scene.walls
     for row in range(rows):
@@ -84,6 +88,15 @@ def block(scene: Scene, clearance: float) -> None:
             for column in range(first_column, last_column + 1):
                 x, y = centre_of(scene, row, column)
                 if distance_to_turned_box(box[0] - x, box[1] - y, box) < clearance:
+                    ways[row, column] = _BLOCKED
+    if scene.squares.shape[1] > 0:
+        reach = clearance / scene.frame[4]
+        for row in range(rows):
+            for column in range(columns):
+                x, y = centre_of(scene, row, column)
+                across, along = to_cells(scene.frame, x, y)
+                known = is_on_map(scene.squares, across, along) and scene.known[int(along), int(across)] != 0
+                if not known or distance_to_cells(scene.squares, across, along, reach) < reach:
                     ways[row, column] = _BLOCKED
 
 

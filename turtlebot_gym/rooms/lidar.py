@@ -153,8 +153,32 @@ def aim(beams, lidar: Lidar) -> None:
 
 
 @kernel
-def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar) -> float:
+def reading_of(length: float, least: float, noise: float, lost: float, bias: float, lidar: Lidar) -> float:
     """Return what a beam says about the true length of its ray, m; infinite where it returns nothing.
+
+    Args:
+        length: True length, m.
+        least: The shortest range that the beam returns, m.
+        noise: Standard normal draw.
+        lost: Uniform draw.
+        bias: Share by which ranges are too long in this episode.
+        lidar: Its errors.
+    """
+    deviation = max(lidar.deviation, lidar.deviation_share * length)
+    measured = quantize(length * (1.0 + bias) + deviation * noise, lidar.quantization)
+    seen = (length <= lidar.range_max) & (measured >= least) & (measured <= lidar.range_max) & (lost >= lidar.dropout)
+    return measured if seen else math.inf
+
+
+@kernel
+def is_drawn(lidar: Lidar) -> bool:
+    """Return whether readings of a LiDAR depend on draws."""
+    return lidar.deviation > 0.0 or lidar.deviation_share > 0.0 or lidar.dropout > 0.0
+
+
+@kernel
+def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar) -> float:
+    """Return what a beam says about the true length of its ray, with draws of its own, m.
 
     Args:
         length: True length, m.
@@ -166,10 +190,7 @@ def reading(length: float, least: float, beam: int, bias: float, key: int, lidar
     """
     noise, _ = normals(key, beam, 0)
     lost, _ = uniforms(key, beam, 1)
-    deviation = max(lidar.deviation, lidar.deviation_share * length)
-    measured = quantize(length * (1.0 + bias) + deviation * noise, lidar.quantization)
-    seen = (length <= lidar.range_max) & (measured >= least) & (measured <= lidar.range_max) & (lost >= lidar.dropout)
-    return measured if seen else math.inf
+    return reading_of(length, least, noise, lost, bias, lidar)
 
 
 @kernel

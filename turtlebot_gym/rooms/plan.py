@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.rules import ANYWHERE, GIVEN, RoomRules
 from turtlebot_gym.rooms.scene import Scene, Walls, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance
@@ -27,6 +28,10 @@ class FloorPlan:
     """The pose in which the robot starts; drawn where it is None."""
     goal: Pose | None = None
     """The pose that it is to reach; drawn where it is None."""
+    map: GridMap | None = None
+    """A map that lies within the walls; outside of it all is occupied."""
+    max_distance: float = math.inf
+    """Distance between start and goal at most, along each axis, where the goal is drawn, m."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "walls", Walls(*_numbers("walls", self.walls, (4,))))
@@ -53,8 +58,7 @@ class FloorPlan:
         circles, boxes = len(self.circles), len(self.boxes)
         length, width = 2.0 * self.walls.half_length, 2.0 * self.walls.half_width
         scene = scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=beams), 0)
-        self.put(scene)
-        return scene
+        return self.put(scene)
 
     def rules(self) -> RoomRules:
         """Return the rules by which start and goal are drawn where they are not given."""
@@ -68,15 +72,17 @@ class FloorPlan:
             start=tuple(self.start) if self.start else ANYWHERE,
             goal=tuple(self.goal) if self.goal else ANYWHERE,
             min_distance=0.0 if self.start or self.goal else min(1.5, self.walls.half_length),
+            max_distance=self.max_distance,
         )
 
-    def put(self, scene: Scene) -> None:
-        """Write the plan into a scene."""
+    def put(self, scene: Scene) -> Scene:
+        """Write the plan into the arrays of a scene, and return it, with those that are one for all."""
         scene.walls[:] = self.walls
         scene.counts[:] = len(self.circles), len(self.boxes)
         scene.circles[: len(self.circles)] = self.circles or scene.circles[:0]
         for k, (x, y, length, width, heading) in enumerate(self.boxes):
             scene.boxes[k] = x, y, length / 2.0, width / 2.0, math.cos(heading), math.sin(heading)
+        return self.map.share(scene) if self.map else scene
 
 
 def _numbers(name: str, value: Any, sizes: tuple[int, ...]) -> tuple[float, ...]:

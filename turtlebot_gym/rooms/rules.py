@@ -10,6 +10,8 @@ from turtlebot_gym.validation import require
 GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
 """Kinds of rooms: one that is given, obstacles at random places, rooms with doors, and a cellular automaton's caves."""
 KINDS = {"given": GIVEN, "scattered": SCATTERED, "office": OFFICE, "cellular": CELLULAR}
+MAX_CIRCLES, MAX_BOXES = 384, 80
+"""Most obstacles that are drawn in a room: each takes draws of its own, see `drawing`."""
 ANYWHERE = (math.nan, math.nan, math.nan)
 """Stands for a pose that is drawn."""
 
@@ -40,16 +42,23 @@ class RoomRules:
     """Whether the robot starts in the first fifth of the room's length and goes to the last one."""
     min_distance: float = 1.5
     """Least distance between start and goal, m."""
+    max_distance: float = math.inf
+    """Distance between start and goal at most, along each axis, where the start is known before the goal is drawn, m."""
     start: tuple[float, ...] = ANYWHERE
     """The pose in which the robot starts; NaN where it is drawn."""
     goal: tuple[float, ...] = ANYWHERE
     """The pose that it is to reach; NaN where it is drawn."""
 
     def __post_init__(self) -> None:
-        require(self, "positive", "half_length", "half_width", "radius")
+        require(self, "positive", "half_length", "half_width", "radius", "max_distance")
         require(self, "finite", "half_length", "half_width", "radius")
         require(self, "non-negative", "circles", "boxes", "speed", "min_distance")
         require(self, "a probability", "fill")
+        if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
+            raise ValueError(
+                f"RoomRules must have at most {MAX_CIRCLES} circles and {MAX_BOXES} boxes, "
+                f"got at most {self.circles[-1]:g} and {self.boxes[-1]:g}."
+            )
         for name in ("circles", "boxes", "radius", "speed"):
             value = getattr(self, name)
             if len(value) != 2 or value[0] > value[1]:

@@ -30,7 +30,7 @@ class Walls(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What surrounds one robot; with a leading axis, what surrounds each of many."""
+    """What surrounds one robot; with a leading axis, but for what is one for all, what surrounds each of many."""
 
     walls: Any
     """Shape (4,): the numbers of `Walls`."""
@@ -50,6 +50,14 @@ class Scene(NamedTuple):
     """Shape (2, beams), float32: the revolution that is being measured, and the newest complete one, m."""
     sectors: Any
     """Shape (`SECTORS`,), float32: the newest scan, pooled: shares of `lidar.SIGHT`."""
+    squares: Any
+    """Shape (4, rows, columns), int8, one for all: a map with a border of one cell around it, both 0 where there is none. The
+    side of the largest square without an occupied cell that begins at a cell and goes to the upper right, upper left, lower
+    right and lower left; at most `cells.LARGEST`."""
+    known: Any
+    """Shape (rows, columns), uint8, one for all: whether a cell of the map is known to be free."""
+    frame: Any
+    """Shape (5,), one for all: the map's lower left corner, cosine and sine of its rows' direction, side of a cell; m."""
 
 
 @kernel
@@ -65,6 +73,9 @@ def scene_at(scenes: Scene, index: int) -> Scene:
         scenes.spans[index],
         scenes.ranges[index],
         scenes.sectors[index],
+        scenes.squares,
+        scenes.known,
+        scenes.frame,
     )
 
 
@@ -98,4 +109,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         zeros(SECTORS, 2, dtype=np.int64),
         zeros(2, beams, dtype=np.float32),
         zeros(SECTORS, dtype=np.float32),
+        np.zeros((4, 0, 0), np.int8),
+        np.zeros((0, 0), np.uint8),
+        np.zeros(5),
     )

@@ -6,7 +6,8 @@ import numpy as np
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.rooms.lidar import Lidar, bias_of, pool, reading, time_of_beam
+from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
+from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, pool, reading, reading_of, time_of_beam
 from turtlebot_gym.rooms.rays import (
     distance_to_circle,
     distance_to_turned_box,
@@ -19,46 +20,78 @@ from turtlebot_gym.rooms.rays import (
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import Pose
 
+CLEAR = 1.0
+"""Clearance on a map at most, m: farther cells are not looked at."""
+
+
+BLOCK = 128
+"""Rays that are cast at a time, at most."""
+_X, _Y, _DX, _DY, _LENGTH = range(0, 5 * BLOCK, BLOCK)
+
 
 @kernel
-def cast(scene: Scene, x, y, dx, dy, lengths, reach: float) -> None:
+def _is_near(x: float, y: float, radius: float, reach: float) -> bool:
+    """Return whether a part of a circle with its centre at (x, y) is at most ``reach`` away."""
+    far = reach + radius
+    return x * x + y * y <= far * far
+
+
+@kernel
+def cast(scene: Scene, rays, n: int, reach: float) -> None:
     """Find the lengths of rays: obstacles in the outer loop, rays in the inner one, which LLVM turns into vectors.
+
+    The rays are in one array at distances that the compiler knows, so that it need not ask whether arrays overlap; circles
+    come in pairs, so that each length is loaded and stored half as often.
 
     Args:
         scene: The room.
-        x: Shape (n,): origins of the rays, near to each other, m.
-        y: And their other coordinates.
-        dx: Shape (n,): directions, unit vectors.
-        dy: And their other coordinates.
-        lengths: Shape (n,): where the lengths are written to, m.
+        rays: Shape (5 * `BLOCK`,): five runs of up to `BLOCK` numbers, the origins of the rays, x and y, near to each other, m;
+            their directions, unit vectors; and their lengths, which are written, m.
+        n: How many rays there are.
         reach: Distance from the first origin beyond which obstacles may be missed, m.
     """
-    n, walls = len(lengths), scene.walls
+    x, y = rays[_X], rays[_Y]
+    at_x, at_y, half_length, half_width = scene.walls[0], scene.walls[1], scene.walls[2], scene.walls[3]
     for ray in range(n):
-        lengths[ray] = ray_to_walls(
-            walls[0] - x[ray], walls[1] - y[ray], inverse(dx[ray]), inverse(dy[ray]), walls[2], walls[3]
-        )
-    for k in range(scene.counts[0]):
-        at_x, at_y, radius = scene.circles[k, 0], scene.circles[k, 1], scene.circles[k, 2]
-        if distance_to_circle(at_x - x[0], at_y - y[0], radius) <= reach:
+        rays[_LENGTH + ray] = ray_to_walls(
+            at_x - rays[_X + ray], at_y - rays[_Y + ray], inverse(rays[_DX + ray]), inverse(rays[_DY + ray]),
+            half_length, half_width,
+        )  # fmt: skip
+    for k in range(0, scene.counts[0], 2):
+        one, other = scene.circles[k], scene.circles[min(k + 1, scene.counts[0] - 1)]
+        x1, y1, r1, x2, y2, r2 = one[0], one[1], one[2], other[0], other[1], other[2]
+        if _is_near(x1 - x, y1 - y, r1, reach) or _is_near(x2 - x, y2 - y, r2, reach):
             for ray in range(n):
-                length = ray_to_circle(at_x - x[ray], at_y - y[ray], dx[ray], dy[ray], radius * radius)
-                lengths[ray] = min(lengths[ray], length)
+                dx, dy = rays[_DX + ray], rays[_DY + ray]
+                first = ray_to_circle(x1 - rays[_X + ray], y1 - rays[_Y + ray], dx, dy, r1 * r1)
+                second = ray_to_circle(x2 - rays[_X + ray], y2 - rays[_Y + ray], dx, dy, r2 * r2)
+                rays[_LENGTH + ray] = min(rays[_LENGTH + ray], min(first, second))
     for k in range(scene.counts[1]):
         at_x, at_y, half_length, half_width = scene.boxes[k, 0], scene.boxes[k, 1], scene.boxes[k, 2], scene.boxes[k, 3]
         cosine, sine = scene.boxes[k, 4], scene.boxes[k, 5]
-        if distance_to_circle(at_x - x[0], at_y - y[0], half_length + half_width) <= reach:
+        if _is_near(at_x - x, at_y - y, half_length + half_width, reach):
             for ray in range(n):
-                to_x, to_y = at_x - x[ray], at_y - y[ray]
-                ahead = inverse(dx[ray] * cosine + dy[ray] * sine)
-                aside = inverse(dy[ray] * cosine - dx[ray] * sine)
+                to_x, to_y, dx, dy = at_x - rays[_X + ray], at_y - rays[_Y + ray], rays[_DX + ray], rays[_DY + ray]
+                ahead, aside = inverse(dx * cosine + dy * sine), inverse(dy * cosine - dx * sine)
                 to_x, to_y = to_x * cosine + to_y * sine, to_y * cosine - to_x * sine
-                lengths[ray] = min(lengths[ray], ray_to_box(to_x, to_y, ahead, aside, half_length, half_width))
+                length = ray_to_box(to_x, to_y, ahead, aside, half_length, half_width)
+                rays[_LENGTH + ray] = min(rays[_LENGTH + ray], length)
+    if scene.squares.shape[1] > 0:
+        cosine, sine, resolution = scene.frame[2], scene.frame[3], scene.frame[4]
+        for ray in range(n):
+            column, row = to_cells(scene.frame, rays[_X + ray], rays[_Y + ray])
+            dx, dy = rays[_DX + ray], rays[_DY + ray]
+            ahead, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
+            length = resolution * ray_to_cells(scene.squares, column, row, ahead, aside, reach / resolution)
+            rays[_LENGTH + ray] = min(rays[_LENGTH + ray], length)
 
 
 @kernel
 def clearance(scene: Scene, x: float, y: float) -> float:
-    """Return the distance from a point to the nearest surface in the room, m; negative inside of an obstacle."""
+    """Return the distance from a point to the nearest surface in the room, m; negative inside of an obstacle.
+
+    On a map it is at most `CLEAR`.
+    """
     walls = scene.walls
     nearest = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3])
     for k in range(scene.counts[0]):
@@ -67,6 +100,9 @@ def clearance(scene: Scene, x: float, y: float) -> float:
     for k in range(scene.counts[1]):
         box = scene.boxes[k]
         nearest = min(nearest, distance_to_turned_box(box[0] - x, box[1] - y, box))
+    if scene.squares.shape[1] > 0:
+        column, row = to_cells(scene.frame, x, y)
+        nearest = min(nearest, scene.frame[4] * distance_to_cells(scene.squares, column, row, CLEAR / scene.frame[4]))
     return nearest
 
 
@@ -103,22 +139,26 @@ def measure(
     """
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
     bias, sweeping, newest = bias_of(key, lidar), scene.ranges[0], scene.ranges[1]
+    rays = np.empty(5 * BLOCK)
     while first < last:  # in parts that lie in one revolution
         begin = first % revolution
-        n = min(last - first, revolution - begin)
+        n = min(min(last - first, revolution - begin), BLOCK)
         cosines, sines, least = scene.beams[0, begin:], scene.beams[1, begin:], scene.beams[2, begin:]
-        rays = np.empty((5, n))
-        x, y, dx, dy, lengths = rays[0], rays[1], rays[2], rays[3], rays[4]
         for ray in range(n):
             share = (time_of_beam(float(first + ray), lidar) - start) / dt
             sine, cosine = sincos(before.theta + share * turn)
-            x[ray] = before.x + share * (now.x - before.x) + lidar.x * cosine - lidar.y * sine
-            y[ray] = before.y + share * (now.y - before.y) + lidar.x * sine + lidar.y * cosine
-            dx[ray] = cosine * cosines[ray] - sine * sines[ray]
-            dy[ray] = sine * cosines[ray] + cosine * sines[ray]
-        cast(scene, x, y, dx, dy, lengths, lidar.range_max + 1.0)
-        for ray in range(n):
-            lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar)
+            rays[_X + ray] = before.x + share * (now.x - before.x) + lidar.x * cosine - lidar.y * sine
+            rays[_Y + ray] = before.y + share * (now.y - before.y) + lidar.x * sine + lidar.y * cosine
+            rays[_DX + ray] = cosine * cosines[ray] - sine * sines[ray]
+            rays[_DY + ray] = sine * cosines[ray] + cosine * sines[ray]
+        cast(scene, rays, n, lidar.range_max + 1.0)
+        lengths = rays[_LENGTH:]
+        if is_drawn(lidar):
+            for ray in range(n):
+                lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar)
+        else:  # the same numbers in less time
+            for ray in range(n):
+                lengths[ray] = reading_of(lengths[ray], least[ray], 0.0, 1.0, bias, lidar)
         for ray in range(n):
             sweeping[begin + ray] = lengths[ray]
         if begin + n == revolution:

@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.rooms.drawing import draw
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN, way_left
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Pose
 
 World = str | Path | RoomRules | FloorPlan
 """How a world may be named."""
 GAZEBO = (".world", ".sdf")
 """How the names of Gazebo's files end."""
+MAPS = (".yaml", ".yml")
+"""How the names of maps end."""
 
 
 def find_world(world: World) -> RoomRules | FloorPlan:
     """Return the rules or the floor plan of a world.
 
     Args:
-        world: A name in `rules.ROOMS`, the path of a Gazebo world, rules, or a floor plan.
+        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules, or a floor plan.
 
     Raises:
         ValueError: If there is no such world, or its file cannot be read.
@@ -32,9 +40,49 @@ def find_world(world: World) -> RoomRules | FloorPlan:
         return world
     if Path(world).suffix in GAZEBO:
         return read_gazebo(world)
+    if Path(world).suffix in MAPS:
+        return read_map(world)
     if world not in ROOMS:
-        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file {' or '.join(GAZEBO)}, got {world!r}.")
+        files = ", ".join((*GAZEBO, *MAPS))
+        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file ({files}), got {world!r}.")
     return ROOMS[str(world)]
+
+
+def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> RoomRules | FloorPlan:
+    """Return the world that options of an episode ask for.
+
+    Args:
+        world: The one where they name none.
+        options: ``world``, as `find_world` takes it; ``start`` and ``goal``, poses: x, y and heading, m, rad.
+
+    Raises:
+        ValueError: If there are other options, or a pose is not one, outside of the room or in an obstacle that is given.
+    """
+    unknown = sorted(set(options) - {"world", "start", "goal"})
+    if unknown:
+        raise ValueError(f"options must be among 'world', 'start' and 'goal', got {', '.join(map(repr, unknown))}.")
+    world = find_world(options["world"]) if "world" in options else world
+    poses = {name: _pose(name, options[name]) for name in ("start", "goal") if name in options}
+    if not poses:
+        return world
+    if isinstance(world, FloorPlan):
+        return replace(world, **poses)
+    for name, pose in poses.items():
+        if not (abs(pose.x) < world.half_length and abs(pose.y) < world.half_width):
+            raise ValueError(f"{name} must be in the room, got {pose!r}.")
+    near = 0.0 if len(poses) == 2 else world.min_distance
+    return replace(world, min_distance=near, **{name: tuple(pose) for name, pose in poses.items()})
+
+
+def _pose(name: str, value: Any) -> Pose:
+    """Return a pose that was given as an option."""
+    try:
+        pose = Pose(*map(float, value))
+    except (TypeError, ValueError):
+        pose = Pose(math.nan, math.nan, math.nan)
+    if not all(map(math.isfinite, pose)):
+        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {value!r}.")
+    return pose
 
 
 def find_lidar(lidar: str | Lidar) -> Lidar:

@@ -50,7 +50,7 @@ class Episode:
         around = self.system.surroundings
         self.scene: Any = around.at(around.make([parameters]), 0) if around else ()
         if plan:
-            plan.put(self.scene)
+            self.scene = plan.put(self.scene)
         self.reset()
 
     def reset(self) -> World:

@@ -32,7 +32,7 @@ class Setting:
     robot: str = "burger"
     """burger, waffle, turtlebot4 or tutorial."""
     world: str | None = None
-    """Rooms only: clutter, dense, corridor, office, cellular, crowd, or a Gazebo world (FILE.world)."""
+    """Rooms only: clutter, dense, corridor, office, cellular, crowd, a Gazebo world (FILE.world) or a map (FILE.yaml)."""
     lidar: str | None = None
     """Rooms only: lds01, lds02, a1 or ideal."""
     arrival: str = "truth"

@@ -31,8 +31,8 @@ class PolicyWithMemory(Policy, Protocol):
         ...
 
 
-def layout_of(policy: Policy) -> int | None:
-    """Return the layout of the observations that a policy is made for; None where it says nothing.
+def layout_of(policy: object) -> int | None:
+    """Return the layout of the observations that a policy, or a class of policies, is made for; None where it says nothing.
 
     Raises:
         ValueError: If there is no such layout.

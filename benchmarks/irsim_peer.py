@@ -1,0 +1,75 @@
+"""IR-SIM, a simulator of robots with LiDARs, in a virtual environment and a process of its own: the peer of `rooms.py`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import venv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from turtlebot_gym.rooms.scene import Scene
+
+PEER = "ir-sim==2.12.0"
+_PEER_PROGRAM = """
+import json, sys, time
+import irsim, numpy
+env = irsim.make(sys.argv[1], display=False, disable_all_plot=True, log_level="ERROR")
+command = numpy.array([[0.0], [float(sys.argv[2])]])
+for line in sys.stdin:
+    cpu, wall = time.process_time(), time.perf_counter()
+    for _ in range(int(line)):
+        env.step(command)
+    print("turn", json.dumps([time.process_time() - cpu, time.perf_counter() - wall]), flush=True)
+"""
+
+
+def start_peer(folder: Path, scene: Scene, turn: float) -> subprocess.Popen[str]:
+    """Start IR-SIM in a room of ours; it is installed where it is missing.
+
+    Args:
+        folder: Its virtual environment.
+        scene: The room.
+        turn: The turning rate that it drives with, rad/s.
+    """
+    python = folder / "bin" / "python"
+    if not (folder / "installed").exists():
+        venv.create(folder, with_pip=True)
+        subprocess.run([str(python), "-m", "pip", "install", "--quiet", PEER], check=True)
+        (folder / "installed").touch()
+    x, y, half_length, half_width = scene.walls.tolist()
+    obstacles: list[dict[str, Any]] = [
+        {"number": 1, "shape": {"name": "circle", "radius": radius}, "state": [at_x, at_y, 0.0]}
+        for at_x, at_y, radius, _, _ in scene.circles[: scene.counts[0]].tolist()
+    ]
+    for at_x, at_y, a, b, cosine, sine in scene.boxes[: scene.counts[1]].tolist():
+        shape = {"name": "rectangle", "length": 2.0 * a, "width": 2.0 * b}
+        obstacles.append({"number": 1, "shape": shape, "state": [at_x, at_y, float(np.arctan2(sine, cosine))]})
+    lidar = {"name": "lidar2d", "range_min": 0.0, "range_max": 3.5, "angle_range": 2.0 * np.pi, "number": 36, "noise": False}
+    robot = {"kinematics": {"name": "diff"}, "shape": {"name": "circle", "radius": 0.105}, "sensors": [lidar]}
+    world = {"width": 2.0 * half_length, "height": 2.0 * half_width, "offset": [x - half_length, y - half_width]}
+    world |= {"step_time": 0.1, "sample_time": 0.1, "collision_mode": "unobstructed"}
+    said = {"world": world, "robot": [robot | {"state": [0.0, 0.0, 0.0], "goal": [9.0, 9.0, 0.0]}], "obstacle": obstacles}
+    (folder / "room.yaml").write_text(json.dumps(said))  # JSON is YAML
+    command = [str(python), "-c", _PEER_PROGRAM, str(folder / "room.yaml"), str(turn)]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def by_peer(peer: subprocess.Popen[str]) -> Callable[[int], tuple[float, float]]:
+    """Return a contender that lets the peer make steps."""
+
+    def run(steps: int) -> tuple[float, float]:
+        assert peer.stdin is not None
+        assert peer.stdout is not None
+        peer.stdin.write(f"{steps}\n")
+        peer.stdin.flush()
+        for line in peer.stdout:
+            if line.startswith("turn "):
+                cpu, wall = json.loads(line[5:])
+                return cpu, wall
+        raise RuntimeError("The peer has ended.")
+
+    return run

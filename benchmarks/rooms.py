@@ -1,0 +1,266 @@
+"""Speed of rooms: rays, steps, maps and the making of worlds, each beside what it must be, as ratios in one run.
+
+Contenders take turns and the best turn of each counts, in CPU seconds, so that other programs disturb the ratios little; wall
+time stands beside it. IR-SIM, the peer, is installed into a virtual environment of its own, and drives in the same room with
+the same beams and the same command: the robot turns on the spot.
+
+`make bench-rooms` runs it, with nothing else on the cores.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from irsim_peer import by_peer, start_peer
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.rooms.cells import ray_to_cells
+from turtlebot_gym.rooms.drawing import capacity, draw
+from turtlebot_gym.rooms.grid import OCCUPIED, GridMap
+from turtlebot_gym.rooms.rays import FAR, inverse
+from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
+from turtlebot_gym.rooms.sensing import BLOCK, cast
+from turtlebot_gym_agents.provenance import write_json
+
+ID = "turtlebot_gym/TurtleBotRooms-v0"
+TURN = 0.3
+"""The command that all robots drive with: a turning rate, as a share of the limit for ours and in rad/s for the peer's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Measure rooms."""
+
+    rounds: int = 7
+    """How often each contender has its turn."""
+    seconds: float = 0.5
+    """How long a turn takes, s."""
+    num_envs: int = 4096
+    """Environments that are stepped together."""
+    peer: Path | None = Path("out/irsim")
+    """The peer's virtual environment, made where it is missing; None leaves the peer out."""
+    json: Path | None = None
+    """Write the results here."""
+
+
+class Rate(NamedTuple):
+    """Calls per second of a contender's best turn."""
+
+    cpu: float
+    """By CPU seconds."""
+    wall: float
+    """By wall time."""
+
+
+def best_rates(contenders: dict[str, Callable[[int], tuple[float, float]]], config: Config) -> dict[str, Rate]:
+    """Return the rates of contenders that take turns.
+
+    Args:
+        contenders: Each makes a number of calls, and returns the CPU and the wall seconds that they took.
+        config: How often and how long.
+    """
+    calls = {}
+    for name, run in contenders.items():
+        run(1)  # compile
+        calls[name] = max(1, int(8 * config.seconds / max(run(8)[0], 1e-6)))
+    turns = [{name: run(calls[name]) for name, run in contenders.items()} for _ in range(config.rounds)]
+    return {name: Rate(*(calls[name] / min(turn[name][clock] for turn in turns) for clock in (0, 1))) for name in contenders}
+
+
+def timed(call: Callable[[], Any]) -> Callable[[int], tuple[float, float]]:
+    """Return a contender that makes a call of ours again and again."""
+
+    def run(calls: int) -> tuple[float, float]:
+        cpu, wall = time.process_time(), time.perf_counter()
+        for _ in range(calls):
+            call()
+        return time.process_time() - cpu, time.perf_counter() - wall
+
+    return run
+
+
+def _scan(scenes: Scene, poses: NDArray[np.float64], beams: NDArray[np.float64], ranges: NDArray[np.float64]) -> None:
+    """Cast the beams of all robots."""
+    rays = np.empty(5 * BLOCK)
+    for robot in range(len(poses)):
+        scene = scene_at(scenes, robot)
+        x, y = poses[robot, 0], poses[robot, 1]
+        sine, cosine = sincos(poses[robot, 2])
+        for first in range(0, beams.shape[1], BLOCK):
+            n = min(BLOCK, beams.shape[1] - first)
+            for ray in range(n):
+                rays[ray], rays[BLOCK + ray] = x, y
+                rays[2 * BLOCK + ray] = cosine * beams[0, first + ray] - sine * beams[1, first + ray]
+                rays[3 * BLOCK + ray] = sine * beams[0, first + ray] + cosine * beams[1, first + ray]
+            cast(scene, rays, n, 99.0)
+            for ray in range(n):
+                ranges[robot, first + ray] = rays[4 * BLOCK + ray]
+
+
+def _directions(beams: int) -> NDArray[np.float64]:
+    angles = 2.0 * np.pi * np.arange(beams) / beams
+    return np.stack([np.cos(angles), np.sin(angles)])
+
+
+def rays(config: Config) -> dict[str, Any]:
+    """Return rays per second on one thread, in rooms with 16 circles, 32 robots at a time."""
+    rules = RoomRules(circles=(16.0, 16.0), boxes=(0.0, 0.0))
+    scenes = make_scenes(32, circles=16, boxes=0, length=5.0, width=5.0, beams=1)
+    for robot in range(32):
+        draw(scene_at(scenes, robot), as_tuple(rules), 0.105, robot)
+    poses = np.random.default_rng(0).uniform([-2.4, -2.4, -np.pi], [2.4, 2.4, np.pi], (32, 3))
+    scan = njit(_scan, error_model="numpy")
+    contenders = {}
+    for beams in (36, 360):
+        arguments = scenes, poses, _directions(beams), np.empty((32, beams))
+        contenders[f"{beams} beams"] = timed(lambda arguments=arguments: scan(*arguments))
+    rates = best_rates(contenders, config)
+    return {name: Rate(*(32.0 * int(name.split()[0]) * number for number in rate)) for name, rate in rates.items()}
+
+
+def _grid_walk(squares: NDArray[np.int8], column: float, row: float, dx: float, dy: float, reach: float) -> float:
+    """Return what `ray_to_cells` does, by a plain walk from cell to cell."""
+    inverse_dx, inverse_dy = inverse(dx), inverse(dy)
+    step_x, step_y = 1 if inverse_dx > 0.0 else -1, 1 if inverse_dy > 0.0 else -1
+    i, j = int(row), int(column)
+    to_x = (j + (1 if step_x > 0 else 0) - column) * inverse_dx
+    to_y = (i + (1 if step_y > 0 else 0) - row) * inverse_dy
+    length = 0.0
+    while squares[0, i, j] != 0 and length < reach:
+        if to_x < to_y:
+            length = to_x
+            to_x += abs(inverse_dx)
+            j += step_x
+        else:
+            length = to_y
+            to_y += abs(inverse_dy)
+            i += step_y
+    return length if squares[0, i, j] == 0 else FAR
+
+
+def _walker(walk: Callable[..., float]) -> Callable[..., None]:
+    """Return a compiled function that casts the beams of robots on a map, all of it in cells."""
+
+    def scan(squares: Any, poses: Any, beams: Any, ranges: Any) -> None:
+        for robot in range(len(poses)):
+            sine, cosine = sincos(poses[robot, 2])
+            for ray in range(beams.shape[1]):
+                dx = cosine * beams[0, ray] - sine * beams[1, ray]
+                dy = sine * beams[0, ray] + cosine * beams[1, ray]
+                ranges[robot, ray] = walk(squares, poses[robot, 0], poses[robot, 1], dx, dy, 1e9)
+
+    return njit(scan, error_model="numpy")
+
+
+def hall(seed: int = 0) -> GridMap:
+    """Return a map of 20 m by 20 m at 5 cm: walls around, shelves and pillars."""
+    random, cells = np.random.default_rng(seed), np.zeros((400, 400), np.int8)
+    for _ in range(120):
+        i, j, height, width = *random.integers(0, 390, 2), *random.integers(2, 25, 2)
+        cells[i : i + height, j : j + width] = OCCUPIED
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    return GridMap(cells=cells, resolution=0.05)
+
+
+def maps(config: Config) -> dict[str, Any]:
+    """Return rays per second on a map with 360 beams, by strides and by a plain walk, and how much their ranges differ."""
+    grid = hall()
+    rows, columns = np.nonzero(grid.squares[0])
+    random = np.random.default_rng(1)
+    at = random.integers(len(rows), size=32)
+    poses = np.stack([columns[at] + random.random(32), rows[at] + random.random(32), random.uniform(-np.pi, np.pi, 32)], 1)
+    directions, found = _directions(360), {name: np.empty((32, 360)) for name in ("strides", "grid walk")}
+    scans = {"strides": _walker(ray_to_cells), "grid walk": _walker(njit(_grid_walk, error_model="numpy"))}
+    contenders = {
+        name: timed(lambda scan=scan, name=name: scan(grid.squares, poses, directions, found[name]))
+        for name, scan in scans.items()
+    }
+    rates = best_rates(contenders, config)
+    apart = float(np.abs(found["strides"] - found["grid walk"]).max()) * grid.resolution
+    return {name: Rate(*(32.0 * 360.0 * number for number in rate)) for name, rate in rates.items()} | {"apart_m": apart}
+
+
+def steps(config: Config) -> dict[str, Any]:
+    """Return steps per second in `dense` with 36 beams, ours and the peer's, and what making a world takes."""
+    n = config.num_envs
+    envs = gym.make_vec(ID, num_envs=n, world="dense", lidar="ideal", max_episode_steps=10**9)
+    _, info = envs.reset(seed=0)
+    batch: Any = envs.unwrapped._batch  # pyright: ignore[reportAttributeAccessIssue]
+    actions = np.tile(np.array([0.0, TURN], np.float32), (n, 1))
+    contenders = {"steps": timed(lambda: envs.step(actions)), "worlds": timed(lambda: envs.reset())}
+    peer = start_peer(config.peer, scene_at(batch.scenes, 0), TURN) if config.peer else None
+    if peer:
+        contenders["peer"] = by_peer(peer)
+    try:
+        rates = best_rates(contenders, config)
+    finally:
+        if peer:
+            peer.kill()
+            peer.wait()
+    p = batch.parameters
+    least = float(np.mean(info["way_left"])) / (min(p.robot.max_linear, p.robot.max_wheel) * p.dt)
+    found = {name: Rate(*((n if name != "peer" else 1) * number for number in rate)) for name, rate in rates.items()}
+    return {**found, "steps_of_an_episode": least}
+
+
+def memory(number: int = 4096) -> dict[str, float]:
+    """Return what the rooms of so many environments take, MB, by world."""
+    taken = {}
+    for name, rules in ROOMS.items():
+        circles, boxes = capacity(rules)
+        size = {"length": 2.0 * rules.half_length, "width": 2.0 * rules.half_width}
+        one = make_scenes(1, circles=circles, boxes=boxes, beams=36, **size)
+        taken[name] = number * sum(part.nbytes for part in one) / 1e6
+    grid = hall()
+    shared = sum(part.nbytes for part in (grid.squares, grid.known, grid.frame))
+    one = make_scenes(1, circles=0, boxes=0, beams=36, length=20.0, width=20.0)
+    return taken | {"map of 20 m at 5 cm": (shared + number * sum(part.nbytes for part in one)) / 1e6}
+
+
+def main() -> None:
+    """Measure, print a table, and write JSON."""
+    config = tyro.cli(Config, description=__doc__)
+    load = os.getloadavg()[0]
+    casting, walking, stepping, taken = rays(config), maps(config), steps(config), memory()
+    rows: list[tuple[str, float, str, float | None]] = [
+        ("rays with 36 beams and 16 circles, one thread", casting["36 beams"].cpu / 1e6, "M/s", 40.0),
+        ("rays with 360 beams and 16 circles, one thread", casting["360 beams"].cpu / 1e6, "M/s", None),
+        ("rays on a map with 360 beams, one thread", walking["strides"].cpu / 1e6, "M/s", None),
+        ("these rays, times those of a plain grid walk", walking["strides"].cpu / walking["grid walk"].cpu, "", 1.5),
+        ("steps in dense with 36 beams, wall time", stepping["steps"].wall / 1e6, "M/s", 1.0),
+        ("the same, CPU seconds of one core", stepping["steps"].cpu / 1e6, "M/s", None),
+    ]
+    if "peer" in stepping:
+        rows.append(("these steps, times IR-SIM's, wall time", stepping["steps"].wall / stepping["peer"].wall, "", 1000.0))
+        rows.append(("the same, CPU seconds of one core", stepping["steps"].cpu / stepping["peer"].cpu, "", None))
+    episodes = stepping["worlds"].cpu * stepping["steps_of_an_episode"] / stepping["steps"].cpu
+    rows.append(("episodes' steps, times the making of their worlds", episodes, "", 5.0))
+    rows += [(f"memory of 4096 worlds, {name}", size, "MB", None) for name, size in taken.items()]
+    table = Table("figure", "", "at least", "met", title=f"{len(os.sched_getaffinity(0))} cores, load {load:.1f}")
+    for name, value, unit, least in rows:
+        must, met = ("", "") if least is None else (f"{least:g}", "yes" if value >= least else "NO")
+        table.add_row(name, f"{value:.3g} {unit}", must, met)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    print(f"Ranges by strides and by a grid walk differ by at most {walking['apart_m']:.1e} m.")
+    if config.json is not None:
+        results = {"rays": casting, "maps": walking, "steps": stepping, "memory_mb": taken}
+        write_json(config.json, {"load": [load, os.getloadavg()[0]], **results}, config=asdict(config))
+
+
+if __name__ == "__main__":
+    main()

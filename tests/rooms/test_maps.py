@@ -1,0 +1,416 @@
+"""Maps: read cell by cell as ``map_server`` reads them, their rays and distances against shapely, and drives on them."""
+
+from __future__ import annotations
+
+import math
+import shutil
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import shapely
+from PIL import Image
+
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.rooms import drawing, geodesic, sensing
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.maps import read_grid, read_map
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.worlds import find_world, require_a_way
+from turtlebot_gym.systems import Episode, make_parameters, make_room
+from turtlebot_gym.tasks import ROOM
+from turtlebot_gym.values import Pose
+
+ID = "turtlebot_gym/TurtleBotRooms-v0"
+NEAR = njit(lambda scene, x, y: sensing.clearance(scene, x, y), error_model="numpy")
+BLOCK = njit(lambda scene, clearance: geodesic.block(scene, clearance), error_model="numpy")
+DRAW = njit(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), error_model="numpy")
+
+
+def write_map(folder, pixels, *, image="map.pgm", **said):
+    """Write a map, and return the path of its YAML file."""
+    if isinstance(pixels, str):
+        (folder / image).write_text(pixels)
+    elif image.endswith(".pgm") and pixels.ndim == 2:  # by hand: P5
+        (folder / image).write_bytes(b"P5\n# made here\n%d %d\n255\n" % pixels.shape[::-1] + pixels.tobytes())
+    else:
+        Image.fromarray(pixels).save(folder / image)
+    said = {
+        "image": image, "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    } | said  # fmt: skip
+    path = folder / "map.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in said.items() if value is not None))
+    return path
+
+
+def cellular(seed, rows=50, columns=70, fill=0.44):
+    """Return the cells of a cave with free rooms, walls around, and a patch that is not known."""
+    filled = np.random.default_rng(seed).random((rows, columns)) < fill
+    for _ in range(4):
+        padded = np.pad(filled, 1, constant_values=True)
+        around = sum(padded[i : i + rows, j : j + columns].astype(int) for i in range(3) for j in range(3))
+        filled = around >= 5
+    cells = np.where(filled, OCCUPIED, FREE).astype(np.int8)
+    cells[rows // 3 : rows // 3 + 5, columns // 2 :] = UNKNOWN
+    cells[rows // 2 : rows // 2 + 6, 5 : columns // 3] = FREE
+    return cells
+
+
+def test_a_plain_pgm_of_a_mapper_is_read_cell_by_cell(tmp_path):
+    """What map_saver writes: 0 occupied, 254 free, 205 unknown."""
+    path = write_map(tmp_path, np.array([[0, 254, 205], [254, 254, 0]], np.uint8), origin=[-1.0, 2.0, 0.0])
+    grid = read_grid(path)
+    assert grid.cells.tolist() == [[0, 0, 100], [100, 0, -1]]  # the lowest row first
+    assert (grid.resolution, grid.origin) == (0.05, Pose(-1.0, 2.0, 0.0))
+
+
+def test_a_pgm_in_letters_is_read_too(tmp_path):
+    path = write_map(tmp_path, "P2\n# in letters\n3 2\n100\n0 100 80\n50 60 100\n", free_thresh=0.25)
+    # Of 100: 80 is 0.2 of occupancy, 60 is 0.4, 50 is 0.5; 16 bits at once have other scales.
+    assert read_grid(path).cells.tolist() == [[-1, -1, 0], [100, 0, 0]]
+    path = write_map(tmp_path, "P2\n3 1\n65535\n0 40000 65535\n")
+    assert read_grid(path).cells.tolist() == [[100, -1, 0]]
+
+
+def test_a_negated_png_with_colours_and_a_rotation_is_read(tmp_path):
+    pixels = np.array([[[255, 255, 255], [0, 0, 0], [255, 0, 0]], [[10, 20, 30], [255, 255, 0], [150, 150, 210]]], np.uint8)
+    grid = read_grid(write_map(tmp_path, pixels, image="map.png", negate=1, origin=[1, 2, 0.5], resolution=0.1))
+    # Negated, brightness is occupancy: 1, 0, 1/3; 20/255, 2/3, 2/3.
+    assert grid.cells.tolist() == [[0, 100, 100], [100, 0, -1]]
+    assert grid.origin == Pose(1.0, 2.0, 0.5)
+
+
+def test_transparency_is_averaged_in_trinary_and_unknown_in_scale(tmp_path):
+    pixels = np.array([[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128, 128, 255]]], np.uint8)
+    # Averages of four channels: 255, 1020, 765 and 639 of 1020, so occupancies 0.75, 0, 0.25 and 0.37.
+    assert read_grid(write_map(tmp_path, pixels, image="map.png")).cells.tolist() == [[100, 0, -1, -1]]
+    scaled = read_grid(write_map(tmp_path, pixels, image="map.png", mode="scale"))
+    assert scaled.cells.tolist() == [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]
+
+
+def test_a_raw_map_has_the_values_of_its_pixels(tmp_path):
+    path = write_map(tmp_path, np.array([[0, 1, 99, 100, 101, 255]], np.uint8), mode="raw", negate="true")
+    assert read_grid(path).cells.tolist() == [[0, 1, 99, 100, -1, -1]]
+
+
+def test_a_cell_at_a_threshold_is_unknown(tmp_path):
+    """Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749."""
+    pixels = np.array([[0, 127, 128, 64, 63, 255]], np.uint8)
+    halves = write_map(tmp_path, pixels, occupied_thresh=0.5, free_thresh=0.5)
+    assert read_grid(halves).cells.tolist() == [[100, 100, 0, 100, 100, 0]]
+    exact = write_map(tmp_path, np.array([[255, 0, 200]], np.uint8), occupied_thresh=1.0, free_thresh=0.0, negate=1)
+    with pytest.raises(ValueError, match="must hold a free cell; of 3 there is none"):  # 0 and 1 are at the thresholds
+        read_grid(exact)
+
+
+def boxes_of(grid):
+    """Return the occupied cells as polygons in the world, and the map's outline."""
+    x, y, yaw = grid.origin
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+
+    def place(left, bottom, right, top):
+        at = np.array([(left, bottom), (right, bottom), (right, top), (left, top)]) * grid.resolution
+        return shapely.Polygon(at @ turn.T + (x, y))
+
+    solid = [place(j, i, j + 1, i + 1) for i, j in np.argwhere(grid.cells == OCCUPIED)]
+    return shapely.union_all(solid), place(0, 0, grid.cells.shape[1], grid.cells.shape[0])
+
+
+GRIDS = [
+    GridMap(cells=cellular(1), resolution=0.047, origin=Pose(0.013, -0.021, 0.0)),
+    GridMap(cells=cellular(2), resolution=0.1, origin=Pose(-3.0, 1.0, 0.6)),
+    GridMap(cells=cellular(3, 40, 40, 0.36), resolution=0.07, origin=Pose(0.3, -2.0, -2.2)),
+    GridMap(cells=cellular(4, 200, 290, 0.3), resolution=0.02, origin=Pose(1.0, 1.0, math.pi / 2.0)),  # squares beyond 127
+]
+
+
+def points_on(grid, number, seed):
+    """Return points on a map that are not in an occupied cell."""
+    rows, columns = np.nonzero(grid.cells != OCCUPIED)
+    random = np.random.default_rng(seed)
+    chosen = random.integers(len(rows), size=number)
+    along, across = (at[chosen] + random.random(number) for at in (columns, rows))
+    x, y, yaw = grid.origin
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return x + grid.resolution * (cosine * along - sine * across), y + grid.resolution * (sine * along + cosine * across)
+
+
+def lengths_to_cells(grid, x, y, dx, dy):
+    """Return the lengths of rays from a point to the first of all occupied cells, or to the border, in the map's frame."""
+    origin, turn = complex(*grid.origin[:2]), np.exp(-1j * grid.origin[2])
+    point, towards = turn * (complex(x, y) - origin) / grid.resolution, turn * (dx + 1j * dy)
+    with np.errstate(divide="ignore", invalid="ignore"):
+
+        def slab(low, high, start, component):
+            first, second = (low - start) / component[:, None], (high - start) / component[:, None]
+            return np.fmin(first, second), np.fmax(first, second)
+
+        rows, columns = (at[None, :] for at in np.nonzero(grid.cells == OCCUPIED))
+        near_x, far_x = slab(columns, columns + 1, point.real, towards.real)
+        near_y, far_y = slab(rows, rows + 1, point.imag, towards.imag)
+        near, far = np.fmax(near_x, near_y), np.fmin(far_x, far_y)
+        to_cells = np.where((near <= far) & (far >= 0.0), np.fmax(near, 0.0), np.inf).min(axis=1, initial=np.inf)
+        height, width = (np.array([size]) for size in grid.cells.shape)
+        _, out_x = slab(0, width, point.real, towards.real)
+        _, out_y = slab(0, height, point.imag, towards.imag)
+    return grid.resolution * np.fmin(to_cells, np.fmin(out_x, out_y)[:, 0])
+
+
+@pytest.mark.parametrize("at", range(len(GRIDS)))
+def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at, cast_all):
+    """At random, along the rows, and a hair beside the corners of cells."""
+    grid = GRIDS[at]
+    solid, outline = boxes_of(grid)
+    surfaces = shapely.union(solid.boundary, outline.exterior)
+    shapely.prepare(surfaces)
+    scene = FloorPlan(walls=grid.walls(), map=grid).scene()
+    edges = shapely.get_coordinates(solid)
+    random, worst, tried = np.random.default_rng(at), 0.0, 0
+    for number, (x, y) in enumerate(zip(*points_on(grid, 64, at), strict=True)):
+        angles = random.uniform(-math.pi, math.pi, 400)
+        angles[:4] = grid.origin[2] + np.array([0.0, 0.5, 1.0, 1.5]) * math.pi
+        if len(edges):
+            beside = edges[random.integers(len(edges), size=10)]
+            angles[4:14] = np.arctan2(beside[:, 1] - y, beside[:, 0] - x) + random.choice([-1e-7, 1e-7], 10)
+        dx, dy = np.cos(angles), np.sin(angles)
+        found = np.empty(angles.size)
+        cast_all(scene, np.full(angles.size, x), np.full(angles.size, y), dx, dy, found, 99.0)
+        worst = max(worst, float(np.abs(found - lengths_to_cells(grid, x, y, dx, dy)).max()))
+        if number < 3:
+            ends = np.stack([np.broadcast_to([x, y], (100, 2)), np.stack([x + 20.0 * dx, y + 20.0 * dy], -1)[:100]], 1)
+            met = shapely.intersection(shapely.linestrings(ends), surfaces)
+            worst = max(worst, float(np.abs(found[:100] - shapely.distance(shapely.Point(x, y), met)).max()))
+        tried += angles.size
+    assert tried >= 25_000
+    assert worst < 1e-9
+
+
+@pytest.mark.parametrize("at", range(len(GRIDS)))
+def test_clearance_agrees_with_shapely(at):
+    grid = GRIDS[at]
+    solid, outline = boxes_of(grid)
+    scene = FloorPlan(walls=grid.walls(), map=grid).scene()
+    for x, y in zip(*points_on(grid, 300, at), strict=True):
+        point = shapely.Point(x, y)
+        expected = min(point.distance(solid), point.distance(outline.exterior), 1.0)
+        assert NEAR(scene, x, y) == pytest.approx(expected, abs=1e-9)
+    left, bottom, right, top = outline.bounds
+    inside = np.random.default_rng(at).uniform([left - 0.5, bottom - 0.5], [right + 0.5, top + 0.5], (300, 2))
+    told = [(NEAR(scene, x, y) <= 0.0, solid.covers(at := shapely.Point(x, y)) or not outline.covers(at)) for x, y in inside]
+    assert all(found == expected for found, expected in told)
+
+
+@pytest.mark.parametrize("at", range(len(GRIDS)))
+def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
+    grid = GRIDS[at]
+    compiled, plain = (FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2))
+    x, y = points_on(grid, 200, at)
+    angles = np.random.default_rng(at).uniform(-math.pi, math.pi, 200)
+    angles[:4] = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
+    found, expected = np.empty(200), np.empty(200)
+    for reach in (0.3, 99.0):
+        cast_all(compiled, x, y, np.cos(angles), np.sin(angles), found, reach)
+        cast_plain(plain, x, y, np.cos(angles), np.sin(angles), expected, reach)
+        np.testing.assert_array_equal(found, expected)
+    assert [NEAR(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
+        sensing.clearance(plain, a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)
+    ]
+    if grid.cells.size < 10_000:
+        BLOCK(compiled, 0.2)
+        geodesic.block(plain, 0.2)
+        np.testing.assert_array_equal(compiled.ways, plain.ways)
+
+
+def test_a_ray_around_a_corner_ends_everywhere(cast_all):
+    """From lattice points along diagonals, where rounding decides which cell is next: it must decide, and end."""
+    cells = np.zeros((30, 30), np.int8)
+    cells[::7, ::5] = OCCUPIED
+    grid = GridMap(cells=cells, resolution=0.1)
+    scene = FloorPlan(walls=grid.walls(), map=grid).scene()
+    at = np.arange(1, 30) / 10.0
+    x, y = (part.ravel() for part in np.meshgrid(at, at))
+    for angle in np.arange(64) * math.pi / 32.0:
+        found = np.empty(x.size)
+        cast_all(scene, x, y, np.full(x.size, math.cos(angle)), np.full(x.size, math.sin(angle)), found, 99.0)
+        assert (found >= 0.0).all()
+        assert (found < 4.3).all()
+
+
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_ways_keep_clear_and_stay_on_known_ground(at):
+    grid = GRIDS[at]
+    solid, outline = boxes_of(grid)
+    scene = FloorPlan(walls=grid.walls(), map=grid).scene()
+    BLOCK(scene, 0.2)
+    rows, columns = geodesic.extent(scene)
+    x, y, yaw = grid.origin
+    free = 0
+    for row in range(rows):
+        for column in range(columns):
+            a, b = geodesic.centre_of(scene, row, column)
+            point, dx, dy = shapely.Point(a, b), a - x, b - y
+            j = math.floor((dx * math.cos(yaw) + dy * math.sin(yaw)) / grid.resolution)
+            i = math.floor((dy * math.cos(yaw) - dx * math.sin(yaw)) / grid.resolution)
+            known = 0 <= i < grid.cells.shape[0] and 0 <= j < grid.cells.shape[1] and grid.cells[i, j] == FREE
+            expected = known and point.distance(solid) >= 0.2 and point.distance(outline.exterior) >= 0.2
+            assert geodesic.is_free(scene, a, b) == expected
+            free += expected
+    assert free > 10
+
+
+HALL = np.full((60, 80), 254, np.uint8)
+HALL[0, :] = HALL[-1, :] = HALL[:, 0] = HALL[:, -1] = 0
+HALL[:40, 38:42] = 0
+HALL[30:34, 60:] = 205
+"""A hall of 8 m by 6 m with a wall in it and unknown ground, at a resolution of 0.1 m."""
+
+
+@pytest.fixture
+def hall(tmp_path):
+    return write_map(tmp_path, HALL, resolution=0.1, origin=[-4.0, -3.0, 0.3])
+
+
+def test_a_map_is_the_same_compiled_and_in_plain_python(hall):
+    plan = read_map(hall)
+    p = make_parameters(ROOM, noise="rough")
+    p = p._replace(room=make_room(plan, LIDARS["a1"], p.dt))
+    batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),), plan=plan)
+    batch.seeds[:] = np.arange(35)
+    observations, outcomes = batch.empty()
+    batch.reset(np.ones(35, np.bool_), observations, outcomes)
+    plain = {i: Episode(p, seed=i, plan=plan) for i in (0, 33)}
+    rng, contacts = np.random.default_rng(0), 0
+    for _ in range(25):
+        for i, episode in plain.items():
+            assert batch.world(i) == episode.world
+            np.testing.assert_array_equal(observations[i], np.array(episode.observe(), np.float32))
+        actions = rng.uniform([0.4, -0.3], [1.2, 0.3], (35, 2)).astype(np.float32)
+        observations, outcomes = batch.step(actions)
+        for i, episode in plain.items():
+            assert outcomes[:, i].tolist() == [float(number) for number in episode.act(actions[i].tolist())]
+        contacts += int(batch.numbers("room.collided").sum())
+    assert contacts > 0
+    assert batch.scenes.squares is plan.map.squares, "one map for all"
+
+
+def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
+    plan = find_world(hall)
+    scene, rules = plan.scene(), as_tuple(plan.rules())
+    grid, places = plan.map, set()
+    x, y, yaw = grid.origin
+    for key in range(40):
+        poses = DRAW(scene, rules, key)
+        for pose in poses:
+            dx, dy = pose.x - x, pose.y - y
+            j = math.floor((dx * math.cos(yaw) + dy * math.sin(yaw)) / grid.resolution)
+            i = math.floor((dy * math.cos(yaw) - dx * math.sin(yaw)) / grid.resolution)
+            assert grid.cells[i, j] == FREE
+            assert sensing.clearance(scene, pose.x, pose.y) > 0.105
+            places.add((i, j))
+        assert math.dist(poses[0][:2], poses[1][:2]) >= 1.5
+        assert max(abs(poses[0].x - poses[1].x), abs(poses[0].y - poses[1].y)) <= 6.0
+        assert geodesic.way_left(scene, poses[0].x, poses[0].y) > 0.0
+    assert len(places) > 70
+
+
+def test_a_row_is_the_scalar_environment_on_a_map(hall):
+    envs = gym.make_vec(ID, num_envs=3, world=str(hall), lidar="ideal", autoreset_mode=gym.vector.AutoresetMode.DISABLED)
+    alone = [gym.make(ID, world=hall, lidar="ideal") for _ in range(3)]
+    observations, _ = envs.reset(seed=5)
+    for i, env in enumerate(alone):
+        np.testing.assert_array_equal(env.reset(seed=5 + i)[0], observations[i])
+    for step in range(10):
+        actions = np.array([[1.0, 0.4 * math.sin(step)]] * 3, np.float32)
+        observations, rewards, *_, info = envs.step(actions)
+        for i, env in enumerate(alone):
+            observation, reward, *_, told = env.step(actions[i])
+            np.testing.assert_array_equal(observation, observations[i])
+            assert (reward, told["clearance"]) == (rewards[i], info["clearance"][i])
+
+
+def test_obstacles_may_stand_on_a_map(cast_all):
+    grid = GridMap(cells=np.zeros((60, 60), np.int8), resolution=0.1)
+    plan = FloorPlan(walls=grid.walls(), map=grid, circles=((3.0, 1.0, 0.5),))
+    found = np.empty(2)
+    cast_all(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), found, 99.0)
+    assert found == pytest.approx([1.5, 3.0])
+    assert NEAR(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
+
+
+def test_a_map_is_drawn_where_it_lies(hall):
+    env = gym.make(ID, world=read_map(hall, start=Pose(-2.0, 0.0, 0.0)), render_mode="rgb_array", lidar="ideal")
+    env.reset(seed=0)
+    x, y, half_length, half_width = env.unwrapped._batch.scenes.walls[0]
+    drawn, half = env.render()[64:], max(half_length, half_width) + 0.5
+
+    def at(column, row):
+        """Return the colour in the middle of a cell of the image."""
+        along, across = (column + 0.5) * 0.1, (60 - row - 0.5) * 0.1
+        a, b = -4.0 + along * math.cos(0.3) - across * math.sin(0.3), -3.0 + along * math.sin(0.3) + across * math.cos(0.3)
+        scale = drawn.shape[0] / (2.0 * half)
+        return tuple(map(int, drawn[round((y + half - b) * scale), round((a - x + half) * scale)]))
+
+    assert at(39, 5) == (0x55, 0x55, 0x55)
+    assert at(70, 32) == (0xDD, 0xDD, 0xDD)  # unknown
+    assert at(50, 32) == (255, 255, 255)
+
+
+def bad(**changes):
+    return {"pixels": HALL, **changes}
+
+
+@pytest.mark.parametrize(
+    ("made", "told"),
+    [
+        (bad(resolution=0), "must have a positive resolution, got 0"),
+        (bad(resolution="fine"), "must have finite numbers for resolution, got 'fine'"),
+        (bad(occupied_thresh=0.2, free_thresh=0.6), "must have 0 <= free_thresh <= occupied_thresh <= 1, got 0.6 and 0.2"),
+        (bad(occupied_thresh=65), "must have 0 <= free_thresh <= occupied_thresh <= 1"),
+        (bad(negate=2), "must have 0 or 1 for negate, got 2"),
+        (bad(mode="colour"), "mode of the map .* must be one of 'trinary', 'scale', 'raw', got 'colour'"),
+        (bad(origin=[0.0, 1.0]), "must have an origin of x, y and yaw"),
+        (bad(origin="[0.0, 1.0, .nan]"), "must have finite numbers for origin, got nan"),
+        (bad(free_thresh=None, negate=None), "must say negate, free_thresh"),
+        (bad(pixels=np.zeros((3, 4), np.uint8)), "must hold a free cell; of 12 there is none"),
+        (bad(pixels="no image at all"), "image .*map.pgm' cannot be read"),
+        (bad(pixels="P5\n80 60\n255\nfew"), "image .*map.pgm' cannot be read"),
+    ],
+)
+def test_a_map_that_cannot_be_is_one_clear_line(tmp_path, made, told):
+    path = write_map(tmp_path, made.pop("pixels"), **made)
+    with pytest.raises(ValueError, match=told) as caught:
+        gym.make(ID, world=str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_not_there_are_named(tmp_path, hall):
+    with pytest.raises(ValueError, match=r"There is no map 'nowhere.yaml'"):
+        find_world("nowhere.yaml")
+    shutil.move(hall.parent / "map.pgm", hall.parent / "other.pgm")
+    with pytest.raises(ValueError, match=r"There is no image .*map.pgm' for the map"):
+        find_world(hall)
+    for text in ("just words", "image: [", "- 1\n- 2"):
+        (tmp_path / "bad.yaml").write_text(text)
+        with pytest.raises(ValueError, match=r"bad.yaml' is no map"):
+            find_world(tmp_path / "bad.yaml")
+
+
+def test_start_and_goal_must_be_free_and_connected(hall):
+    for start in (Pose(-4.1, -3.0, 0.0), Pose(-3.98, -2.9, 0.0)):  # beside the map, and in its wall
+        with pytest.raises(ValueError, match=r"FloorPlan.start must be in the room and in no obstacle"):
+            read_map(hall, start=start)
+    cells = np.zeros((40, 60), np.int8)
+    cells[:, 30] = OCCUPIED
+    grid = GridMap(cells=cells, resolution=0.1)
+    cut = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
+    with pytest.raises(ValueError, match="no way from its start to its goal"):
+        require_a_way(cut, 0.105)
+    cells[:, 30] = UNKNOWN
+    grid = GridMap(cells=cells, resolution=0.1)
+    unknown = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
+    with pytest.raises(ValueError, match="no way from its start to its goal"):
+        require_a_way(unknown, 0.105)

@@ -1,0 +1,107 @@
+"""Options of reset: a world, a start and a goal of one's own for an episode."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import RoomRules
+from turtlebot_gym.values import Pose
+
+ID = "turtlebot_gym/TurtleBotRooms-v0"
+HALL = FloorPlan(walls=(0.0, 0.0, 3.0, 2.0), circles=((0.0, 0.0, 0.5),), boxes=((1.5, 1.0, 0.5, 0.5),))
+
+
+def drive(env, **reset):
+    """Return what an environment tells at a reset and in five steps after it."""
+    observation, info = env.reset(**reset)
+    told = [[*observation.tolist(), *info["true_state"].tolist(), *info["reference"].tolist(), info["way_left"]]]
+    for _ in range(5):
+        observation, reward, *_, info = env.step(np.array([0.5, 0.2], np.float32))
+        told.append([*observation.tolist(), reward, info["clearance"]])
+    return told
+
+
+def test_start_and_goal_are_those_that_were_given():
+    env = gym.make(ID, world="dense", lidar="ideal")
+    for seed in range(5):
+        _, info = env.reset(seed=seed, options={"start": (-2.0, 0.1, 0.5), "goal": [2.0, 0.0, 1.0]})
+        np.testing.assert_allclose(info["true_state"][:3], [-2.0, 0.1, 0.5])
+        assert info["reference"].tolist() == [2.0, 0.0, 1.0]
+        assert info["clearance"] > 0.0
+        assert 3.9 < info["way_left"] < 9.0
+    _, info = env.reset(seed=0, options={"goal": (0.3, 0.2, 0.0)})
+    assert math.dist(info["true_state"][:2], (0.3, 0.2)) >= 1.5
+    _, info = env.reset(seed=0, options={"start": (0.0, 0.0, 0.0), "goal": (0.5, 0.0, 0.0)})  # nearer than rooms are drawn
+    assert info["way_left"] < 1.5
+
+
+@pytest.mark.parametrize("world", ["corridor", RoomRules(circles=(2.0, 20.0)), HALL])
+def test_another_world_is_as_if_the_environment_were_made_with_it(world):
+    own, other = gym.make(ID, world="clutter", lidar="ideal"), gym.make(ID, world=world, lidar="ideal")
+    assert drive(own, seed=4, options={"world": world}) == drive(other, seed=4)
+
+
+def test_options_hold_for_one_episode():
+    told = []
+    for options in ({"world": HALL, "start": (-2.0, 0.0, 0.0)}, {}, None):
+        env = gym.make(ID, world="clutter", lidar="ideal")
+        env.reset(seed=4, options=options)
+        told.append(drive(env))
+    assert told[0] == told[1] == told[2]
+
+
+def test_a_plan_keeps_what_is_not_given():
+    env = gym.make(ID, world=FloorPlan(walls=(0.0, 0.0, 3.0, 2.0), goal=Pose(2.0, 0.0, 0.0)), lidar="ideal")
+    _, info = env.reset(seed=1, options={"start": (-2.0, 0.0, 0.0)})
+    assert info["reference"].tolist() == [2.0, 0.0, 0.0]
+    assert info["way_left"] == pytest.approx(4.0, abs=0.2)
+    _, info = env.reset(options={"world": HALL, "goal": (-2.0, 1.0, 0.0)})
+    assert info["reference"].tolist() == [-2.0, 1.0, 0.0]
+
+
+def test_a_picture_shows_the_world_that_was_given():
+    env = gym.make(ID, world="clutter", lidar="ideal", render_mode="rgb_array")
+    env.reset(seed=0)
+    before = env.render()
+    env.reset(seed=0, options={"world": HALL})
+    assert (env.render() != before).any()
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.render(), before)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start' and 'goal', got 'starts'"),
+        ({"start": (0.0, 0.0)}, r"start must hold x, y and heading, finite numbers, got \(0.0, 0.0\)"),
+        ({"goal": (0.0, 0.0, math.nan)}, "goal must hold x, y and heading, finite numbers"),
+        ({"goal": "door"}, "goal must hold x, y and heading, finite numbers, got 'door'"),
+        ({"start": (9.0, 0.0, 0.0)}, "start must be in the room, got Pose"),
+        ({"world": HALL, "start": (0.3, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
+        ({"world": HALL, "goal": (0.0, 9.0, 0.0)}, "FloorPlan.goal must be in the room and in no obstacle"),
+        ({"world": HALL, "goal": (0.0, 0.55, 0.0)}, "No way leads from start to goal for a robot of radius 0.105 m"),
+        ({"world": "attic"}, "world must be one of 'clutter'"),
+    ],
+)
+def test_options_that_cannot_be_are_one_line_and_nothing_is_begun(options, told):
+    env = gym.make(ID, world="clutter", lidar="ideal", disable_env_checker=True).unwrapped
+    with pytest.raises(ValueError, match=told) as caught:
+        env.reset(seed=0, options=options)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ResetNeeded):
+        env.step(np.zeros(2, np.float32))
+
+
+def test_more_obstacles_than_can_be_drawn_are_refused():
+    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
+        RoomRules(circles=(0.0, 385.0))
+    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
+        RoomRules(boxes=(81.0, 81.0))
+    crowded = FloorPlan(walls=(0.0, 0.0, 9.0, 9.0), circles=((1.0, 0.0, 0.1),) * 500)  # what is given has no such limit
+    assert crowded.scene().counts.tolist() == [500, 0]

@@ -1,0 +1,116 @@
+"""Rays and distances in a map of square cells, which are occupied or not; all lengths here are in cells.
+
+A ray walks from cell to cell, as Amanatides and Woo have it, but in strides: for each cell and each quarter of the directions
+the map knows the largest square without an occupied cell that begins there, so a ray goes to the border of that square at once.
+Outside of the map all is occupied.
+
+References:
+    Amanatides, Woo, "A fast voxel traversal algorithm for ray tracing", *Eurographics* (1987).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.rooms.rays import FAR, inverse
+
+LARGEST = 127
+"""Side of the largest square that a map knows of."""
+
+
+@kernel
+def to_cells(frame: Any, x: float, y: float) -> tuple[float, float]:
+    """Return the column and the row of a point, with fractions.
+
+    Args:
+        frame: `scene.Scene.frame`.
+        x: m.
+        y: m.
+    """
+    dx, dy = x - frame[0], y - frame[1]
+    return (dx * frame[2] + dy * frame[3]) / frame[4] + 1.0, (dy * frame[2] - dx * frame[3]) / frame[4] + 1.0
+
+
+@kernel
+def is_on_map(squares: Any, column: float, row: float) -> bool:
+    """Return whether a point is on the map: not on the border of cells around it."""
+    return 1.0 <= column < squares.shape[2] - 1.0 and 1.0 <= row < squares.shape[1] - 1.0
+
+
+@kernel
+def ray_to_cells(squares: Any, column: float, row: float, dx: float, dy: float, reach: float) -> float:
+    """Return the length of a ray to the first occupied cell, `FAR` where it is farther than ``reach``; 0 inside of one.
+
+    Args:
+        squares: `scene.Scene.squares`.
+        column: Origin of the ray.
+        row: And its other coordinate.
+        dx: Direction of the ray in the map's frame, a unit vector.
+        dy: And its other coordinate.
+        reach: How far to look.
+    """
+    if not is_on_map(squares, column, row):
+        return 0.0
+    inverse_dx, inverse_dy = inverse(dx), inverse(dy)
+    right, up = inverse_dx > 0.0, inverse_dy > 0.0
+    ahead = squares[(0 if right else 1) + (0 if up else 2)]
+    i, j = int(row), int(column)
+    length, side = 0.0, int(ahead[i, j])
+    while side > 0 and length < reach:
+        border_x, border_y = j + side if right else j - side + 1, i + side if up else i - side + 1
+        length_x, length_y = (border_x - column) * inverse_dx, (border_y - row) * inverse_dy
+        if length_x < length_y:
+            length, at = length_x, int(row + length_x * dy)
+            # Rounding must not lead out of the square, nor back: the ray could go in circles around a corner.
+            i = min(max(at, i), i + side - 1) if up else min(max(at, i - side + 1), i)
+            j = border_x if right else border_x - 1
+        else:
+            length, at = length_y, int(column + length_y * dx)
+            j = min(max(at, j), j + side - 1) if right else min(max(at, j - side + 1), j)
+            i = border_y if up else border_y - 1
+        side = int(ahead[i, j])
+    return length if side == 0 else FAR
+
+
+@kernel
+def distance_to_cells(squares: Any, column: float, row: float, reach: float) -> float:
+    """Return the distance from a point to the nearest occupied cell, at most ``reach``.
+
+    Args:
+        squares: `scene.Scene.squares`.
+        column: The point.
+        row: And its other coordinate.
+        reach: Distance beyond which it does not matter.
+
+    Returns:
+        Minus the distance to the cell's own border inside of one, and to the map outside of it.
+    """
+    rows, columns = squares.shape[1], squares.shape[2]
+    border = min(min(column, columns - column), min(row, rows - row)) - 1.0
+    if not is_on_map(squares, column, row):
+        return min(border, 0.0)
+    i, j = int(row), int(column)
+    free = min(min(int(squares[0, i, j]), int(squares[1, i, j])), min(int(squares[2, i, j]), int(squares[3, i, j])))
+    if free == 0:
+        return -min(min(column - j, j + 1 - column), min(row - i, i + 1 - row))
+    nearest = min(border, reach)
+    if free - 1.0 >= nearest:
+        return nearest
+    for up in range(2):  # rows from the point's own up, and down from there
+        at = i if up == 1 else i - 1
+        across = 0.0 if up == 1 else row - i
+        while across < nearest and 0 <= at < rows:
+            for right in range(2):
+                side = squares[(0 if right == 1 else 1) + (0 if up == 1 else 2)]
+                # Cells within ``free`` rows and columns are free.
+                beside = free if abs(at - i) < free else 0
+                to = min(max(j + beside if right == 1 else j - beside, 0), columns - 1)
+                along = max(max(to - column, column - to - 1.0), 0.0)
+                while along < nearest and int(side[at, to]) > 0:
+                    to += int(side[at, to]) if right == 1 else -int(side[at, to])
+                    along = max(max(to - column, column - to - 1.0), 0.0)
+                nearest = min(nearest, sqrt(across * across + along * along)) if int(side[at, to]) == 0 else nearest
+            at += 1 if up == 1 else -1
+            across = at - row if up == 1 else row - at - 1.0
+    return nearest

@@ -1,0 +1,91 @@
+"""A map of square cells: occupied, free, or not known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.rooms.cells import LARGEST
+from turtlebot_gym.rooms.scene import Scene, Walls
+from turtlebot_gym.values import Pose
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+"""Values of a cell, as in ROS's ``nav_msgs/OccupancyGrid``; what is between free and occupied counts as unknown."""
+_AT_ZERO = Pose(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GridMap:
+    """A map of square cells; equal to itself only.
+
+    Occupied cells stop rays and the robot. Unknown ones stop neither, but no way leads through them.
+    """
+
+    cells: NDArray[np.int8]
+    """Shape (rows, columns): `FREE`, `OCCUPIED`, `UNKNOWN`, or what is between; the first row is the lowest."""
+    resolution: float
+    """Side of a cell, m."""
+    origin: Pose = _AT_ZERO
+    """The lower left corner of the map in the world, and the direction of its rows."""
+    squares: NDArray[np.int8] = field(init=False, repr=False)
+    """See `scene.Scene.squares`."""
+    known: NDArray[np.uint8] = field(init=False, repr=False)
+    """See `scene.Scene.known`."""
+    frame: NDArray[np.float64] = field(init=False, repr=False)
+    """See `scene.Scene.frame`."""
+
+    def __post_init__(self) -> None:
+        cells = np.asarray(self.cells)
+        if cells.ndim != 2 or cells.size == 0:
+            raise ValueError(f"GridMap.cells must have rows and columns, got an array of shape {cells.shape}.")
+        if not 0.0 < self.resolution < math.inf:
+            raise ValueError(f"GridMap.resolution must be positive, got {self.resolution!r}.")
+        if len(self.origin) != 3 or not all(map(math.isfinite, self.origin)):
+            raise ValueError(f"GridMap.origin must hold 3 finite numbers, got {self.origin!r}.")
+        if not (cells == FREE).any():
+            raise ValueError(f"GridMap.cells must hold a free cell; of {cells.size} there is none.")
+        x, y, yaw = map(float, self.origin)
+        open_cells = np.pad(cells != OCCUPIED, 1)
+        derived: dict[str, Any] = {
+            "cells": cells.astype(np.int8),
+            "origin": Pose(x, y, yaw),
+            "squares": np.stack([_squares(open_cells[up, right])[up, right] for up in _BOTH_WAYS for right in _BOTH_WAYS]),
+            "known": np.pad(cells == FREE, 1).astype(np.uint8),
+            "frame": np.array([x, y, math.cos(yaw), math.sin(yaw), float(self.resolution)]),
+        }
+        for name, value in derived.items():
+            object.__setattr__(self, name, value)
+
+    def walls(self) -> Walls:
+        """Return the rectangle around the map, along the axes of the world."""
+        rows, columns = self.cells.shape
+        x, y, cosine, sine, resolution = self.frame.tolist()
+        length, width = columns * resolution, rows * resolution
+        half_length = 0.5 * (abs(cosine) * length + abs(sine) * width)
+        half_width = 0.5 * (abs(sine) * length + abs(cosine) * width)
+        middle_x, middle_y = 0.5 * (cosine * length - sine * width), 0.5 * (sine * length + cosine * width)
+        return Walls(x + middle_x, y + middle_y, half_length, half_width)
+
+    def share(self, scenes: Scene) -> Scene:
+        """Return scenes that share the map's arrays."""
+        return scenes._replace(squares=self.squares, known=self.known, frame=self.frame)
+
+
+_BOTH_WAYS = slice(None), slice(None, None, -1)
+
+
+def _squares(is_open: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Return the side of the largest open square that begins at each cell and goes on to later rows and columns."""
+    sides, fits = np.zeros(is_open.shape, np.int8), is_open.copy()
+    for _ in range(LARGEST):
+        sides += fits
+        # A square of one more fits where four squares fit that overlap but for a row and a column.
+        fits[:-1, :-1] &= fits[1:, :-1] & fits[:-1, 1:] & fits[1:, 1:]
+        fits[-1, :], fits[:, -1] = False, False
+        if not fits.any():
+            break
+    return sides

@@ -1,0 +1,152 @@
+"""Maps of ROS's ``map_server``: a YAML file and its image, read as the one of Nav2 reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.validation import choose
+from turtlebot_gym.values import Pose
+
+FAR_ENOUGH = 6.0
+"""Distance between start and goal at most where they are drawn, along each axis: a Burger drives 13 m in an episode, m."""
+_MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
+_NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+
+
+def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
+    """Read a map as a floor plan.
+
+    Args:
+        path: The YAML file, whose image is beside it or has an absolute path.
+        start: The pose in which the robot starts; drawn in free cells where it is None.
+        goal: The pose that it is to reach; drawn in free cells, near to the start, where it is None.
+
+    Raises:
+        ValueError: If a file cannot be read, or says what cannot be.
+    """
+    grid = read_grid(path)
+    return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
+
+
+def read_grid(path: str | Path) -> GridMap:
+    """Read a map's cells.
+
+    Args:
+        path: The YAML file.
+
+    Raises:
+        ValueError: If a file cannot be read, or says what cannot be.
+    """
+    path = Path(path)
+    said = _read_yaml(path)
+    missing = [name for name in _NEEDED if name not in said]
+    if missing:
+        raise ValueError(f"The map {str(path)!r} must say {', '.join(missing)}.")
+    resolution, occupied, free = (_number(said, name, path) for name in ("resolution", "occupied_thresh", "free_thresh"))
+    if not resolution > 0.0:
+        raise ValueError(f"The map {str(path)!r} must have a positive resolution, got {resolution:g}.")
+    if not 0.0 <= free <= occupied <= 1.0:
+        raise ValueError(
+            f"The map {str(path)!r} must have 0 <= free_thresh <= occupied_thresh <= 1, got {free:g} and {occupied:g}."
+        )
+    if not (isinstance(said["negate"], (bool, int)) and said["negate"] in (0, 1)):
+        raise ValueError(f"The map {str(path)!r} must have 0 or 1 for negate, got {said['negate']!r}.")
+    mode = choose(f"mode of the map {str(path)!r}", said.get("mode", "trinary"), _MODES)
+    origin = said["origin"]
+    if not (isinstance(origin, list) and len(origin) == 3):
+        raise ValueError(f"The map {str(path)!r} must have an origin of x, y and yaw, got {origin!r}.")
+    pose = Pose(*(_number({"origin": value}, "origin", path) for value in origin))
+    shade, opaque = _read_image(path.parent / str(said["image"]), blended=mode == "trinary")
+    cells = _occupancy(shade, opaque, mode, negate=bool(said["negate"]), occupied=occupied, free=free)
+    try:
+        return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
+    except ValueError as error:
+        raise ValueError(f"The map {str(path)!r} is of no use: {error}") from error
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    """Return what a YAML file says."""
+    try:
+        import yaml  # only maps need it
+    except ImportError as error:
+        raise ImportError("Maps need PyYAML: pip install pyyaml") from error
+    try:
+        said = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{str(path)!r} is no map: {' '.join(str(error).split())}.") from error
+    if not isinstance(said, dict):
+        raise ValueError(f"{str(path)!r} is no map: it says {', '.join(_NEEDED)} nowhere.")
+    return said
+
+
+def _number(said: dict[str, Any], name: str, path: Path) -> float:
+    """Return a finite number that a map says."""
+    value = said[name]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+        raise ValueError(f"The map {str(path)!r} must have finite numbers for {name}, got {value!r}.")
+    return float(value)
+
+
+def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return how bright each pixel is, from 0 to 1, and whether it is opaque; the first row is the highest.
+
+    Args:
+        path: The image.
+        blended: Whether transparency is averaged with the colours, as ``map_server`` does in the mode "trinary".
+
+    Raises:
+        ValueError: If the image cannot be read.
+    """
+    try:
+        from PIL import Image  # matplotlib brings it; on a robot there are no maps
+    except ImportError as error:
+        raise ImportError("Maps need Pillow: pip install pillow") from error
+    try:
+        with Image.open(path) as image:
+            if image.mode.startswith("I"):  # 16 bits
+                grey = np.asarray(image).astype(np.float64) / 65535.0
+                return grey, np.ones(grey.shape, np.bool_)
+            alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
+            pixels = np.asarray(image.convert("RGBA" if alpha else "RGB")).astype(np.float64)
+    except FileNotFoundError as error:
+        raise ValueError(f"There is no image {str(path)!r} for the map.") from error
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
+    channels = pixels if blended else pixels[:, :, :3]
+    opaque = pixels[:, :, 3] == 255.0 if alpha else np.ones(pixels.shape[:2], np.bool_)
+    return channels.sum(axis=2) / (255.0 * channels.shape[2]), opaque
+
+
+def _occupancy(
+    shade: NDArray[np.float64], opaque: NDArray[np.bool_], mode: str, *, negate: bool, occupied: float, free: float
+) -> NDArray[np.int8]:
+    """Return the values of cells.
+
+    Args:
+        shade: How bright each is, from 0 to 1.
+        opaque: Whether each is opaque; in the mode "scale" others are unknown.
+        mode: "trinary", "scale" or "raw".
+        negate: Whether bright pixels are occupied instead of dark ones.
+        occupied: Cells are occupied above it.
+        free: Cells are free below it.
+
+    References:
+        Nav2, ``nav2_map_server/src/map_io.cpp``, ``loadMapFromFile``, ROS 2 Jazzy.
+    """
+    if mode == "raw":
+        value = np.rint(shade * 255.0)
+        return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8)
+    occupancy = shade if negate else 1.0 - shade
+    between = np.full(shade.shape, float(UNKNOWN))
+    if mode == "scale":
+        between = np.rint((occupancy - free) / max(occupied - free, 1e-9) * 100.0)
+    value = np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, between))
+    return np.where(opaque | (mode == "trinary"), value, UNKNOWN).astype(np.int8)
