@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms faults study docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn faults study docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -68,6 +68,10 @@ bench-lockstep: $(READY)  ## the live graph and the environment: equality, speed
 bench-rooms: $(READY)  ## rooms: rays, steps, maps and the making of worlds, beside IR-SIM (3 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/rooms.py --peer $(OUT)/irsim --json $(OUT)/rooms.json
+
+bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN challenge (10 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/barn.py $(DATA)/barn/worlds.npz --json $(OUT)/barn.json
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

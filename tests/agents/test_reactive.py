@@ -234,8 +234,8 @@ def test_the_safety_layer_stops_before_a_wall_and_lets_go_away_from_it():
     assert SafetyLayer(Constant(1.0, 0.2))(near).tolist() == pytest.approx([0.0, 0.2])
     assert SafetyLayer(Constant(-1.0, 0.0))(near).tolist() == [-1.0, 0.0]
     assert SafetyLayer(Constant(1.0, 0.0))(far).tolist() == [1.0, 0.0]
-    # 0.17 m less the radius and the margin is 0.045 m: 0.4 s at 0.11 m/s, so 0.4 of 0.2108 m/s is the first that will do.
-    assert SafetyLayer(Constant(1.0, 0.0))(sight(shares=wall_ahead(0.17)))[0] == pytest.approx(0.4)
+    # 0.2 m less the radius and the margin is 0.045 m: 0.5 s at 0.09 m/s, so 0.4 of 0.2108 m/s is the first that will do.
+    assert SafetyLayer(Constant(1.0, 0.0))(sight(shares=wall_ahead(0.2)))[0] == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize("number", ["reserve", "margin", "lag"])
@@ -271,7 +271,7 @@ def test_geometry_finds_its_way_and_the_oracle_bounds_it():
 def test_the_safety_layer_takes_most_collisions_from_who_sees_nothing():
     blind, layered = (evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("bearing", "bearing+safety"))
     assert blind["collision"].value > 0.3
-    assert layered["collision"].value < 0.1
+    assert layered["collision"].value <= 1.0 / 60.0
 
 
 def test_there_is_no_oracle_on_open_ground():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -65,9 +65,19 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         raise ValueError(f"{str(path)!r} holds a shape or a pose without its numbers: {error}.") from error
     if not circles and not boxes:
         raise ValueError(f"{str(path)!r} holds no static cylinder and no static box.")
-    return FloorPlan(
-        walls=_around(circles, boxes, start, goal), circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal
-    )
+    return enclosed(circles, boxes, start=start, goal=goal)
+
+
+def enclosed(
+    circles: Sequence[tuple[float, ...]],
+    boxes: Sequence[tuple[float, ...]],
+    *,
+    start: Pose | None = None,
+    goal: Pose | None = None,
+) -> FloorPlan:
+    """Return a floor plan with walls `APRON` around all that is in it; the arguments are those of `FloorPlan`."""
+    walls = _around(circles, boxes, start, goal)
+    return FloorPlan(walls=walls, circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal)
 
 
 def _geometries(root: ElementTree.Element) -> Iterator[tuple[_Frame, ElementTree.Element]]:
@@ -87,7 +97,7 @@ def _frame(element: ElementTree.Element) -> _Frame:
     return _Frame(x, y, yaw)
 
 
-def _around(circles: list[tuple[float, ...]], boxes: list[tuple[float, ...]], *poses: Pose | None) -> Walls:
+def _around(circles: Sequence[tuple[float, ...]], boxes: Sequence[tuple[float, ...]], *poses: Pose | None) -> Walls:
     """Return walls around circles, boxes and poses."""
     reach = [(x, y, radius) for x, y, radius in circles]
     reach += [(x, y, math.hypot(length, width) / 2.0) for x, y, length, width, _ in boxes]

@@ -127,7 +127,7 @@ def evaluate(
     for start in range(0, episodes, BATCH):
         size = min(BATCH, episodes - start)
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
-        runs.append(_run(envs, policy, seed + start, lambda ended, start=start: progress(start + ended)))
+        runs.append(drive(envs, policy, seed + start, lambda ended, start=start: progress(start + ended)))
         envs.close()
     parts, trajectories, parameters = zip(*runs, strict=True)
     p: Parameters = parameters[0]
@@ -152,16 +152,26 @@ def driver_of(policy: str | Policy, p: Parameters) -> Policy:
     return make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
 
 
-def _run(
-    envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None]
+def drive(
+    envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None] = lambda ended: None
 ) -> tuple[Episodes, Trajectory, Parameters]:
-    """Return the environments' episodes, the first one's trajectory, and their parameters."""
+    """Drive an episode in each of some environments.
+
+    Args:
+        envs: Vector environment of this package, with ``info="full"``.
+        policy: See `evaluate`.
+        seed: Of the first environment.
+        progress: Called with the number of episodes that have ended so far.
+
+    Returns:
+        The episodes, the first one's trajectory, and the environments' parameters.
+    """
     p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    record = _drive(envs, Oracle(envs) if policy == ORACLE else driver_of(policy, p), seed, progress)
+    record = _record(envs, Oracle(envs) if policy == ORACLE else driver_of(policy, p), seed, progress)
     return measure(record, p, seed), record.trajectory(dt=p.dt), p
 
 
-def _drive(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
+def _record(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
     """Drive until every environment has ended an episode."""
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)

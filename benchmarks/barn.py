@@ -1,0 +1,114 @@
+"""The 200 worlds of the BARN challenge, with a Burger that was never trained on them.
+
+A robot starts before each world's field of cylinders and has to reach a goal 10 m further on, behind it. A world counts once,
+with the mean over its episodes, which differ in their noise; intervals are over worlds. The score is the challenge's: success
+times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time that the shortest way takes at full speed.
+
+    python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
+
+References:
+    Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020: the worlds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from rich.table import Table
+
+from turtlebot_gym.rooms.gazebo import enclosed
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.commands.console import ROOMS, print_tables, progress
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
+from turtlebot_gym_agents.provenance import write_json
+
+FIGURES = ("success", "collision", "timeout", "barn", "spl", "time_to_goal")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Drive policies through the worlds of the BARN challenge."""
+
+    worlds: tyro.conf.Positional[Path]
+    """The worlds as numbers: a NumPy archive with circles, their count in each world, start and goal."""
+    policy: tuple[str, ...] = ("bearing", "gap", "dwa", "vfh", "oracle")
+    """As for `turtlebot-gym evaluate`."""
+    lidar: str = "lds01"
+    """LiDAR preset."""
+    noise: str = "tutorial"
+    """Noise preset."""
+    episodes: int = 5
+    """Of each world; episode i has the seed SEED + i."""
+    seed: int = 1_000_000
+    """The first seed."""
+    limit: int = 5000
+    """Longest episode, steps: 8 times the shortest."""
+    first: int | None = None
+    """Only so many worlds."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Where the result goes."""
+
+
+def read(path: Path) -> Iterator[FloorPlan]:
+    """Yield the worlds of an archive."""
+    held = np.load(path)
+    start, goal = Pose(*held["start"].tolist()), Pose(*held["goal"].tolist(), math.pi / 2.0)
+    for circles in np.split(held["circles"], np.cumsum(held["count"])[:-1]):
+        yield enclosed([tuple(circle) for circle in circles.tolist()], [], start=start, goal=goal)
+
+
+def figures(plan: FloorPlan, config: Config) -> dict[str, dict[str, float]]:
+    """Return each policy's figures in a world."""
+    envs = gym.make_vec(
+        ROOMS,
+        num_envs=config.episodes,
+        vectorization_mode="vector_entry_point",
+        info="full",
+        world=plan,
+        lidar=config.lidar,
+        noise=config.noise,
+        max_episode_steps=config.limit,
+    )
+    told = {}
+    for policy in config.policy:
+        episodes, trajectory, p = drive(envs, policy, config.seed)
+        one = Evaluation(
+            config={}, limit=config.limit * p.dt, max_linear=p.robot.max_linear, episodes=episodes, trajectory=trajectory
+        )
+        told[policy] = {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
+    envs.close()
+    return told
+
+
+def main() -> None:
+    """Drive, print a table, and write what is asked for."""
+    config = tyro.cli(Config)
+    plans = list(read(config.worlds))[: config.first]
+    worlds: list[dict[str, dict[str, float]]] = []
+    with progress(len(plans)) as advance_to:
+        for plan in plans:
+            worlds.append(figures(plan, config))
+            advance_to(len(worlds))
+    mean: dict[str, Any] = {
+        policy: {name: metrics.mean([world[policy][name] for world in worlds]) for name in FIGURES} for policy in config.policy
+    }
+    table = Table("", *FIGURES, title=f"{len(plans)} worlds of the BARN challenge, {config.episodes} episodes each")
+    for policy, told in mean.items():
+        cells = (f"{one.value:.3f} ± {0.5 * (one.high - one.low):.3f}" for one in told.values())
+        table.add_row(policy, *cells)
+    print_tables(table)
+    if config.json is not None:
+        write_json(config.json, {"mean": mean, "worlds": worlds}, config=asdict(config))
+
+
+if __name__ == "__main__":
+    main()
