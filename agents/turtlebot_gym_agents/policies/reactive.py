@@ -259,13 +259,13 @@ class DynamicWindowPolicy:
         robot: str | Robot = "burger",
         dt: float = REFERENCE_PERIOD,
         *,
-        heading: float = 2.0,
-        clear: float = 1.5,
-        horizon: float = 4.0,
-        aim: float = 0.8,
-        brake: float = 0.4,
-        margin: float = 0.03,
-        lag: float = 0.1,
+        heading: float = 0.94,
+        clear: float = 1.6,
+        horizon: float = 4.7,
+        aim: float = 1.46,
+        brake: float = 0.58,
+        margin: float = 0.075,
+        lag: float = 0.06,
     ) -> None:
         require_positive(dt=dt, horizon=horizon, aim=aim, brake=brake)
         for name, number in (("heading", heading), ("clear", clear), ("margin", margin), ("lag", lag)):
