@@ -1,5 +1,8 @@
 """Normalization of observations that is part of the policy, so that it cannot be lost.
 
+Ranges enter as logarithms: a centimetre decides where an obstacle is near, and tells little where it is far. One training of 8
+million steps in `dense` came to 96.0 % success with it and to 94.0 % without, and to 93 % of the way in a sixth of the steps.
+
 The statistics are measured once, before training, on episodes of a baseline policy (a fraction of a second on the compiled
 loop), and then frozen as buffers of the network. There is no second file beside a policy, and no drift while it learns.
 """
@@ -13,6 +16,9 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
+from turtlebot_gym.rooms.lidar import SECTORS
+from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
+from turtlebot_gym.tasks import Observation
 from turtlebot_gym_agents.policies import Policy
 
 CLIP = 10.0
@@ -21,8 +27,20 @@ CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
 
 
+NEAR = 0.03
+"""Share of `turtlebot_gym.rooms.lidar.SIGHT` that is added to a range before its logarithm is taken: 0.1 m, about a radius."""
+
+
+def spread_ranges(observations: torch.Tensor) -> torch.Tensor:
+    """Return observations (..., n) with the ranges of a room as logarithms; those of open ground as they are."""
+    if observations.shape[-1] != SIZES[ROOM_LAYOUT]:
+        return observations
+    belief, ranges, age = observations.split((len(Observation._fields), SECTORS, 1), dim=-1)
+    return torch.cat((belief, torch.log(ranges + NEAR), age), dim=-1)
+
+
 class NormalizedObservation(BaseFeaturesExtractor):
-    """Shift and scale observations by fixed numbers.
+    """Shift and scale observations by fixed numbers, with the ranges of a room as logarithms.
 
     Args:
         observation_space: One-dimensional box.
@@ -40,11 +58,11 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Return normalized observations."""
-        return torch.clamp((observations - self.mean) / self.std, -CLIP, CLIP)
+        return torch.clamp((spread_ranges(observations) - self.mean) / self.std, -CLIP, CLIP)
 
 
 def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> tuple[list[float], list[float]]:
-    """Return mean and standard deviation of the observations on the way of a policy.
+    """Return mean and standard deviation of the observations, after `spread_ranges`, on the way of a policy.
 
     Args:
         envs: Vector environment that resets by itself.
@@ -61,7 +79,7 @@ def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> 
         actions = np.where(random.random((len(actions), 1)) < 0.5, stray, actions).astype(np.float32)
         observations, *_ = envs.step(actions)
         seen.append(observations)
-    rows = np.concatenate(seen).astype(np.float64)
+    rows = spread_ranges(torch.from_numpy(np.concatenate(seen))).numpy().astype(np.float64)
     std = rows.std(axis=0)
     # What is constant here (the deviations of the truth are 0) keeps its scale: blown up, it would rule wherever it is not.
     return rows.mean(axis=0).tolist(), np.where(std < CONSTANT, 1.0, std).tolist()

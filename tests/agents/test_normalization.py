@@ -1,0 +1,91 @@
+"""What environments are trained on: how observations are scaled, and what differs from environment to environment."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+
+from turtlebot_gym import NOISES
+from turtlebot_gym.systems import make_parameters
+from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, spread_ranges
+from turtlebot_gym_agents.training.randomization import randomized
+
+
+class Still:
+    """Environments that show which step it is and what they were told."""
+
+    num_envs = 500
+
+    def __init__(self, size):
+        self.size, self.actions = size, []
+
+    def reset(self, *, seed):
+        assert seed == 7
+        return self._show(0.0), {}
+
+    def step(self, actions):
+        self.actions.append(actions)
+        return self._show(float(len(self.actions))), None, None, None, {}
+
+    def _show(self, number):
+        return np.full((self.num_envs, self.size), number, np.float32)
+
+
+def steady(observations):
+    return np.full((len(observations), 2), 0.25, np.float32)
+
+
+def test_statistics_are_those_of_what_is_seen_after_each_step():
+    mean, std = measure(Still(13), steady, seed=7, steps=4)
+    assert mean == pytest.approx([2.5] * 13)
+    assert std == pytest.approx([np.std([1.0, 2.0, 3.0, 4.0])] * 13)
+
+
+def test_half_of_the_actions_are_drawn_evenly():
+    envs = Still(13)
+    measure(envs, steady, seed=7, steps=200)
+    actions = np.concatenate(envs.actions)
+    assert actions.dtype == np.float32
+    own = (actions == 0.25).all(axis=1)
+    assert own.mean() == pytest.approx(0.5, abs=0.01)
+    stray = actions[~own]
+    assert stray.min() == pytest.approx(-1.0, abs=0.01)
+    assert stray.max() == pytest.approx(1.0, abs=0.01)
+    assert stray.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.01)
+
+
+def test_what_is_constant_keeps_its_scale():
+    _, std = measure(Still(13), steady, seed=7, steps=1)
+    assert std == [1.0] * 13
+
+
+def test_ranges_are_spread_and_nothing_else():
+    rows = torch.arange(50, dtype=torch.float32)[None] / 50.0
+    told = spread_ranges(rows)
+    assert torch.equal(told[:, :13], rows[:, :13])
+    assert torch.equal(told[:, 49:], rows[:, 49:])
+    np.testing.assert_allclose(told[:, 13:49], np.log(rows[:, 13:49].numpy() + 0.03), rtol=1e-6)
+    open_ground = torch.ones((2, 13))
+    assert spread_ranges(open_ground) is open_ground
+    space = spaces.Box(0.0, 1.0, (50,), np.float32)
+    network = NormalizedObservation(space, mean=[0.5] * 50, std=[0.1] * 50)
+    np.testing.assert_allclose(network(rows), np.clip((told.numpy() - 0.5) / 0.1, -10.0, 10.0), rtol=0, atol=1e-5)
+
+
+def test_environments_differ_as_much_as_is_said():
+    base = make_parameters(noise="tutorial")
+    drawn = randomized(base, 600, seed=3, presets=("tutorial",))
+    size = np.array([np.array(one.noise.odometry.R) / NOISES["tutorial"].odometry.R for one in drawn])
+    assert (size == size[:, :1]).all()  # one factor for all
+    root = np.sqrt(size[:, 0])
+    assert (root.min(), root.max()) == pytest.approx((0.5, 1.5), abs=0.02)
+    assert root.mean() == pytest.approx(1.0, abs=0.05)
+    scale = np.array([one.noise.process.scale for one in drawn])
+    assert (scale.min(), scale.max()) == pytest.approx((0.98, 1.02), abs=0.001)
+    assert scale.mean() == pytest.approx(1.0, abs=0.002)
+    assert {one.delay for one in drawn} == {0.0, 1.0}
+    assert np.mean([one.delay for one in drawn]) == pytest.approx(0.5, abs=0.1)
+    assert len({one.tuning for one in drawn}) > 590  # each filter is matched to its own noise
+    assert {one.noise.odometry.R != base.noise.odometry.R for one in randomized(base, 40, seed=3)} == {True}
