@@ -104,7 +104,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
     parser.add_argument("--filter", help='"matched" (default) or "tutorial"')
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
-    parser.add_argument("--world", help="a room: dense, office, ... or a Gazebo world's file; its goal is the waypoint")
+    parser.add_argument(
+        "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
+    )
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
     parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
     parser.add_argument("--seed", type=int, help="of the noise, and of the room")
@@ -146,6 +148,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if figure:
         lidar = LIDARS[given.get("lidar", TurtlebotSimulator.Params().lidar)]
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
-        tutorial_figure(trajectory, room=latest.get("obstacles"), scan=scan).savefig(figure)
+        tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan).savefig(figure)
         print(f"figure written to {figure}")
     return 0
