@@ -27,7 +27,7 @@ from rich.console import Console
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.trajectory import Trajectory, position_error
-from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.bringup import room_metrics
@@ -51,7 +51,7 @@ ROOM_STEPS = 600
 class RoomDrive(NamedTuple):
     """An episode in a room, the same in the environment and in the graph."""
 
-    policy: str = "wary:wary"
+    policy: str = "vfh"
     world: str = "dense"
     lidar: str = "lds01"
     noise: str = "tutorial"
@@ -95,7 +95,7 @@ class Config:
     """Seeds of the drives in real time."""
     rooms: int = 20
     """Rooms, of the preset "dense", with a process for each node."""
-    room_policy: str = "wary:wary"
+    room_policy: str = "vfh"
     """Who drives there."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Write the results here too."""
@@ -136,6 +136,8 @@ def room_episode(drive: RoomDrive) -> Told:
     """Return the environment's episode, from its start to its end."""
     options = drive._asdict()
     policy, seed = make_policy(options.pop("policy")), options.pop("seed")
+    if isinstance(policy, PolicyWithMemory):
+        policy.reset(np.ones((), np.bool_))
     env = gym.make("turtlebot_gym/TurtleBotRooms-v0", max_episode_steps=ROOM_STEPS, **options)
     observation, info = env.reset(seed=seed)
     infos, ended = [info], False
@@ -307,8 +309,6 @@ def main() -> None:
     config = tyro.cli(Config, description=__doc__)
     os.environ["ROS_DOMAIN_ID"] = str(DOMAINS.stop + os.getpid() % 17)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    # So the processes of a graph find the policies that stand beside this file.
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parent), *sys.path[1:]])
     result = measure(config)
     if config.json is not None:
         write_json(config.json, result, config=asdict(config))

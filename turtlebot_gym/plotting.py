@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ _WAYPOINT: _Style = {
 _START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
 _COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
 _SCAN: _Style = {"color": PURPLE, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 2.3, "label": "last scan"}
-_SOLID = "#777777"
+_SOLID, _UNKNOWN = "#777777", "#dddddd"
 _COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE)
 _STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
 _PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
@@ -114,6 +115,18 @@ def draw_room(axes: Axes, room: Obstacles) -> Axes:
     return axes
 
 
+def draw_map(axes: Axes, grid: GridMap) -> Axes:
+    """Draw a map's cells, seen from above, behind what else is drawn: what is occupied dark, what is not known light."""
+    from matplotlib.colors import ListedColormap  # heavy, and not needed on a robot
+
+    across, along = np.indices([size + 1 for size in grid.cells.shape]) * grid.resolution
+    cosine, sine = np.cos(grid.origin.theta), np.sin(grid.origin.theta)
+    x, y = grid.origin.x + cosine * along - sine * across, grid.origin.y + sine * along + cosine * across
+    shade = 1 + (grid.cells == OCCUPIED) - (grid.cells == FREE).astype(int)
+    axes.pcolormesh(x, y, shade, cmap=ListedColormap(["none", _UNKNOWN, _SOLID]), vmin=0, vmax=2, rasterized=True, zorder=0.4)
+    return axes
+
+
 def draw_scan(axes: Axes, scan: Scan, lidar: Pose) -> Axes:
     """Draw where the beams of a scan end, seen from the pose of a LiDAR's frame."""
     angles = lidar.theta + scan.first + scan.increment * np.arange(len(scan.ranges))
@@ -168,6 +181,7 @@ def tutorial_figure(
     *,
     title: str | None = None,
     room: Obstacles | None = None,
+    grid: GridMap | None = None,
     scan: tuple[Scan, Pose] | None = None,
 ) -> Figure:
     """Return a drive at a glance: its trajectory; x, y and heading, commands and position error over time.
@@ -176,6 +190,7 @@ def tutorial_figure(
         trajectory: The drive.
         title: What stands above.
         room: What stood around.
+        grid: The map of it.
         scan: The last scan, and the pose of the LiDAR's frame.
     """
     figure = _figure(14.0, 7.0, title)
@@ -186,6 +201,8 @@ def tutorial_figure(
     draw_trajectory(panels["trajectory"], trajectory)
     if room:
         draw_room(panels["trajectory"], room)
+    if grid is not None:
+        draw_map(panels["trajectory"], grid)
     if scan:
         draw_scan(panels["trajectory"], *scan)
     draw_component(panels["x"], trajectory, "x")

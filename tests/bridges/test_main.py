@@ -58,7 +58,7 @@ def test_help_lists_the_nodes_and_what_a_person_must_know(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     assert all(f"  {name} " in out for name in NODES)
-    assert "no obstacle avoidance" in HELP
+    assert "Only policies such as vfh see obstacles" in HELP
 
 
 @pytest.mark.parametrize("name", ["velocity_controller", "turtlebot_simulator", "kalman_filter"])

@@ -16,12 +16,13 @@ from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.blocks import WaypointGenerator
+from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
 from turtlebot_gym_ros.graph.markers import LIFETIME
 from turtlebot_gym_ros.node.convert import conversion, yaw_of
 from turtlebot_gym_ros.node.diagnostics import type_name
-from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.node.qos import LATCHED, STREAM
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS
 
@@ -121,13 +122,19 @@ def displays():
     return {each["Name"]: each for each in yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Displays"]}
 
 
-CLASSES = {"rviz_default_plugins/Odometry": "nav_msgs/msg/Odometry", "rviz_default_plugins/MarkerArray": type_name(MarkerArray)}
+CLASSES = {
+    "rviz_default_plugins/Odometry": "nav_msgs/msg/Odometry",
+    "rviz_default_plugins/MarkerArray": type_name(MarkerArray),
+    "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
+}
+IN_A_ROOM = {f"/{each.topic}": each for each in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values())}
 
 
 def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
     said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
+    said |= {topic: each.type for topic, each in IN_A_ROOM.items()}
     shown = {each["Topic"]["Value"]: each for each in displays().values() if "Topic" in each}
-    assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate"}
+    assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map"}
     for topic, display in shown.items():
         assert topic not in HIDDEN
         assert CLASSES[display["Class"]] == type_name(conversion(said[topic]).message)
@@ -148,7 +155,9 @@ def test_rviz_understands_who_speaks():
             reliability=ReliabilityPolicy[words["Reliability Policy"]],
             durability=DurabilityPolicy[words["Durability Policy"]],
         )
-        assert qos_check_compatible(STREAM, profile)[0] != QoSCompatibility.ERROR, name
+        latched = getattr(IN_A_ROOM.get(display["Topic"]["Value"]), "latched", False)
+        assert qos_check_compatible(LATCHED if latched else STREAM, profile)[0] != QoSCompatibility.ERROR, name
+        assert (profile.durability == DurabilityPolicy.TRANSIENT_LOCAL) == latched, name
 
 
 def test_rviz_draws_the_ellipse_of_95_per_cent():

@@ -2,23 +2,43 @@
 
 import os
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from turtlebot_gym_ros.graph.bringup import room_metrics
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 WIDTH = 4 * (50 + 2)
-"""Bytes that `wary` logs of a step."""
+"""Bytes that `Logged` logs of a step."""
+LOGGED = """
+import os
+import numpy as np
+from turtlebot_gym_agents.policies import make_policy
+
+class Logged:
+    layout = 2
+
+    def __init__(self, *, robot, dt):
+        self._policy = make_policy("vfh", robot=robot, dt=dt)
+
+    def reset(self, mask):
+        self._policy.reset(mask)
+
+    def __call__(self, observation):
+        action = np.asarray(self._policy(observation), np.float32)
+        with open(os.environ["LOGGED_IN"], "ab") as log:
+            log.write(np.asarray(observation, np.float32).tobytes() + action.tobytes())
+        return action
+"""
+"""VFH+, a policy with memory, which keeps what it is given and answers."""
 
 
 @pytest.fixture(autouse=True)
-def the_policy_is_found(monkeypatch):
+def the_policy_is_found(tmp_path, monkeypatch):
     """In this process, and in those of the graph."""
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(BENCHMARKS), *sys.path[1:]]))
+    (tmp_path / "logged_policy.py").write_text(LOGGED)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path[1:]]))
 
 
 @pytest.fixture
@@ -27,9 +47,9 @@ def logged(tmp_path, monkeypatch):
 
     def call(function, *arguments, **options):
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.log"
-        monkeypatch.setenv("WARY_LOG", str(path))
+        monkeypatch.setenv("LOGGED_IN", str(path))
         result = function(*arguments, **options)
-        monkeypatch.delenv("WARY_LOG")
+        monkeypatch.delenv("LOGGED_IN")
         content = path.read_bytes()
         return result, np.frombuffer(content[: len(content) // WIDTH * WIDTH], np.float32).reshape(-1, 52)
 
@@ -46,7 +66,7 @@ def logged(tmp_path, monkeypatch):
     ],
 )
 def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed, processes):
-    drive = compare.RoomDrive(world=world, lidar=lidar, noise=noise, seed=seed)
+    drive = compare.RoomDrive("logged_policy:Logged", world=world, lidar=lidar, noise=noise, seed=seed)
     expected, given = logged(compare.room_episode, drive)
     steps = len(expected.clearance) - 1
     told, seen = logged(compare.room_live, drive, steps, processes=processes)

@@ -3,10 +3,8 @@
 import itertools
 import json
 import math
-import sys
 import time
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,7 +28,6 @@ from turtlebot_gym_ros.node.block import Input, On, Output
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.qos import LATCHED
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 TENTH = 100_000_000
 BELIEF = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01)))
@@ -49,7 +46,7 @@ class Robot:
 
     def __init__(self, runner, peer, wait_for, **parameters):
         self.peer, self.wait_for = peer, wait_for
-        overrides = {"policy": "wary:wary", "start_enabled": True, "goal_tolerance": 0.0, **parameters}
+        overrides = {"policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0, **parameters}
         self.shell = Shell(VelocityController, VelocityController.Params, context=runner.context, overrides=overrides)
         runner.add(self.shell)
         self.estimates, self.references = peer.speak("estimate", Odometry), peer.speak("reference", PoseStamped)
@@ -135,6 +132,16 @@ def test_a_scan_of_other_beams_than_it_was_told_is_a_fault(runner, peer, wait_fo
     robot.drives()
 
 
+def test_who_enables_it_is_told_whether_it_sees(runner, peer):
+    for name, said in (("seeing", "It sees only those obstacles that its LiDAR does"), ("blind", "It sees no obstacles")):
+        overrides = {"policy": "vfh" if name == "seeing" else "bearing"}
+        block = VelocityController
+        runner.add(Shell(block, block.Params, name=name, context=runner.context, overrides=overrides))
+        answer = peer.ask(f"{name}/enable", SetBool, SetBool.Request(data=True))
+        assert answer.success
+        assert said in answer.message
+
+
 def test_the_age_of_a_scan_is_the_difference_of_stamps(runner, peer, wait_for):
     robot = Robot(runner, peer, wait_for, period=0.5)
     wait_for(robot.scans.get_subscription_count)
@@ -204,7 +211,7 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"policy": "wary:wary"}, "it needs a world"),
+        ({"policy": "vfh"}, "it needs a world"),
         ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "ground:blind", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, got 7"),

@@ -111,7 +111,7 @@ def test_enabling_resets_the_block(make_bench):
     assert bench.state == "silent: not enabled"
     answer = bench.enable()
     assert answer.success
-    assert "without obstacle avoidance" in answer.message
+    assert "It sees no obstacles" in answer.message
     assert bench.block.resets == 1
     assert bench.enable().success  # again: it stays enabled
     assert bench.block.resets == 1

@@ -9,7 +9,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros.node import switch as module
-from turtlebot_gym_ros.node.switch import Switch
+from turtlebot_gym_ros.node.switch import BLIND, Switch
 
 
 class Fakes:
@@ -20,7 +20,7 @@ class Fakes:
         self.states, self.zeros, self.log, self.publishers, self.restarts = [], [], [], 0, 0
 
     def make(self, *, enabled=True):
-        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, restart=self.restart, blocked=0.5)
+        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, restart=self.restart, blocked=0.5, warning=BLIND)
         return self.switch
 
     def restart(self):
@@ -85,7 +85,7 @@ def fakes(monkeypatch):
 def test_enabling_begins_anew_and_is_told_at_once(fakes):
     fakes.make(enabled=False)
     assert fakes.states == ["silent: not enabled"]
-    warned = "enabled. It drives without obstacle avoidance: whoever enables it watches the robot."
+    warned = "enabled. It sees no obstacles: whoever enables it watches the robot."
     assert fakes.ask(True) == (True, warned)
     assert fakes.states == ["silent: not enabled", "silent: no step yet"]
     assert fakes.restarts == 1

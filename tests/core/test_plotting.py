@@ -21,7 +21,9 @@ from turtlebot_gym.plotting import (
     ellipse,
     tutorial_figure,
 )
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.values import Pose
 
 HAS_UNIT = re.compile(r".+ \((m|s|rad|m/s|rad/s)\)$")
 
@@ -163,6 +165,18 @@ def test_errors_are_those_of_estimate_and_odometry():
     np.testing.assert_allclose(line(position, "estimate").get_ydata(), 0.5)
     np.testing.assert_allclose(line(position, "odometry").get_ydata(), 0.0, atol=1e-12)
     np.testing.assert_allclose(line(heading, "odometry").get_ydata(), 0.1)
+
+
+def test_a_map_is_drawn_where_it_lies():
+    cells = np.array([[0, 100, -1], [0, 0, 0]], np.int8)
+    figure = tutorial_figure(drive(), grid=GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
+    (mesh,) = (each for each in figure.axes[0].collections if each.__class__.__name__ == "QuadMesh")
+    corners = mesh.get_coordinates()  # a step along a row goes up, one to the next row goes to the left
+    np.testing.assert_allclose(corners[[0, 0, 2], [0, 3, 0]], [(1.0, 2.0), (1.0, 3.5), (0.0, 2.0)], atol=1e-12)
+    figure.draw_without_rendering()
+    opaque, grey = mesh.get_facecolors()[:, 3].reshape(2, 3), mesh.get_facecolors()[:, 0].reshape(2, 3)
+    np.testing.assert_array_equal(opaque, [[0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
+    assert grey[0, 1] < grey[0, 2]  # what is not known is lighter than what is occupied
 
 
 def test_tutorial_figure_is_complete_and_labelled():

@@ -19,7 +19,7 @@ from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.maps import read_grid, read_map
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.worlds import find_world, require_a_way
+from turtlebot_gym.rooms.worlds import find_world
 from turtlebot_gym.systems import Episode, make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
@@ -408,9 +408,9 @@ def test_start_and_goal_must_be_free_and_connected(hall):
     grid = GridMap(cells=cells, resolution=0.1)
     cut = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
     with pytest.raises(ValueError, match="no way from its start to its goal"):
-        require_a_way(cut, 0.105)
+        gym.make(ID, world=cut)
     cells[:, 30] = UNKNOWN
     grid = GridMap(cells=cells, resolution=0.1)
     unknown = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
     with pytest.raises(ValueError, match="no way from its start to its goal"):
-        require_a_way(unknown, 0.105)
+        gym.make(ID, world=unknown)

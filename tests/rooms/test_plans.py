@@ -12,7 +12,7 @@ import pytest
 
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
+from turtlebot_gym.rooms.worlds import find_lidar, find_world
 from turtlebot_gym.values import Pose
 
 BARN = Path(__file__).parents[3] / "shared" / "data" / "barn"
@@ -48,7 +48,6 @@ def test_the_barn_challenges_files_are_its_numbers(tmp_path, number):
     first = int(worlds["count"][:number].sum())
     expected = worlds["circles"][first : first + worlds["count"][number]]
     np.testing.assert_allclose(sorted(circle[:3] for circle in plan.circles), sorted(map(tuple, expected.tolist())), atol=1e-6)
-    require_a_way(plan, 0.105)
     env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=plan, lidar="ideal")
     observation, info = env.reset(seed=1)
     np.testing.assert_allclose(info["true_state"][:3], [-2.0, 3.0, math.pi / 2.0])
@@ -138,7 +137,7 @@ def test_a_plan_without_a_way_is_refused_before_anything_is_driven():
         gym.make("turtlebot_gym/TurtleBotRooms-v0", world=cut)
     full = FloorPlan(walls=(0.0, 0.0, 0.3, 0.3), boxes=((0.0, 0.0, 0.4, 0.4),))
     with pytest.raises(ValueError, match="The floor plan has no way between the places that were drawn"):
-        require_a_way(full, 0.105)
+        gym.make("turtlebot_gym/TurtleBotRooms-v0", world=full)
 
 
 def test_an_unknown_lidar_and_one_that_is_too_fast_are_refused():

@@ -14,7 +14,7 @@ from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import require_a_way
-from turtlebot_gym.systems import System, make_parameters, make_room
+from turtlebot_gym.systems import System, furnish, make_parameters
 from turtlebot_gym.tasks import Task, make_task
 from turtlebot_gym.values import Pose
 
@@ -88,11 +88,11 @@ def make_batch(
     chosen, poses = make_task(task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps)
     parameters, plan = make_parameters(chosen, **options), None
     if room:
-        world, lidar = room
-        parameters = parameters._replace(room=make_room(world, lidar, parameters.dt))
-        plan = world if isinstance(world, FloorPlan) else None
+        parameters, plan = furnish(parameters, *room)
         if plan:
-            require_a_way(plan, parameters.robot.radius)
+            first = Batch(1, parameters, poses, plan=plan)
+            first.reset(np.ones(1, np.bool_), *first.empty())
+            require_a_way(plan, parameters.robot.radius, float(first.numbers("room.way")[0]))
     return Batch(num_envs, parameters, poses, plan=plan)
 
 

@@ -8,10 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.rooms.drawing import draw
 from turtlebot_gym.rooms.gazebo import read_gazebo
-from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN, way_left
+from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -94,19 +92,18 @@ def find_lidar(lidar: str | Lidar) -> Lidar:
     return lidar if isinstance(lidar, Lidar) else choose("lidar", lidar, LIDARS)
 
 
-def require_a_way(plan: FloorPlan, radius: float) -> None:
+def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:
     """Refuse a floor plan through which no way leads.
 
     Args:
         plan: The plan.
         radius: The robot's, m.
+        way: What an episode's start has left of it, see `geodesic.way_left`, m.
 
     Raises:
         ValueError: If there is no way from its start to its goal, or none between any two places that were tried.
     """
-    scene = plan.scene()
-    start, _ = draw(scene, plan.rules(), radius, episode_key(0, 0))
-    if way_left(scene, start.x, start.y) == UNKNOWN:
+    if way == UNKNOWN:
         where = "from its start to its goal" if plan.start and plan.goal else "between the places that were drawn"
         raise ValueError(
             f"The floor plan has no way {where} for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."

@@ -3,7 +3,7 @@
 from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, make_parameters
-from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, RoomParameters, make_room, rooms, system_of
+from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, RoomParameters, furnish, make_room, rooms, system_of
 from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
 from turtlebot_gym.systems.world import Body, Course, Outcome, World
 
@@ -23,6 +23,7 @@ __all__ = [
     "Surroundings",
     "System",
     "World",
+    "furnish",
     "make_parameters",
     "make_room",
     "open_ground",

@@ -162,6 +162,21 @@ def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomPara
     return RoomParameters(world.rules() if isinstance(world, FloorPlan) else world, lidar)
 
 
+def furnish(parameters: Parameters, world: RoomRules | FloorPlan, lidar: Lidar) -> tuple[Parameters, FloorPlan | None]:
+    """Return parameters with a room, and its floor plan where it is given.
+
+    Args:
+        parameters: Those of open ground.
+        world: See `make_room`.
+        lidar: See there.
+
+    Raises:
+        ValueError: As `make_room`.
+    """
+    plan = world if isinstance(world, FloorPlan) else None
+    return parameters._replace(room=make_room(world, lidar, parameters.dt)), plan
+
+
 @cache
 def rooms(filter: Filter) -> System:
     """Return the system of rooms with a filter."""

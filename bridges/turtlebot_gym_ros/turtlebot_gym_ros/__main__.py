@@ -13,7 +13,8 @@ HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ..
 
 {chr(10).join(f"  {name:<20} {entry.summary}" for name, entry in NODES.items())}
 
-velocity_controller has no obstacle avoidance and starts disabled: watch the robot, and call its service ~/enable.
+velocity_controller starts disabled: watch the robot, and call its service ~/enable. Only policies such as vfh see obstacles,
+by /scan; cmd_vel_guard stops before them only with collision_monitor:=true.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
 bringup and status have options of their own: ask them with --help."""
 

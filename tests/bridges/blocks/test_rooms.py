@@ -1,8 +1,6 @@
 """The blocks in a room, in a ``for`` loop: what they hand to each other is the environment's to the bit."""
 
 import math
-import sys
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -11,11 +9,9 @@ import pytest
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.node.block import Aged
-
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-from wary import wary
 
 DT = 0.1
 
@@ -27,7 +23,7 @@ def make(block, **parameters):
 class Loop:
     """The four blocks, driven as lock-step drives them."""
 
-    def __init__(self, *, world, lidar, seed, noise="tutorial", policy="wary:wary"):
+    def __init__(self, *, world, lidar, seed, noise="tutorial", policy="vfh"):
         self.plant = make(TurtlebotSimulator, world=world, lidar=lidar, seed=seed, noise=noise)
         self.filter = make(KalmanFilter, noise=noise)
         self.generator = make(WaypointGenerator, waypoints="room")
@@ -52,13 +48,14 @@ class Loop:
 def differences(loop, env, steps):
     """Compare a loop with the environment over one episode, and return its outcome."""
     observation, info = env.reset()
+    policy = make_policy("vfh")
     for _ in range(steps):
         said = loop.step()
         np.testing.assert_array_equal(loop.controller.observation, observation)
         np.testing.assert_array_equal(said["truth"], info["true_state"])
         assert said["goal"] == tuple(info["reference"])
         assert said["clearance"].distance == info["clearance"]
-        action = wary(observation)
+        action = policy(observation)
         np.testing.assert_array_equal(loop.controller.action, action)
         observation, _, terminated, _, info = env.step(action)
         if terminated:

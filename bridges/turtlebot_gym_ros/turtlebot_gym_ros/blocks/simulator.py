@@ -9,11 +9,11 @@ from typing import Any
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
-from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
-from turtlebot_gym.systems import Episode, make_parameters, make_room
+from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Pose, Senses, State
 from turtlebot_gym_ros.node.block import Aged, Every, Input, Output
@@ -27,6 +27,8 @@ ROOM_OUTPUTS = {
     "obstacles": Output(topic="obstacles", type=Obstacles),
 }
 """What is said besides in a room."""
+MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
+"""What is said besides of a map, once."""
 OPEN_GROUND = ("open", "")
 """Worlds without a room."""
 SHOWN_EVERY = 5
@@ -43,8 +45,8 @@ class TurtlebotSimulator:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
     out, with the twist that the wheels executed), both in the world frame. In a room also ``scan`` (`Scan`, on ``scan``, each
     when it is complete, with the LiDAR's stamps), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
-    ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers. Parameters:
-    those of `Params`. A reset begins the next episode.
+    ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and where the
+    world is a map, ``map`` (`GridMap`, on ``map``), once. Parameters: those of `Params`. A reset begins the next episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,8 +72,8 @@ class TurtlebotSimulator:
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
         world: str = "open"
-        """The room around it: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo
-        world."""
+        """The room around it: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo world or
+        of a map's YAML file."""
         lidar: str = "lds01"
         """In a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
 
@@ -98,13 +100,15 @@ class TurtlebotSimulator:
         self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
         plan, self._lidar = None, None
         if params.in_room:
-            world, self._lidar = find_world(params.world), find_lidar(params.lidar)
-            p = p._replace(room=make_room(world, self._lidar, p.dt))
-            if isinstance(world, FloorPlan):
-                plan = world
-                require_a_way(plan, p.robot.radius)
+            self._lidar = find_lidar(params.lidar)
+            p, plan = furnish(p, find_world(params.world), self._lidar)
             self.outputs = {**self.outputs, **ROOM_OUTPUTS}
+        self._map = plan.map if plan else None
+        if self._map:
+            self.outputs = {**self.outputs, **MAP_OUTPUTS}
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # the waypoints are others' business
+        if plan:
+            require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._begun = False
         self.notice: str | None = None
         """The first contact of the episode, in words."""
@@ -121,7 +125,9 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
-        said = {"truth": world.body.true_state, "odometry": world.senses}
+        said: dict[str, Any] = {"truth": world.body.true_state, "odometry": world.senses}
+        if self._map:
+            said["map"], self._map = self._map, None
         return said if self._lidar is None else {**said, **self._look_round(self._lidar)}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:

@@ -93,18 +93,22 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bringup",
         description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
-        "no obstacles to avoid; a real one has, and only a policy of observation layout 2 sees them.",
+        "no obstacles to avoid; a real one has, and only a policy of observation layout 2, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
     parser.add_argument("--speed", type=float, help="1 is real time; by default as fast as the nodes answer, in lock-step")
-    parser.add_argument("--policy", help="bearing (default) or another baseline, ppo-square, FILE.onnx, or module:callable")
+    parser.add_argument(
+        "--policy", help="bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"
+    )
     parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
     parser.add_argument("--filter", help='"matched" (default) or "tutorial"')
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
-    parser.add_argument("--world", help="a room: dense, office, ... or a Gazebo world's file; its goal is the waypoint")
+    parser.add_argument(
+        "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
+    )
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
     parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
     parser.add_argument("--seed", type=int, help="of the noise, and of the room")
@@ -146,6 +150,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if figure:
         lidar = LIDARS[given.get("lidar", TurtlebotSimulator.Params().lidar)]
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
-        tutorial_figure(trajectory, room=latest.get("obstacles"), scan=scan).savefig(figure)
+        tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan).savefig(figure)
         print(f"figure written to {figure}")
     return 0

@@ -160,7 +160,7 @@ class Graph:
     @property
     def latest(self) -> Mapping[str, Any]:
         """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel", and in a world "clearance",
-        "scan" and "obstacles"."""
+        "scan" and "obstacles", and on a map "map"."""
         return self._recorder.latest
 
     @property

@@ -24,6 +24,7 @@ from std_msgs.msg import Header, String
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Command, Pose, Senses, State
@@ -44,7 +45,7 @@ TOPICS: dict[str, type] = {
 STEP = ("true_state", "odom", "estimate", "reference")
 """The topics of a row; the reference is not tied to a step in real time."""
 ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles": Obstacles}
-"""What it hears besides of a simulator in a room."""
+"""What it hears besides of a simulator in a room; on a map also ``map``, once."""
 TELL = 50
 """After so many steps it says how far it has heard, so that the plant does not outrun it."""
 
@@ -92,6 +93,9 @@ class Recorder:
             qos, group = (LOCK_STEP, Swift()) if lock_step else (SENSOR, None)
             hear = self._hear(topic, way.read)
             self._heard.append(self.node.create_subscription(way.message, topic, hear, qos, callback_group=group))
+        if room:
+            way = conversion(GridMap)
+            self.node.create_subscription(way.message, "map", self._hear("map", way.read), LATCHED)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_report, STREAM)
         self.node.create_subscription(String, "velocity_controller/state", self._hear_state, LATCHED)
 

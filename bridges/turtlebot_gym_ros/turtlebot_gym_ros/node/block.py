@@ -52,6 +52,8 @@ class Output:
     is the newest one, for inputs that wait for that."""
     reliable: bool = True
     """Whether lost messages are sent again, outside of lock-step; without, as sensors publish."""
+    latched: bool = False
+    """Whether the last value is kept for who comes late: what is said once. It belongs to no step of lock-step."""
 
 
 class Aged(NamedTuple):

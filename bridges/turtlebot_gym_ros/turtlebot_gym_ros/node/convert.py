@@ -12,22 +12,27 @@ Headings survive their quaternion to the bit, see `quaternion_of`.
 An `Odometry` message has no place for the normalized innovation squared, which a policy observes. It travels where a planar
 robot has nothing to say, as the variance of the vertical speed (``twist.covariance[14]``); in messages of other filters, which
 have something in their other unused places, it is taken as 0.
+
+The resolution of a map travels in single precision, and is read as the shortest decimal that is nearest to it: 0.05 m.
 """
 
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Iterable, Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
@@ -230,6 +235,23 @@ def _command_to_message(command: Command, header: Header) -> Twist:
     return message
 
 
+def _grid_of(message: OccupancyGrid) -> GridMap:
+    info = message.info
+    if len(message.data) != info.height * info.width:
+        raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
+    cells = np.array(message.data, np.int8).reshape(info.height, info.width)
+    return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=_read_pose(info.origin))
+
+
+def _grid_to_message(grid: GridMap, header: Header) -> OccupancyGrid:
+    message = OccupancyGrid(header=header, data=array("b", grid.cells.tobytes()))
+    info = message.info
+    info.map_load_time, info.resolution = header.stamp, float(grid.resolution)
+    info.height, info.width = grid.cells.shape
+    _write_pose(info.origin, grid.origin)
+    return message
+
+
 _UNSTAMPED = Conversion(Twist, _read_twist, _command_to_message, False)
 
 register(Command, TwistStamped, lambda message: _read_twist(message.twist), _command_to_stamped)
@@ -247,3 +269,4 @@ register(
 register(Scan, LaserScan, read_scan, write_scan)
 register(Obstacles, MarkerArray, read_obstacles, write_obstacles, in_world=True)
 register(Clearance, Range, read_clearance, write_clearance)
+register(GridMap, OccupancyGrid, _grid_of, _grid_to_message, in_world=True)

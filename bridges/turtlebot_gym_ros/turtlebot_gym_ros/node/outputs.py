@@ -7,6 +7,7 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
@@ -16,7 +17,7 @@ from turtlebot_gym_ros.node.block import Aged, Output
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
 from turtlebot_gym_ros.node.parameters import Common
-from turtlebot_gym_ros.node.qos import LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.node.triggers import SECOND
 
 
@@ -38,7 +39,7 @@ class Outputs:
             key: node.create_publisher(
                 self._ways[key].message,
                 each.topic,
-                LOCK_STEP if lock_step else (STREAM if each.reliable else SENSOR),
+                _profile(each, lock_step=lock_step),
                 qos_overriding_options=overridable(),
             )
             for key, each in declared.items()
@@ -87,7 +88,8 @@ class Outputs:
     def publish_answer(self, messages: Mapping[str, Any], stamp: int) -> None:
         """Publish the messages of a step, which may have to be published again, and which ones are the newest."""
         held = {key: self._last[key] for key in self._tellers if key in self._last}
-        self._last, self._step = {**held, **messages}, stamp
+        steps = {key: message for key, message in messages.items() if not self._declared[key].latched}
+        self._last, self._step = {**held, **steps}, stamp
         self.publish(messages)
         self._tell_newest()
 
@@ -124,3 +126,10 @@ class Outputs:
         """Wait until whoever listens has what was published, for half a second each at most: Fast DDS drops what it has not."""
         for publisher in (*self._publishers.values(), *self._tellers.values()):
             publisher.wait_for_all_acked(Duration(seconds=0.5))
+
+
+def _profile(declared: Output, *, lock_step: bool) -> QoSProfile:
+    """Return the quality of service of an output."""
+    if declared.latched:
+        return LATCHED
+    return LOCK_STEP if lock_step else (STREAM if declared.reliable else SENSOR)

@@ -33,7 +33,7 @@ from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.parameters import Common, declare
 from turtlebot_gym_ros.node.qos import STREAM
 from turtlebot_gym_ros.node.rosclock import RosClock
-from turtlebot_gym_ros.node.switch import Switch
+from turtlebot_gym_ros.node.switch import Switch, warning_of
 
 P = TypeVar("P")
 
@@ -126,7 +126,10 @@ class Shell:
         self.switch: Switch | None = None
         if self.outputs.moving:
             enabled, blocked = self.common.start_enabled, math.inf if lock_step else 0.5
-            self.switch = Switch(node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled, blocked=blocked)
+            self.switch = Switch(
+                node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled, blocked=blocked,
+                warning=warning_of(block.inputs),
+            )  # fmt: skip
         ignore = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignore, jumped=self._jumped, now=self._now())
 

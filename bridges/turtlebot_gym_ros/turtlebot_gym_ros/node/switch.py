@@ -10,12 +10,20 @@ from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
 
-NO_OBSTACLE_AVOIDANCE = "It drives without obstacle avoidance: whoever enables it watches the robot."
+BLIND = "It sees no obstacles: whoever enables it watches the robot."
+SEEING = "It sees only those obstacles that its LiDAR does: whoever enables it watches the robot."
+
+
+def warning_of(inputs: Mapping[str, Input]) -> str:
+    """Return what a person should know who enables a block with some inputs."""
+    return SEEING if any(each.type is Scan for each in inputs.values()) else BLIND
 
 
 class Switch:
@@ -32,6 +40,7 @@ class Switch:
         now: The steady clock, s.
         restart: Called when it is enabled: the block begins anew.
         blocked: A step that takes longer is a fault, s; infinite where no step can take too long.
+        warning: What whoever enables it is told.
     """
 
     def __init__(
@@ -43,11 +52,13 @@ class Switch:
         now: Callable[[], float],
         restart: Callable[[], None],
         blocked: float,
+        warning: str,
     ) -> None:
         self.safety = Safety(enabled=enabled, blocked=blocked)
         self._clock = SystemClock()
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
+        self._warning = f"enabled. {warning}"
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # takes the message's times too, which rclpy allows and its types do not know
@@ -61,7 +72,7 @@ class Switch:
             if refusal:
                 return refusal
             self._restart()
-            self._log.warning(f"enabled. {NO_OBSTACLE_AVOIDANCE}")
+            self._log.warning(self._warning)
         self._tell()
         return None
 
@@ -92,7 +103,7 @@ class Switch:
     def _serve(self, request: Any, response: Any) -> Any:
         refusal = self.enable() if request.data else self.disable()
         response.success = refusal is None
-        response.message = refusal or (f"enabled. {NO_OBSTACLE_AVOIDANCE}" if request.data else "disabled")
+        response.message = refusal or (self._warning if request.data else "disabled")
         return response
 
     def _hear_emergency(self, message: Bool, info: Mapping[str, Any]) -> None:

@@ -1,0 +1,181 @@
+"""A map as a message: cell by cell, where it lies, said once, and kept for whoever comes late."""
+
+import math
+import signal
+
+import numpy as np
+import pytest
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros import Graph, Shell
+from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.graph.bringup import main as bringup
+from turtlebot_gym_ros.node.convert import conversion
+
+WAY = conversion(GridMap)
+LATE = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+HALL = np.full((60, 80), 254, np.uint8)
+HALL[0, :] = HALL[-1, :] = HALL[:, 0] = HALL[:, -1] = 0
+HALL[:38, 40:43] = 0
+HALL[48:52, 12:19] = 0
+HALL[30:36, 62:] = 205
+"""Pixels of a hall of 8 m by 6 m, the first row the highest; no mirror image of it is the same."""
+ORIGIN = (-2.0, -4.0, 0.7)
+VALUES = {0: 100, 254: 0, 205: -1}
+
+
+@pytest.fixture
+def hall(tmp_path):
+    """The path of the map, turned by 0.7 rad."""
+    (tmp_path / "hall.pgm").write_bytes(b"P5\n%d %d\n255\n" % HALL.shape[::-1] + HALL.tobytes())
+    (tmp_path / "hall.yaml").write_text(
+        f"image: hall.pgm\nresolution: 0.1\norigin: {list(ORIGIN)}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return tmp_path / "hall.yaml"
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def value_at(message, x, y):
+    """Return the value of the cell around a point of the world, by the definition of the message; None outside of it."""
+    info = message.info
+    yaw = 2.0 * math.atan2(info.origin.orientation.z, info.origin.orientation.w)
+    away = complex(x - info.origin.position.x, y - info.origin.position.y) * np.exp(-1j * yaw)
+    column, row = math.floor(away.real / info.resolution), math.floor(away.imag / info.resolution)
+    inside = 0 <= column < info.width and 0 <= row < info.height
+    return message.data[row * info.width + column] if inside else None
+
+
+@pytest.mark.parametrize(("rows", "columns", "resolution", "yaw"), [(1, 1, 0.05, 0.0), (7, 4, 0.1, 0.7), (30, 41, 0.037, -3.1)])
+def test_a_map_travels_cell_by_cell(rows, columns, resolution, yaw):
+    cells = np.random.default_rng(rows).choice([0, 100, -1, 40], (rows, columns)).astype(np.int8)
+    cells[0, 0] = 0
+    grid = GridMap(cells=cells, resolution=resolution, origin=Pose(-1.7, 0.3, yaw))
+    message = over_the_wire(WAY.write(grid, Header(frame_id="odom")))
+    back = WAY.read(message)
+    np.testing.assert_array_equal(back.cells, cells)
+    assert (back.resolution, back.origin) == (resolution, grid.origin)
+    for row, column in np.ndindex(rows, columns):
+        across = complex(column + 0.5, row + 0.5) * resolution * np.exp(1j * yaw)
+        assert value_at(message, -1.7 + across.real, 0.3 + across.imag) == cells[row, column]
+
+
+def a_message():
+    return WAY.write(GridMap(cells=np.zeros((2, 3), np.int8), resolution=0.1), Header())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda message: setattr(message.info, "width", 4), "the map has 6 cells, but 2 rows of 4"),
+        (lambda message: setattr(message.info, "height", 0), "the map has 6 cells, but 0 rows of 3"),
+        (lambda message: setattr(message.info, "resolution", 0.0), "GridMap.resolution must be positive"),
+        (lambda message: setattr(message.info, "resolution", math.nan), "GridMap.resolution must be positive"),
+        (lambda message: setattr(message.info.origin.orientation, "w", 0.0), "has norm 0 instead of 1"),
+        (lambda message: setattr(message.info.origin.position, "x", math.inf), "the pose must be finite"),
+    ],
+)
+def test_what_cannot_be_a_map_is_refused(change, said):
+    message = a_message()
+    change(message)
+    with pytest.raises(ValueError, match=said):
+        WAY.read(over_the_wire(message))
+
+
+def wrong_cells(message):
+    """Return how many of the picture's pixels the message shows in other cells than where the map's file puts them."""
+    x, y, yaw = ORIGIN
+    wrong = 0
+    for down, along in np.ndindex(HALL.shape):
+        place = complex(x, y) + complex(along + 0.5, len(HALL) - down - 0.5) * 0.1 * np.exp(1j * yaw)
+        wrong += value_at(message, place.real, place.imag) != VALUES[HALL[down, along]]
+    return wrong
+
+
+def misses(message, scan, truth):
+    """Return how many beams end elsewhere than at the first occupied cell on their way."""
+    pose = truth.pose.pose
+    at, heading = complex(pose.position.x, pose.position.y), 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+    wrong = 0
+    for k, length in enumerate(scan.ranges):
+        towards = np.exp(1j * (heading + scan.angle_min + k * scan.angle_increment))
+        before = at + towards * np.arange(0.0, min(length, scan.range_max) - 1e-3, 0.02)
+        wrong += any(value_at(message, point.real, point.imag) in (100, None) for point in before)
+        if math.isfinite(length):
+            end = at + towards * (length + 1e-3)
+            wrong += value_at(message, end.real, end.imag) not in (100, None)
+    return wrong
+
+
+def test_the_simulators_map_is_said_once_and_is_what_its_lidar_sees(runner, peer, wait_for, hall):
+    overrides = {"world": str(hall), "lidar": "ideal", "lock_step": True, "speed": 0.0}
+    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
+    maps, truths, scans = peer.hear("map", OccupancyGrid, LATE), peer.hear("true_state", Odometry), peer.hear("scan", LaserScan)
+    wait_for(lambda: maps and scans and len(truths) > 5)  # nobody answers: the first step is said again and again
+    peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
+    wait_for(lambda: truths[-1].header.stamp.sec > 50)  # the next episode
+    late = peer.hear("map", OccupancyGrid, LATE)
+    wait_for(lambda: late)
+    assert len(maps) == len(late) == 1
+    (message,) = maps
+    assert message == late[0]
+    assert message.header.frame_id == "odom"
+    assert wrong_cells(message) == 0
+    assert misses(message, scans[0], truths[0]) == 0
+    mirrored = OccupancyGrid(info=message.info, data=np.array(message.data).reshape(60, 80)[::-1].ravel().tolist())
+    assert wrong_cells(mirrored) > 100  # both would notice rows in the wrong order
+    assert misses(mirrored, scans[0], truths[0]) > 0
+
+
+def test_only_a_map_is_said(runner, peer, wait_for):
+    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides={"world": "dense"}))
+    truths = peer.hear("true_state", Odometry)
+    wait_for(lambda: len(truths) > 3)
+    assert not peer.node.get_publishers_info_by_topic("/map")
+
+
+def test_the_logger_keeps_the_map_though_it_comes_late(runner, peer, wait_for, launch, hall, tmp_path, read_bag):
+    overrides = {"world": str(hall), "lidar": "ideal"}
+    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
+    maps = peer.hear("map", OccupancyGrid, LATE)
+    wait_for(lambda: maps)
+    folder = tmp_path / "run"
+    process = launch("-m", "turtlebot_gym_ros", "data_logger", "--ros-args", "-p", f"output:={folder}")
+    wait_for(lambda: any(each.node_name == "data_logger" for each in peer.node.get_subscriptions_info_by_topic("/map")))
+    publisher = next(each for each in peer.node.get_publishers_info_by_topic("/map"))
+    assert publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    truths = peer.hear("true_state", Odometry)
+    wait_for(lambda: len(truths) > 20)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30.0)
+    assert read_bag(folder)["/map"] == maps
+
+
+def test_the_graph_hears_the_map_and_drives_on_it(hall, wait_for):
+    with Graph(world=str(hall), lidar="ideal", policy="vfh", goal_tolerance=0.0) as graph:
+        grid = wait_for(lambda: graph.latest.get("map"))
+        graph.wait_until(lambda graph: graph.time >= 2.0)
+        assert graph.trajectory().true_state[:20, 3].any()
+    assert grid.origin == Pose(*ORIGIN)
+    np.testing.assert_array_equal(grid.cells[::-1], np.vectorize(VALUES.get)(HALL))
+
+
+@pytest.mark.parametrize("world", ["map", "dense"])
+@pytest.mark.parametrize("processes", [False, True])
+def test_bringup_drives_in_a_room(hall, tmp_path, capsys, world, processes):
+    figure = tmp_path / "drive.png"
+    argv = ["--world", str(hall) if world == "map" else world, "--seed", "3", "--policy", "vfh", "--duration", "5"]
+    assert bringup([*argv, "--figure", str(figure), *(["--processes"] if processes else [])]) == 0
+    told = capsys.readouterr()
+    assert "least clearance" in told.out
+    assert told.err == ""
+    assert figure.stat().st_size > 20_000
