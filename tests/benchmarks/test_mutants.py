@@ -69,7 +69,7 @@ def test_every_module_of_the_table_and_all_its_tests_are_there(mutants):
     rows = mutants.table(mutants.Config())
     assert len({row.path for row in rows}) == len(rows)
     for row in rows:
-        for name in (row.path, *row.tests, *(without.partition("::")[0] for without in row.without)):
+        for name in (row.path, *(test.partition("::")[0] for test in (*row.tests, *row.without))):
             assert (ROOT / name).is_file(), name
     assert sum(row.quota for row in rows) >= 300
     with pytest.raises(SystemExit, match="no_such_module"):

@@ -64,3 +64,17 @@ def test_a_new_room_has_a_new_picture():
         pictures.append(env.render())
     assert (pictures[0] != pictures[1]).any()
     np.testing.assert_array_equal(pictures[0], pictures[2])
+
+
+def test_beams_are_lines_from_the_lidar_to_their_ends():
+    drawn = picture().astype(int)
+    tinted = drawn[..., 0] - drawn[..., 1] > 5  # of purple; grid and obstacles are grey
+
+    def along(y):
+        """Return where a line lies between the robot and the box, within a row of pixels of y."""
+        row = round((2.5 - y) * 128)
+        return tinted[row - 1 : row + 2, round(1.75 * 128) : round(3.2 * 128)].any(axis=0)
+
+    assert along(-1.0).all()
+    assert not along(-0.9).any()
+    assert not along(-1.1).any()

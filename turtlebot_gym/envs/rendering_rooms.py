@@ -1,4 +1,4 @@
-"""The picture of a room: walls, a map, obstacles, and where the newest scan ends."""
+"""The picture of a room: walls, a map, obstacles, and the beams of the newest scan."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ from turtlebot_gym.systems import World
 if TYPE_CHECKING:
     from pygame import Surface
 
-_SOLID, _UNKNOWN = "#555555", "#dddddd"
+_SOLID, _UNKNOWN, _BEAM = "#555555", "#dddddd", "#f0d9e6"
+_LINES = 36
+"""So many beams, at most, are drawn as lines; of the others only the ends."""
 
 
 class RoomRenderer(Renderer):
-    """Draws a room as well. What stands is part of the paper; what walks, and the ends of the beams, are drawn anew.
+    """Draws a room as well. What stands is part of the paper; what walks, and the beams, are drawn anew.
 
     Args:
         scene: The room, whose arrays the environment changes.
@@ -68,17 +70,26 @@ class RoomRenderer(Renderer):
 
     def _draw_present(self, surface: Surface, world: World) -> None:
         self._draw_circles(surface, walking=True)
+        lidar, ends = self._beams(world)
+        for beam in range(0, self._lidar.beams, -(-self._lidar.beams // _LINES)):
+            if beam in ends:
+                self._line(surface, _BEAM, lidar, ends[beam], 1.0)
         super()._draw_present(surface, world)
+        for end in ends.values():
+            self._disc(surface, PURPLE, end, 4.0)
+
+    def _beams(self, world: World) -> tuple[tuple[float, float], dict[int, tuple[float, float]]]:
+        """Return where on the map the LiDAR is, and where each beam that returned something ends."""
         truth, lidar = world.body.true_state, self._lidar
         cosine, sine = math.cos(truth.theta), math.sin(truth.theta)
         x = truth.x + lidar.x * cosine - lidar.y * sine
         y = truth.y + lidar.x * sine + lidar.y * cosine
-        ahead, left, _ = self._scene.beams[:, : lidar.beams]
-        ranges = self._scene.ranges[1, : lidar.beams].astype(np.float64)
-        for a, b, length in zip(ahead, left, ranges, strict=True):
-            if math.isfinite(length):
-                end = self._at(x + length * (a * cosine - b * sine), y + length * (a * sine + b * cosine))
-                self._disc(surface, PURPLE, end, 4.0)
+        beams = zip(*self._scene.beams[:2, : lidar.beams], self._scene.ranges[1, : lidar.beams].tolist(), strict=True)
+        return self._at(x, y), {
+            beam: self._at(x + length * (a * cosine - b * sine), y + length * (a * sine + b * cosine))
+            for beam, (a, b, length) in enumerate(beams)
+            if math.isfinite(length)
+        }
 
     def _draw_circles(self, surface: Surface, *, walking: bool) -> None:
         for x, y, radius, vx, vy in self._scene.circles[: self._scene.counts[0]].tolist():
