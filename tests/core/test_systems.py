@@ -194,6 +194,7 @@ BURGER = ROBOTS["burger"]
 def test_actions_are_shares_of_the_limits_and_clipped():
     assert command_of(0.5, -0.5, BURGER) == (0.1054, -1.3175)
     assert command_of(7.0, -7.0, BURGER) == (0.2108, -2.635)
+    assert command_of(-7.0, 7.0, BURGER) == (-0.2108, 2.635)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 3])
