@@ -97,9 +97,7 @@ class BearingPolicy:
         slow: float = 0.05,
     ) -> None:
         require_positive(dt=dt, gain=gain, slow=slow)
-        for name, number in (("focus", focus), ("tolerance", tolerance)):
-            if not 0.0 <= number < math.inf:
-                raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
+        require_non_negative(focus=focus, tolerance=tolerance)
         self._robot, self._dt = make_robot(robot), dt
         self._gain, self._focus, self._tolerance, self._slow = gain, focus, tolerance, slow
 
@@ -281,3 +279,10 @@ def require_positive(**numbers: float) -> None:
     for name, number in numbers.items():
         if not 0.0 < number < math.inf:
             raise ValueError(f"{name} must be positive and finite, got {number!r}.")
+
+
+def require_non_negative(**numbers: float) -> None:
+    """Raise ValueError unless numbers are at least 0 and finite."""
+    for name, number in numbers.items():
+        if not 0.0 <= number < math.inf:
+            raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")

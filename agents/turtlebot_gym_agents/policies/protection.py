@@ -11,7 +11,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym_agents.policies.geometric import require_positive
+from turtlebot_gym_agents.policies.geometric import require_non_negative, require_positive
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
 from turtlebot_gym_agents.policies.sight import look, time_to_contact
 
@@ -51,8 +51,7 @@ class SafetyLayer:
         lag: float = 0.1,
     ) -> None:
         require_positive(dt=dt, reserve=reserve)
-        if not (0.0 <= margin < np.inf and 0.0 <= lag < np.inf):
-            raise ValueError(f"margin and lag must be >= 0 and finite, got {margin!r} and {lag!r}.")
+        require_non_negative(margin=margin, lag=lag)
         self._policy, self._robot, self._dt = policy, make_robot(robot), dt
         self._reserve, self._radius, self._lag = reserve, self._robot.radius + margin, lag
 

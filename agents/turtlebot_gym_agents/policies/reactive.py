@@ -16,27 +16,18 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym_agents.policies.geometric import Range, action_of, require_positive, wrap
-from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, arc, look, time_to_contact
+from turtlebot_gym_agents.policies.geometric import Range, action_of, require_non_negative, require_positive, wrap
+from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, look, time_to_contact
 
 _TURNS = 72
 _ANGLES = wrap(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
 """Directions that are chosen from, the first one ahead, rad; shape (72,)."""
-_SEEING: Mapping[str, Range] = {"margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True)}
+SEEING: Mapping[str, Range] = {"margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True)}
 _DRIVING: Mapping[str, Range] = {
     "gain": Range(1.0, 10.0, log=True),
     "focus": Range(0.5, 6.0),
     "caution": Range(0.1, 3.0, log=True),
 }
-
-
-_BENDS = np.geomspace(0.3, 25.0, 10)
-_CURVATURES = np.concatenate([-_BENDS[::-1], [0.0], _BENDS])
-"""Curvatures of the arcs, 1/m: from straight on to nearly on the spot; shape (21,)."""
-_POINTS = 20
-"""Points at which each arc is looked at."""
-_SPEEDS = np.array([0.25, 0.5, 1.0])
-"""Shares of the highest speed of each arc."""
 
 
 class _Reactive:
@@ -69,9 +60,7 @@ class _Reactive:
         caution: float,
     ) -> None:
         require_positive(dt=dt, sight=sight, gain=gain, caution=caution)
-        for name, number in (("margin", margin), ("lag", lag), ("focus", focus)):
-            if not 0.0 <= number < np.inf:
-                raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
+        require_non_negative(margin=margin, lag=lag, focus=focus)
         self._robot, self._dt, self._margin, self._lag, self._sight = make_robot(robot), dt, margin, lag, sight
         self._gain, self._focus, self._caution = gain, focus, caution
 
@@ -114,7 +103,7 @@ class VectorFieldHistogramPolicy(_Reactive):
         Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
     """
 
-    RANGES: ClassVar[Mapping[str, Range]] = {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **_SEEING, **_DRIVING}
+    RANGES: ClassVar[Mapping[str, Range]] = {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **SEEING, **_DRIVING}
 
     def __init__(
         self,
@@ -171,7 +160,7 @@ class FollowTheGapPolicy(_Reactive):
     RANGES: ClassVar[Mapping[str, Range]] = {
         "alpha": Range(0.02, 2.0, log=True),
         "field": Range(0.8, 3.1),
-        **_SEEING,
+        **SEEING,
         **_DRIVING,
     }
 
@@ -218,93 +207,3 @@ def _middle_of_widest(is_open: NDArray[np.bool_]) -> NDArray[np.float64]:
     longest = np.take_along_axis(length, end[..., None], axis=-1)[..., 0]
     middle = (end - 0.5 * (longest - 1)) * (2.0 * np.pi / _TURNS)
     return np.where(is_open.any(axis=-1), wrap(middle), np.nan)
-
-
-class DynamicWindowPolicy:
-    """The dynamic window: of many pairs of speed and turning rate, take the one that does best on its arc.
-
-    What counts is the heading at the arc's end, the time to contact on it, and the speed. Pairs on whose arc the robot could
-    not stop in time do not count.
-
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
-        dt: Control interval, s.
-        heading: Weight of the heading to the goal at the end, that of the speed having 1.
-        clear: Weight of the time to contact.
-        horizon: Length of an arc, s; beyond it no contact counts.
-        aim: Time after which the heading is judged, s.
-        brake: Least time to contact of an arc that may be taken, s.
-        margin: What is to be kept clear around the robot, m.
-        lag: How much older the beams are, on average, than the scan says, s.
-
-    References:
-        Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", *IEEE Robotics & Automation Magazine* 4
-        (1997).
-    """
-
-    layout: ClassVar[int] = ROOM_LAYOUT
-    """Layout of the observations that it takes."""
-    RANGES: ClassVar[Mapping[str, Range]] = {
-        "heading": Range(0.3, 10.0, log=True),
-        "clear": Range(0.1, 10.0, log=True),
-        "horizon": Range(1.0, 8.0),
-        "aim": Range(0.2, 3.0),
-        "brake": Range(0.15, 1.5),
-        "margin": _SEEING["margin"],
-        "lag": _SEEING["lag"],
-    }
-
-    def __init__(
-        self,
-        robot: str | Robot = "burger",
-        dt: float = REFERENCE_PERIOD,
-        *,
-        heading: float = 0.94,
-        clear: float = 1.6,
-        horizon: float = 4.7,
-        aim: float = 1.46,
-        brake: float = 0.58,
-        margin: float = 0.075,
-        lag: float = 0.06,
-    ) -> None:
-        require_positive(dt=dt, horizon=horizon, aim=aim, brake=brake)
-        for name, number in (("heading", heading), ("clear", clear), ("margin", margin), ("lag", lag)):
-            if not 0.0 <= number < np.inf:
-                raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
-        self._robot, self._dt, self._lag, self._radius = make_robot(robot), dt, lag, make_robot(robot).radius + margin
-        self._heading, self._clear, self._horizon, self._aim, self._brake = heading, clear, horizon, aim, brake
-        length = self._robot.max_linear * horizon * np.arange(1, _POINTS + 1) / _POINTS
-        path, _ = arc(1.0, _CURVATURES[:, None], length)
-        self._path = np.stack([path.real, path.imag], axis=-1).reshape(-1, 2).astype(np.float32)
-        self._length = np.append(length, np.inf)
-        turning = np.abs(_CURVATURES)[:, None]
-        fastest = np.minimum(
-            self._robot.max_wheel / (1.0 + turning * self._robot.wheel_separation / 2.0), self._robot.max_linear
-        )
-        fastest = np.minimum(fastest, self._robot.max_angular / np.maximum(turning, 1e-9))
-        self._v = fastest * _SPEEDS
-        self._omega = self._v * _CURVATURES[:, None]
-
-    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 50)."""
-        to, robot = look(observations, self._robot, self._dt, self._lag), self._robot
-        time = self._free_length(to.points)[..., None] / self._v
-        arrival = np.abs(to.goal)[..., None, None] / robot.max_linear  # what lies beyond the goal is in nobody's way
-        ends, headings = arc(self._v, self._omega, np.minimum(time, self._aim))
-        off = np.abs(np.angle((to.goal[..., None, None] - ends) * np.conj(headings)))
-        score = self._heading * (1.0 - off / np.pi) + self._v / robot.max_linear
-        score = score + self._clear * np.minimum(np.where(time > arrival, np.inf, time) / self._horizon, 1.0)
-        score = np.where(time >= self._brake, score, -np.inf).reshape(*to.goal.shape, -1)
-        best = np.argmax(score, axis=-1)
-        spot = np.where(np.angle(to.goal) >= 0.0, 1.0, -1.0)
-        stuck = ~np.isfinite(score).any(axis=-1)
-        v, omega = self._v.ravel()[best] / robot.max_linear, self._omega.ravel()[best] / robot.max_angular
-        return action_of(np.where(stuck, 0.0, v), np.where(stuck, spot, omega))
-
-    def _free_length(self, points: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return how far the robot gets on each curve before it meets a point, shape (..., curvatures), m."""
-        p = np.stack([points.real, points.imag], axis=-2).astype(np.float32)
-        squared = (p * p).sum(axis=-2)[..., None, :] + (self._path * self._path).sum(axis=-1)[:, None] - 2.0 * (self._path @ p)
-        meets = (squared.min(axis=-1) <= self._radius**2).reshape(*points.shape[:-1], len(_CURVATURES), _POINTS)
-        first = np.where(meets.any(axis=-1), meets.argmax(axis=-1), _POINTS)
-        return self._length[first] - np.where(first < _POINTS, self._length[0], 0.0)

@@ -33,8 +33,6 @@ class Sight(NamedTuple):
     """The goal, shape (...)."""
     points: NDArray[np.complex128]
     """The nearest point of each sector, shape (..., `SECTORS`), or three of each; `UNSEEN` away where there is none."""
-    v: NDArray[np.float64]
-    """Speed until then, shape (...), m/s."""
     omega: NDArray[np.float64]
     """Turning rate until then, shape (...), rad/s."""
 
@@ -63,7 +61,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
     points = np.where(shares < 1.0, shares * SIGHT, UNSEEN) * DIRECTIONS
     if edges:
         points = np.concatenate([points * EDGE, points, points * np.conj(EDGE)], axis=-1)
-    return Sight(upcoming(rows, robot, dt).waypoint, (points - moved[..., None]) * np.conj(turned)[..., None], v, omega)
+    return Sight(upcoming(rows, robot, dt).waypoint, (points - moved[..., None]) * np.conj(turned)[..., None], omega)
 
 
 def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
