@@ -8,9 +8,11 @@ import torch
 from gymnasium import spaces
 
 from turtlebot_gym import NOISES
-from turtlebot_gym.systems import make_parameters
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, spread_ranges
-from turtlebot_gym_agents.training.randomization import randomized
+from turtlebot_gym_agents.training.randomization import WORLDS, randomized
 
 
 class Still:
@@ -89,3 +91,14 @@ def test_environments_differ_as_much_as_is_said():
     assert np.mean([one.delay for one in drawn]) == pytest.approx(0.5, abs=0.1)
     assert len({one.tuning for one in drawn}) > 590  # each filter is matched to its own noise
     assert {one.noise.odometry.R != base.noise.odometry.R for one in randomized(base, 40, seed=3)} == {True}
+
+
+def test_rooms_differ_in_their_world_and_their_lidar():
+    base = make_parameters(noise="tutorial")
+    assert not any(one.room for one in randomized(base, 20, seed=3))
+    room = make_room(ROOMS["dense"], LIDARS["lds01"], base.dt)
+    drawn = [one.room for one in randomized(base._replace(room=room), 1400, seed=3)]
+    share = {name: np.mean([one.rules == ROOMS[name] for one in drawn]) for name in ROOMS}
+    assert share == {name: pytest.approx(weight / sum(WORLDS.values()), abs=0.04) for name, weight in WORLDS.items()}
+    for lidar in LIDARS.values():
+        assert np.mean([one.lidar == lidar for one in drawn]) == pytest.approx(0.25, abs=0.04)

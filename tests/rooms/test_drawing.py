@@ -16,6 +16,7 @@ from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.sensing import clearance, walk
+from turtlebot_gym.values import Pose
 
 DRAW = njit(lambda scene, rules, radius, key: drawing.draw(scene, rules, radius, key), error_model="numpy")
 
@@ -98,7 +99,8 @@ def test_rules_are_parameters(empty_scene):
         assert drawn(replace(base, **{name: value})) != first, name
     caves = replace(ROOMS["cellular"], half_length=1.5, half_width=1.5)
     assert drawn(caves) != drawn(replace(caves, fill=0.1))
-    assert set(changes) | {"fill"} == set(RoomRules.__dataclass_fields__)
+    # Courtesy shows when they walk, below.
+    assert set(changes) | {"fill", "courtesy"} == set(RoomRules.__dataclass_fields__)
 
 
 @pytest.mark.parametrize(
@@ -108,11 +110,15 @@ def test_rules_are_parameters(empty_scene):
         ({"radius": (0.1,)}, "RoomRules.radius must be a least and a greatest value"),
         ({"half_length": 0.0}, "RoomRules.half_length must be positive"),
         ({"fill": 1.2}, "RoomRules.fill must be a probability"),
+        ({"courtesy": -0.1}, "RoomRules.courtesy must be"),
     ],
 )
 def test_rules_that_cannot_be_are_refused(changes, told):
     with pytest.raises(ValueError, match=told):
         RoomRules(**changes)
+
+
+FAR = Pose(100.0, 0.0, 0.0)
 
 
 def test_what_walks_turns_back_at_the_walls(empty_scene):
@@ -125,9 +131,25 @@ def test_what_walks_turns_back_at_the_walls(empty_scene):
     scene.circles[0] = 1.95, 0.0, 0.2, 1.0, 0.0
     xs = []
     for _ in range(6):
-        walk(scene, 0.1)
+        walk(scene, FAR, 0.0, 0.1)
         xs.append(scene.circles[0, 0])
     assert xs == pytest.approx([2.05, 2.15, 2.25, 2.15, 2.05, 1.95])
     for _ in range(500):
-        walk(scene, 0.1)
+        walk(scene, FAR, 0.0, 0.1)
     assert (np.abs(scene.circles[:n, :2]) <= 2.5 - scene.circles[:n, 2:3] + 0.1).all()
+
+
+def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
+    def steps(robot, courtesy):
+        scene = empty_scene(ROOMS["crowd"])
+        scene.walls[:] = 0.0, 0.0, 10.0, 10.0
+        scene.counts[0] = 1
+        scene.circles[0] = 0.0, 0.0, 0.2, 0.5, 0.0
+        for _ in range(20):
+            walk(scene, robot, courtesy, 0.1)
+        return scene.circles[0, 0]
+
+    ahead, behind, aside = Pose(0.82, 0.0, 0.0), Pose(-0.5, 0.0, 0.0), Pose(0.5, 2.0, 0.0)
+    assert steps(ahead, 0.4) == pytest.approx(0.25)  # the first step that begins nearer than 0.4 m to it is not made
+    assert steps(ahead, 0.0) == pytest.approx(0.65)  # it runs into the robot, and stands where its centre is inside
+    assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)

@@ -36,6 +36,8 @@ class RoomRules:
     """Most circles and boxes together: where there would be more, there are fewer circles."""
     speed: tuple[float, ...] = (0.0, 0.0)
     """Least and greatest speed of circles that walk; 0 for those that stand; m/s."""
+    courtesy: float = 0.0
+    """Distance from a robot's centre within which those that walk wait rather than come nearer, m."""
     fill: float = 0.2
     """Share of the cells that are filled before the automaton smooths them; for the kind "cellular"."""
     through: bool = False
@@ -52,7 +54,7 @@ class RoomRules:
     def __post_init__(self) -> None:
         require(self, "positive", "half_length", "half_width", "radius", "max_distance")
         require(self, "finite", "half_length", "half_width", "radius")
-        require(self, "non-negative", "circles", "boxes", "speed", "min_distance")
+        require(self, "non-negative", "circles", "boxes", "speed", "courtesy", "min_distance")
         require(self, "a probability", "fill")
         if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
             raise ValueError(
@@ -75,6 +77,6 @@ ROOMS = {
         kind=OFFICE, half_length=3.75, half_width=2.5, circles=(0.0, 6.0), boxes=(0.0, 0.0), radius=(0.08, 0.2)
     ),
     "cellular": RoomRules(kind=CELLULAR, half_length=3.0, half_width=2.25, through=True),
-    "crowd": RoomRules(circles=(4.0, 8.0), boxes=(0.0, 2.0), radius=(0.15, 0.25), speed=(0.05, 0.2)),
+    "crowd": RoomRules(circles=(4.0, 8.0), boxes=(0.0, 2.0), radius=(0.15, 0.25), speed=(0.05, 0.2), courtesy=0.4),
 }
 """Rules by name."""

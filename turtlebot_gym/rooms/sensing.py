@@ -107,11 +107,15 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
 
 @kernel
-def walk(scene: Scene, dt: float) -> None:
-    """Move the circles that walk by a control interval; they turn back at the walls."""
+def walk(scene: Scene, robot: Pose, courtesy: float, dt: float) -> None:
+    """Move the circles that walk by a control interval: they turn back at the walls, and wait rather than come nearer to a robot
+    whose centre is less than the courtesy away from their edge, m."""
     walls = scene.walls
     for k in range(scene.counts[0]):
         circle = scene.circles[k]
+        dx, dy, reach = robot.x - circle[0], robot.y - circle[1], circle[2] + courtesy
+        if circle[3] * dx + circle[4] * dy > 0.0 and dx * dx + dy * dy < reach * reach:
+            continue
         for axis in range(2):
             room = max(walls[2 + axis] - circle[2], 0.0)
             offset = circle[axis] + circle[3 + axis] * dt - walls[axis]

@@ -99,7 +99,7 @@ def first_look(world, key, p, scene):
 def look_round(world, outcome, key, p, scene):
     """Move what walks, measure the beams of the interval, judge contact, and reward progress on the shortest way."""
     before, pose, lidar, at, weights = world.room, _pose(world), p.room.lidar, int(world.steps), p.reward
-    walk(scene, p.dt)
+    walk(scene, before.pose, p.room.rules.courtesy, p.dt)
     first, last = beams_by(at - 1, lidar, p.dt), beams_by(at, lidar, p.dt)
     measure(scene, before.pose, pose, first, last, (at - 1) * p.dt, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius

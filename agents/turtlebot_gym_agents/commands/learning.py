@@ -33,7 +33,8 @@ class _Learned(Setting):
     delay: int = 0
     """Steps by which commands come late."""
     randomize: bool = False
-    """Let noise, speed scale and delay differ from environment to environment; those given are then the evaluation's."""
+    """Let noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment; those given are
+    then the evaluation's."""
     config: File = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; without it, those that come with the package."""
     steps: int | None = None

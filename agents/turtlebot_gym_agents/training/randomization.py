@@ -8,6 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from turtlebot_gym import NOISES, Noise, Parameters, make_filter
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.systems import RoomParameters, make_room
 
 PRESETS = ("clean", "tutorial", "documented", "rough")
 """Noise models that are drawn from; `wheel` is another kind of odometry."""
@@ -17,10 +20,13 @@ SPEED_SCALE = 0.02
 """Greatest error of the executed speed, as a share of it; the filter does not know it."""
 DELAYS = (0, 1)
 """Steps by which commands come late."""
+WORLDS = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1}
+"""In rooms: worlds that are drawn from, with their weights."""
 
 
 def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str] = PRESETS) -> list[Parameters]:
-    """Draw parameters for each environment of a batch: noise model, its size, the speed's scale, and a delay.
+    """Draw parameters for each environment of a batch: noise model, its size, the speed's scale, and a delay; in rooms, a world
+    and a LiDAR as well.
 
     The filter is matched to the noise that was drawn, as it would be on a robot whose odometry was measured.
 
@@ -31,6 +37,11 @@ def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str
         presets: Noise models to draw from.
     """
     random = np.random.default_rng(seed)
+    lidars, share = tuple(LIDARS.values()), np.array(tuple(WORLDS.values())) / sum(WORLDS.values())
+
+    def draw_room() -> RoomParameters:
+        world = str(random.choice(tuple(WORLDS), p=share))
+        return make_room(ROOMS[world], lidars[int(random.integers(len(lidars)))], base.dt)
 
     def draw() -> Parameters:
         noise = NOISES[presets[int(random.integers(len(presets)))]]
@@ -41,6 +52,7 @@ def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str
             odometry=replace(noise.odometry, R=tuple(size * variance for variance in noise.odometry.R)),
         )
         delay = float(DELAYS[int(random.integers(len(DELAYS)))])
-        return base._replace(noise=model, tuning=make_filter("matched", model), delay=delay)
+        room = draw_room() if base.room else base.room
+        return base._replace(noise=model, tuning=make_filter("matched", model), delay=delay, room=room)
 
     return [draw() for _ in range(count)]

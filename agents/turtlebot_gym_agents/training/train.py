@@ -72,8 +72,8 @@ class TrainingConfig:
     lidar: str | None = None
     """In rooms: the LiDAR; None for the environment's own."""
     randomize: bool = False
-    """Whether noise, speed scale and delay differ from environment to environment, see `randomization`; ``noise``, ``filter``
-    and ``delay`` are then those of the evaluation."""
+    """Whether noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment, see
+    `randomization`; ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
     steps: int | None = None
     """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
     config: Path | None = None
