@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn faults study docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn faults study study-rooms docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -76,6 +76,10 @@ bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py
 	$(RUN)python benchmarks/pretrained.py
+	$(RUN)python benchmarks/publish.py
+
+study-rooms: $(READY)  ## who finds the way through rooms: train ppo-rooms, drive all policies, ship it (two hours; resumes)
+	$(RUN)python benchmarks/rooms_study.py
 	$(RUN)python benchmarks/publish.py
 
 faults: $(READY)  ## 1000 faults injected into live guards, with an independent listener (15 minutes)

@@ -9,7 +9,6 @@ the baselines of its task, each tuned for the very noise: a policy for all noise
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,13 +16,25 @@ from shutil import copyfile
 from typing import Any, Literal
 
 import tyro
-from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, short, tuned
+from scenarios import (
+    BASELINES,
+    NAV,
+    POSE,
+    SQUARE,
+    Budget,
+    best_of_trainings,
+    evaluate_baselines,
+    results_folder,
+    run_all,
+    short,
+    trained,
+    tuned,
+)
 
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
 from turtlebot_gym_agents.evaluation.metrics import mean, paired_share_difference, share
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import write_json
-from turtlebot_gym_agents.training.train import TrainingConfig, train
 
 TASKS = {"nav": NAV, "pose": POSE, "square": SQUARE}
 NOISES = ("tutorial", "documented", "rough")
@@ -50,11 +61,9 @@ class Config(Budget):
     """Where policies, cards and pretrained.json go."""
 
 
-def training(folder: Path, steps: int | None, task: str, seed: int) -> None:
-    """Train a policy, if that was not done."""
-    run = folder / f"{task}-{seed}"
-    if not (run / "policy.onnx").exists():
-        train(TrainingConfig(env=TASKS[task], seed=seed, steps=steps, randomize=True), run, resume=True, progress=False)
+def training(folder: Path, steps: int | None, task: str, seed: int) -> Path:
+    """Return the folder of a training, which is made where it is missing."""
+    return trained(folder, seed, steps, env=TASKS[task], randomize=True)
 
 
 def prepare(folder: Path, policy: str, budget: Budget, task: str, noise: str) -> None:
@@ -65,15 +74,6 @@ def prepare(folder: Path, policy: str, budget: Budget, task: str, noise: str) ->
 def scenario(task: str, noise: str) -> dict[str, Any]:
     """Return the environment's arguments, named as the study names them, whose tunings are then used again."""
     return {"env": TASKS[task], "observation": "ekf", "noise": noise}
-
-
-def best_seed(folder: Path, config: Config, task: str) -> int:
-    """Return the seed of the training that did best on the training's own evaluation seeds."""
-    returns = {}
-    for seed in range(config.seeds):
-        told = json.loads((folder / f"{task}-{seed}" / "result.json").read_text(encoding="utf-8"))
-        returns[seed] = told["best"]["return"]
-    return max(returns, key=lambda seed: returns[seed])
 
 
 def compared(config: Config, tunings: Path, bundle: Path, task: str) -> list[dict[str, Any]]:
@@ -164,8 +164,8 @@ def main() -> None:
     run_all(jobs, "trainings and tunings", config.processes)
     config.out.mkdir(parents=True, exist_ok=True)
     for task in config.tasks:
-        seed = best_seed(folder, config, task)
-        copyfile(folder / f"{task}-{seed}" / "policy.onnx", config.out / f"ppo-{task}.onnx")
+        best = best_of_trainings([training(folder, config.steps, task, seed) for seed in range(config.seeds)])
+        copyfile(best / "policy.onnx", config.out / f"ppo-{task}.onnx")
     bundles = {task: config.out / f"ppo-{task}.onnx" for task in config.tasks}
     found = run_all([(compared, (config, tunings, bundles[task], task)) for task in config.tasks], "cards", config.processes)
     results = dict(zip((f"ppo-{task}" for task in config.tasks), found, strict=True))

@@ -1,6 +1,7 @@
-"""Put what `robustness.py` and `pretrained.py` have left under `out/` into its places, and what the study says into the README.
+"""Put what the studies have left under `out/` into its places, and what `robustness.py` says into the README.
 
-Nothing that belongs to the repository changes before, so that results carry a clean commit. `make study` runs it last.
+Nothing that belongs to the repository changes before, so that results carry a clean commit. `make study` and
+`make study-rooms` run it last.
 """
 
 from __future__ import annotations
@@ -15,8 +16,13 @@ from robustness_text import conditions, summary
 BEGIN, END = "<!-- The study's findings, by benchmarks/publish.py -->", "<!-- The end of the study's findings -->"
 SHIPPED = tuple(f"out/pretrained/ppo-{task}.{kind}" for task in ("nav", "pose", "square") for kind in ("onnx", "md"))
 PLACES = {
-    "benchmarks": ("out/study/robustness.json", "out/study/robustness.png", "out/pretrained/pretrained.json"),
-    "agents/pretrained": SHIPPED,
+    "benchmarks": (
+        "out/study/robustness.json",
+        "out/study/robustness.png",
+        "out/pretrained/pretrained.json",
+        "out/rooms/rooms_study.json",
+    ),
+    "agents/pretrained": (*SHIPPED, "out/rooms/ppo-rooms.onnx", "out/rooms/ppo-rooms.md"),
 }
 """Which files go to which folder."""
 WIDTH = 128

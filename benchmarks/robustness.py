@@ -18,7 +18,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 from robustness_figure import draw
-from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, slug, tuned
+from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, trained, tuned
 
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.evaluation.comparison import compare
@@ -27,7 +27,6 @@ from turtlebot_gym_agents.evaluation.metrics import holm, mean, share
 from turtlebot_gym_agents.evaluation.tune_baseline import best_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import plain, write_json
-from turtlebot_gym_agents.training.train import TrainingConfig, train
 
 BURGER = ROBOTS["burger"]
 SLUGGISH = replace(BURGER, max_linear_acceleration=0.1, max_angular_acceleration=1.0)
@@ -79,10 +78,7 @@ class Config(Budget):
 
 def training(folder: Path, steps: int | None, seed: int, options: dict[str, Any]) -> Path:
     """Return the bundle of a training, which is made where it is missing."""
-    run = folder / f"ppo-{slug(**options)}-{seed}"
-    if not (run / "policy.onnx").exists():
-        train(TrainingConfig(steps=steps, seed=seed, **options), run, resume=True, progress=False)
-    return run / "policy.onnx"
+    return trained(folder, seed, steps, **options) / "policy.onnx"
 
 
 def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:

@@ -1,34 +1,42 @@
-"""Who finds the way through rooms: policies, worlds, LiDARs, and what the robot believes of its pose.
+"""Who finds the way through rooms: policies, worlds, LiDARs, what the robot believes of its pose; and `ppo-rooms` and its card.
 
-Every policy drives the same 1000 held-out rooms of each setting, on seeds that neither trainings nor tunings use. The
-baselines have their defaults, which were tuned for `dense`. Several trainings of one kind are one row, with intervals that hold
-the training's variance.
+PPO is trained with several seeds, on worlds, LiDARs and noise that differ from environment to environment. The best training on
+the trainings' own evaluation seeds is the policy that comes with the package. Every policy drives the same held-out rooms of
+each setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for `dense`.
+All trainings together are one row, whose intervals hold the trainings' variance.
 
-    python benchmarks/rooms_study.py --out out/rooms
-    python benchmarks/rooms_study.py --learned run/seed-*/policy.onnx
+`make study-rooms` runs it. Trainings are kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import numpy as np
 import tyro
 from rich.table import Table
-from scenarios import run_all
+from rooms import hall
+from scenarios import best_of_trainings, results_folder, run_all, short, trained
 
+from turtlebot_gym.rooms.maps import FAR_ENOUGH
+from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
 from turtlebot_gym_agents.commands.console import ROOMS, print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import write_json
 
-SETTINGS: dict[str, dict[str, str]] = {
+MAP = "map"
+"""The setting whose world is the map of a hall, see `rooms.hall`."""
+SETTINGS: dict[str, dict[str, Any]] = {
     **{world: {"world": world} for world in WORLDS},
+    MAP: {},
     **{f"dense, {lidar}": {"world": "dense", "lidar": lidar} for lidar in ("lds02", "a1", "ideal")},
     **{
         f"dense, {observation}, noise {noise}": {"world": "dense", "observation": observation, "noise": noise}
@@ -38,18 +46,21 @@ SETTINGS: dict[str, dict[str, str]] = {
 }
 """What is driven: the arguments of the environment that are not its defaults, by name."""
 COMPARED_WITH = "vfh"
-"""The baseline that the others' success is compared with, in pairs."""
-LEARNED = "ppo"
+"""The baseline that the others' success is compared with."""
+SHIPPED = "ppo-rooms"
+PROTECTED = "+safety"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Drive them all."""
+    """Train and drive them all."""
 
     policy: tuple[str, ...] = ("bearing", "bearing+safety", "gap", "dwa", "vfh", "vfh+safety", "oracle")
     """As for `turtlebot-gym evaluate`."""
-    learned: tuple[Path, ...] = ()
-    """Bundles of several trainings of one kind."""
+    seeds: int = 3
+    """Trainings, with seeds from 0 on; 0 for none."""
+    steps: int | None = None
+    """Steps of each training; those of the configuration where it is not given."""
     only: tuple[str, ...] = ()
     """Settings by name; all where it is empty."""
     episodes: int = 1000
@@ -58,18 +69,32 @@ class Config:
     """Of the rooms: they are these seeds' first episodes, for whoever wants to compare."""
     processes: int = 2
     """Processes at once, each on one core."""
+    runs: Path | None = None
+    """Where trainings are kept; out/pretrained/COMMIT where it is not given."""
     out: Path = Path("out/rooms")
-    """Where rooms_study.json goes."""
+    """Where policy, card and rooms_study.json go."""
 
 
-def row(name: str, policies: Sequence[str], config: Config) -> dict[str, Any]:
-    """Return the figures of one policy, or of all trainings of one kind, in a setting."""
-    common: dict[str, Any] = {"env": ROOMS, "episodes": config.episodes, "seed": config.first_seed, **SETTINGS[name]}
-    driven = [evaluate(policy, **common) for policy in policies]
-    reference = evaluate(COMPARED_WITH, **common)
-    told = {"setting": name, "policy": policies[0] if len(policies) == 1 else LEARNED, **figures(driven)}
-    difference = metrics.paired_share_difference(driven[0].episodes.success, reference.episodes.success)
-    if len(driven) > 1:
+def training(folder: Path, steps: int | None, seed: int) -> Path:
+    """Return the folder of a training, which is made where it is missing."""
+    return trained(folder, seed, steps, env=ROOMS, randomize=True)
+
+
+def drive(policy: str, name: str, config: Config) -> Evaluation:
+    """Return a policy's episodes in a setting."""
+    options = SETTINGS[name]
+    if name == MAP:
+        grid = hall()
+        options = {"world": FloorPlan(walls=grid.walls(), map=grid, max_distance=FAR_ENOUGH)}
+    return evaluate(policy, env=ROOMS, episodes=config.episodes, seed=config.first_seed, **options)
+
+
+def row(name: str, policy: str, driven: Sequence[Evaluation], reference: Evaluation) -> dict[str, Any]:
+    """Return the figures of one policy, or of several trainings of one kind, in a setting."""
+    told = {"setting": name, "policy": policy, **figures(driven)}
+    if len(driven) == 1:
+        difference = metrics.paired_share_difference(driven[0].episodes.success, reference.episodes.success)
+    else:
         difference = metrics.share_difference(told["success"], metrics.share(reference.episodes.success))
     return {**told, "success_difference": difference}
 
@@ -92,23 +117,86 @@ def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
     }
 
 
-def main() -> None:
-    """Run the study, print a table, and write its results."""
-    config = tyro.cli(Config, description=__doc__)
+def study(config: Config, runs: Sequence[Path]) -> list[dict[str, Any]]:
+    """Drive all policies in all settings, each once, and return the rows."""
+    bundles = [str(run / "policy.onnx") for run in runs]
+    kinds = {policy: [policy] for policy in (*config.policy, COMPARED_WITH)}
+    if bundles:
+        best = str(best_of_trainings(runs) / "policy.onnx")
+        kinds |= {SHIPPED: [best], SHIPPED + PROTECTED: [best + PROTECTED]}
+    if len(bundles) > 1:
+        kinds[f"ppo, {len(bundles)} trainings"] = bundles
     names = config.only or tuple(SETTINGS)
-    kinds = [(policy,) for policy in config.policy]
-    kinds += [tuple(map(str, config.learned))] if config.learned else []
-    jobs = [(row, (name, policies, config)) for name in names for policies in kinds]
-    rows = run_all(jobs, "settings and policies", config.processes)
+    pairs = [(policy, name) for name in names for policy in dict.fromkeys(one for kind in kinds.values() for one in kind)]
+    found = run_all([(drive, (*pair, config)) for pair in pairs], "settings and policies", config.processes)
+    by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, found, strict=True))
+    return [
+        row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
+        for name in names for kind, policies in kinds.items()
+    ]  # fmt: skip
+
+
+def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str:
+    """Return the card of the policy that comes with the package, in Markdown: first where geometry beats it."""
+    policy = BundlePolicy(bundle)
+    told: Mapping[str, Any] = policy.card.training
+    seed, mine = told["config"]["seed"], [one for one in rows if one["policy"] == SHIPPED]
+    sides = {side: [f"`{one['setting']}`" for one in mine if _side(one) == side] for side in (-1, 0, 1)}
+    words = {-1: "Succeeds less often than", 0: "No different from", 1: "Succeeds more often than"}
+    kept = [one for one in rows if one["policy"] in (SHIPPED, SHIPPED + PROTECTED, COMPARED_WITH, "oracle")]
+    lines = [
+        f"# {SHIPPED}",
+        "",
+        *[f"{words[side]} `{COMPARED_WITH}` in {', '.join(names)}." for side, names in sides.items() if names],
+        "",
+        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, layout {policy.card.layout};",
+        f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(told['commit'])}`.",
+        "Trained with worlds, LiDARs, noise, speed (2 %) and delay (0 or 1 step) that differ from environment to environment:",
+        f"{told['steps']:,} steps in {told['seconds']:.0f} s, with seed {seed}; of {config.seeds} trainings the best on the",
+        "training's own evaluation seeds.",
+        "",
+        f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`.",
+        f"Use it: `--policy {SHIPPED}`; on a robot rather `--policy {SHIPPED + PROTECTED}`.",
+        "",
+        f"{config.episodes} rooms of each setting, on seeds from {config.first_seed:,}, 95 % intervals. `{COMPARED_WITH}` was",
+        "tuned for `dense`; the oracle knows the map and its true pose. All policies and all trainings are in",
+        "`benchmarks/rooms_study.json`.",
+        "",
+        "| setting | policy | success, % | collisions, % | time-outs, % | SPL |",
+        "|---|---|---|---|---|---|",
+    ]
+    for one in kept:
+        shares = " | ".join(_percent(one[key]) for key in ("success", "collision", "timeout"))
+        lines.append(f"| {one['setting']} | {one['policy']} | {shares} | {one['spl'].value:.3f} |")
+    return "\n".join(lines) + "\n"
+
+
+def _side(row: Mapping[str, Any]) -> int:
+    """Return on which side of 0 the whole interval of the difference is; 0 where it is on both."""
+    low, high = row["success_difference"][1:]
+    return (low > 0.0) - (high < 0.0)
+
+
+def main() -> None:
+    """Train, drive, print a table, and write policy, card and results."""
+    config = tyro.cli(Config, description=__doc__)
+    folder = config.runs or results_folder("pretrained")
+    runs = run_all([(training, (folder, config.steps, seed)) for seed in range(config.seeds)], "trainings", config.processes)
+    rows = study(config, runs)
     shown = Table("", "policy", "success, %", f"minus {COMPARED_WITH}, points", "collision, %", "time-out, %", "SPL", "time, s")
-    for name in names:
+    for name in config.only or SETTINGS:
         shown.add_section()
         for told in (one for one in rows if one["setting"] == name):
             cells = [_percent(told[key]) for key in ("success", "success_difference", "collision", "timeout")]
             shown.add_row(name, told["policy"], *cells, f"{told['spl'].value:.3f}", f"{told['time'].value:.2f}")
     print_tables(shown)
     config.out.mkdir(parents=True, exist_ok=True)
-    write_json(config.out / "rooms_study.json", {"rows": rows}, config=asdict(config))
+    if runs:
+        bundle = config.out / f"{SHIPPED}.onnx"
+        copyfile(best_of_trainings(runs) / "policy.onnx", bundle)
+        bundle.with_suffix(".md").write_text(card(bundle, rows, config), encoding="utf-8")
+    kept = {name: value for name, value in asdict(config).items() if name not in ("runs", "out")}
+    write_json(config.out / "rooms_study.json", {"rows": rows}, config=kept)
 
 
 def _percent(interval: Interval) -> str:

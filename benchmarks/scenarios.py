@@ -1,7 +1,8 @@
-"""What `robustness.py` and `pretrained.py` share: tasks, their tuned baselines, and jobs in processes of their own."""
+"""What the studies share: tasks, their tuned baselines, trainings, and jobs in processes of their own."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -17,6 +18,7 @@ from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym_agents.provenance import provenance
+from turtlebot_gym_agents.training.train import TrainingConfig, train
 
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing", "corner")}
@@ -81,6 +83,20 @@ def evaluate_baselines(folder: Path, budget: Budget, first_seed: int, **options:
     names = (best, *(policy for policy in BASELINES[options["env"]] if policy != best))
     common = {**options, "episodes": budget.episodes, "seed": first_seed}
     return {policy: evaluate(str(tuned_file(folder, policy, **options)), **common) for policy in names}
+
+
+def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
+    """Return the folder of a training, which is made where it is missing; the options are those of `TrainingConfig`."""
+    run = folder / f"ppo-{slug(**options)}-{seed}"
+    if not (run / "policy.onnx").exists():
+        train(TrainingConfig(steps=steps, seed=seed, **options), run, resume=True, progress=False)
+    return run
+
+
+def best_of_trainings(runs: Sequence[Path]) -> Path:
+    """Return the folder of the training that did best on the trainings' own evaluation seeds."""
+    told = {run: json.loads((run / "result.json").read_text(encoding="utf-8"))["best"]["return"] for run in runs}
+    return max(told, key=lambda run: told[run])
 
 
 def run_all(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], label: str, processes: int) -> list[Any]:

@@ -14,8 +14,8 @@ from turtlebot_gym_agents.provenance import plain
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts, not a package
-pretrained, publish, robustness, scenarios, text = map(
-    import_module, ("pretrained", "publish", "robustness", "scenarios", "robustness_text")
+pretrained, publish, robustness, rooms_study, scenarios, text = map(
+    import_module, ("pretrained", "publish", "robustness", "rooms_study", "scenarios", "robustness_text")
 )
 
 
@@ -157,9 +157,9 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
 
 def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
     config = pretrained.Config(seeds=1, steps=1024, episodes=12, tries=1, tasks=("nav",), out=tmp_path)
-    pretrained.training(tmp_path, config.steps, "nav", 0)
-    assert pretrained.best_seed(tmp_path, config, "nav") == 0
-    bundle = tmp_path / "nav-0" / "policy.onnx"
+    run = pretrained.training(tmp_path, config.steps, "nav", 0)
+    assert scenarios.best_of_trainings([run]) == run
+    bundle = run / "policy.onnx"
     rows = pretrained.compared(config, tmp_path, bundle, "nav")
     text = pretrained.card("nav", config, bundle, rows)
     losses = "Slower than the tuned `bearing` (tutorial), `bearing` (documented), `bearing` (rough).\n"
@@ -167,3 +167,20 @@ def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
     assert "12 episodes on seeds from 2,000,000" in text
     assert "--randomize --seed 0`" in text
     assert text.count("| ppo-nav |") == 3
+
+
+def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
+    config = rooms_study.Config(policy=("bearing",), seeds=2, steps=1024, only=("dense", "map"), episodes=12, processes=1)
+    runs = [rooms_study.training(tmp_path, config.steps, seed) for seed in range(config.seeds)]
+    rows = rooms_study.study(config, runs)
+    kinds = ["bearing", "vfh", "ppo-rooms", "ppo-rooms+safety", "ppo, 2 trainings"]
+    assert [(row["setting"], row["policy"]) for row in rows] == [(name, kind) for name in config.only for kind in kinds]
+    for row in rows:
+        assert row["success"].value + row["collision"].value + row["timeout"].value == pytest.approx(1.0)
+    assert rows[1]["success_difference"].value == 0.0  # with itself
+    bundle = scenarios.best_of_trainings(runs) / "policy.onnx"
+    card = rooms_study.card(bundle, rows, config)
+    assert card.startswith("# ppo-rooms\n\nSucceeds less often than `vfh` in `dense`, `map`.\n")
+    assert card.count("| ppo-rooms |") == card.count("| vfh |") == 2
+    assert "--randomize --seed" in card
+    assert "12 rooms of each setting, on seeds from 1,000,000" in card

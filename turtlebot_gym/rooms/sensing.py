@@ -108,8 +108,10 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
 @kernel
 def walk(scene: Scene, robot: Pose, courtesy: float, dt: float) -> None:
-    """Move the circles that walk by a control interval: they turn back at the walls, and wait rather than come nearer to a robot
-    whose centre is less than the courtesy away from their edge, m."""
+    """Move the circles that walk by a control interval; they turn back at the walls.
+
+    Those whose edge is nearer to a robot's centre than the courtesy, m, wait rather than come still nearer.
+    """
     walls = scene.walls
     for k in range(scene.counts[0]):
         circle = scene.circles[k]
