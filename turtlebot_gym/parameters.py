@@ -143,7 +143,7 @@ class Reward:
     """Subtracted, times the squared speed and turning rate as shares of their limits."""
     success: float = 10.0
     """Added when the episode ends in success."""
-    collision: float = 10.0
+    collision: float = 50.0
     """Subtracted when it ends in a collision; in a room, as are the next two."""
     nearness: float = 0.5
     """Subtracted at every step, times the share of `near` by which the clearance falls short of it."""

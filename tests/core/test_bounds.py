@@ -134,7 +134,7 @@ def test_the_defaults_of_a_filter_and_of_the_reward():
         "odometry_input": False,
     }
     assert asdict(Reward()) == {
-        "progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "collision": 10.0, "nearness": 0.5, "near": 0.15
+        "progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "collision": 50.0, "nearness": 0.5, "near": 0.15
     }  # fmt: skip
 
 

@@ -114,7 +114,7 @@ def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():
     assert 2.895 < x < 2.93
     assert info["collision"] is True
     assert info["is_success"] is False
-    assert reward < -9.0
+    assert -51.5 < reward < -49.0
 
 
 def test_the_goal_ends_an_episode_and_pays():

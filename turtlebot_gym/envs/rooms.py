@@ -49,7 +49,7 @@ class RoomsEnv(NavigationEnv):
 
     ## Rewards
 
-    Progress on the *shortest way* through the room instead of the straight line; minus 10 for a collision; minus 0.5 a step
+    Progress on the *shortest way* through the room instead of the straight line; minus 50 for a collision; minus 0.5 a step
     times the share of 0.15 m by which the clearance falls short of it. The rest is that of `NavigationEnv`.
 
     ## Starting State
