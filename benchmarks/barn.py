@@ -40,7 +40,7 @@ class Config:
 
     worlds: tyro.conf.Positional[Path]
     """The worlds as numbers: a NumPy archive with circles, their count in each world, start and goal."""
-    policy: tuple[str, ...] = ("bearing", "gap", "dwa", "vfh", "oracle")
+    policy: tuple[str, ...] = ("bearing", "gap", "dwa", "vfh", "vfh+safety", "ppo-rooms", "ppo-rooms+safety", "oracle")
     """As for `turtlebot-gym evaluate`."""
     lidar: str = "lds01"
     """LiDAR preset."""

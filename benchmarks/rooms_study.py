@@ -5,11 +5,12 @@ the trainings' own evaluation seeds is the policy that comes with the package. E
 each setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for `dense`.
 All trainings together are one row, whose intervals hold the trainings' variance.
 
-`make study-rooms` runs it. Trainings are kept under `out/`, by commit, so an interrupted run resumes.
+`make study-rooms` runs it. Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ import numpy as np
 import tyro
 from rich.table import Table
 from rooms import hall
-from scenarios import best_of_trainings, results_folder, run_all, short, trained
+from scenarios import best_of_trainings, results_folder, run_all, short, slug, trained
 
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -29,6 +30,7 @@ from turtlebot_gym_agents.commands.console import ROOMS, print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import write_json
 
@@ -70,7 +72,7 @@ class Config:
     processes: int = 2
     """Processes at once, each on one core."""
     runs: Path | None = None
-    """Where trainings are kept; out/pretrained/COMMIT where it is not given."""
+    """Where trainings and drives are kept; out/pretrained/COMMIT where it is not given."""
     out: Path = Path("out/rooms")
     """Where policy, card and rooms_study.json go."""
 
@@ -80,8 +82,21 @@ def training(folder: Path, steps: int | None, seed: int) -> Path:
     return trained(folder, seed, steps, env=ROOMS, randomize=True)
 
 
-def drive(policy: str, name: str, config: Config) -> Evaluation:
-    """Return a policy's episodes in a setting."""
+def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
+    """Return a policy's episodes in a setting, which are driven where they are missing."""
+    told = slug(
+        policy=Path(policy).name, training=Path(policy).parent.name, setting=name, n=config.episodes, seed=config.first_seed
+    )
+    kept = folder / "drives" / f"{told}.pickle"
+    if not kept.exists():
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(kept) as beside:
+            beside.write_bytes(pickle.dumps(evaluation_of(policy, name, config)))
+    return pickle.loads(kept.read_bytes())
+
+
+def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
+    """Drive a policy in a setting."""
     options = SETTINGS[name]
     if name == MAP:
         grid = hall()
@@ -117,7 +132,7 @@ def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
     }
 
 
-def study(config: Config, runs: Sequence[Path]) -> list[dict[str, Any]]:
+def study(config: Config, folder: Path, runs: Sequence[Path]) -> list[dict[str, Any]]:
     """Drive all policies in all settings, each once, and return the rows."""
     bundles = [str(run / "policy.onnx") for run in runs]
     kinds = {policy: [policy] for policy in (*config.policy, COMPARED_WITH)}
@@ -128,7 +143,7 @@ def study(config: Config, runs: Sequence[Path]) -> list[dict[str, Any]]:
         kinds[f"ppo, {len(bundles)} trainings"] = bundles
     names = config.only or tuple(SETTINGS)
     pairs = [(policy, name) for name in names for policy in dict.fromkeys(one for kind in kinds.values() for one in kind)]
-    found = run_all([(drive, (*pair, config)) for pair in pairs], "settings and policies", config.processes)
+    found = run_all([(drive, (folder, *pair, config)) for pair in pairs], "settings and policies", config.processes)
     by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, found, strict=True))
     return [
         row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
@@ -182,7 +197,7 @@ def main() -> None:
     config = tyro.cli(Config, description=__doc__)
     folder = config.runs or results_folder("pretrained")
     runs = run_all([(training, (folder, config.steps, seed)) for seed in range(config.seeds)], "trainings", config.processes)
-    rows = study(config, runs)
+    rows = study(config, folder, runs)
     shown = Table("", "policy", "success, %", f"minus {COMPARED_WITH}, points", "collision, %", "time-out, %", "SPL", "time, s")
     for name in config.only or SETTINGS:
         shown.add_section()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import ROBOTS
+from turtlebot_gym.systems import SIZES
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.policies import POLICIES, BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
@@ -22,6 +23,7 @@ SHIPPED = {
     "ppo-nav": "turtlebot_gym/TurtleBotNav-v0",
     "ppo-pose": "turtlebot_gym/TurtleBotPose-v0",
     "ppo-square": "turtlebot_gym/TurtleBotSquare-v0",
+    "ppo-rooms": "turtlebot_gym/TurtleBotRooms-v0",
 }
 # 2 m away, 0.3 rad to the left, 0.5 rad to turn, driving at half of each limit: every number tells in some law.
 SIGHT = np.array(
@@ -56,7 +58,8 @@ def test_the_shipped_policies_have_their_names_and_tasks(name):
     policy = make_policy(name)
     assert isinstance(policy, BundlePolicy)
     assert (policy.card.env, policy.card.robot["name"], policy.card.dt) == (SHIPPED[name], "burger", 0.1)
-    assert policy(SIGHT).shape == (2,)
+    seen = np.resize(SIGHT, SIZES[policy.card.layout])
+    assert policy(seen).shape == (2,)
     by_file = make_policy(str(pretrained_folder() / f"{name}.onnx"))
     assert isinstance(by_file, BundlePolicy)
     assert by_file.sha256 == policy.sha256

@@ -172,7 +172,8 @@ def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
 def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     config = rooms_study.Config(policy=("bearing",), seeds=2, steps=1024, only=("dense", "map"), episodes=12, processes=1)
     runs = [rooms_study.training(tmp_path, config.steps, seed) for seed in range(config.seeds)]
-    rows = rooms_study.study(config, runs)
+    rows = rooms_study.study(config, tmp_path, runs)
+    assert len(list((tmp_path / "drives").iterdir())) == 2 * 5  # each once: bearing, vfh, two trainings, one within the layer
     kinds = ["bearing", "vfh", "ppo-rooms", "ppo-rooms+safety", "ppo, 2 trainings"]
     assert [(row["setting"], row["policy"]) for row in rows] == [(name, kind) for name in config.only for kind in kinds]
     for row in rows:

@@ -63,8 +63,8 @@ class Evaluate(_Driven):
 
     policy: tuple[str, ...] = ("proportional", "bearing")
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
-    those that come with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
-    own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
+    those that come with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or module:callable for
+    one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
     noise: tuple[str, ...] = ("tutorial",)
     """Noise presets: clean, tutorial, documented, wheel, rough."""
     observation: tuple[str, ...] = ("ekf",)
