@@ -29,8 +29,8 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     Args:
         name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap" or
             "dwa"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which come with the package; a
-            bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a class is made
-            with ``robot`` and ``dt`` as keywords. In rooms any of them followed by "+safety": within a `SafetyLayer`.
+            bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a class is
+            made with ``robot`` and ``dt`` as keywords. In rooms any of them followed by "+safety": within a `SafetyLayer`.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
 
