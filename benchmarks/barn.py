@@ -107,7 +107,8 @@ def main() -> None:
         table.add_row(policy, *cells)
     print_tables(table)
     if config.json is not None:
-        write_json(config.json, {"mean": mean, "worlds": worlds}, config=asdict(config))
+        kept = {name: value for name, value in asdict(config).items() if name not in ("worlds", "json")}
+        write_json(config.json, {"mean": mean, "worlds": worlds}, config=kept)
 
 
 if __name__ == "__main__":
