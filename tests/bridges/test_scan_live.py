@@ -94,8 +94,8 @@ def test_it_drives_by_a_fresh_scan_and_stops_without(runner, peer, wait_for):
 def test_it_stops_for_what_it_sees(runner, peer, wait_for):
     robot = Robot(runner, peer, wait_for)
     robot.drives()
-    wait_for(lambda: robot.send(a_scan(length=0.15)) or abs(robot.speed) < 1e-6)
-    assert robot.states[-1].data == "active"
+    # It stands, and not because something is late: on a busy machine an estimate may be, for a moment.
+    wait_for(lambda: robot.send(a_scan(length=0.15)) or (abs(robot.speed) < 1e-6 and robot.states[-1].data == "active"))
 
 
 BAD = {

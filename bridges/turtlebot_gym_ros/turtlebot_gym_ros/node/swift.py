@@ -34,7 +34,7 @@ class SwiftExecutor(SingleThreadedExecutor):
         while self._context.ok() and not self._is_shutdown:
             subscriptions, timers = self._swift()
             if not subscriptions and not timers:
-                self.spin_once()
+                self._run(self._next(None))
                 continue
             self._run_swift(subscriptions, timers)
             self._run_others()
@@ -80,9 +80,27 @@ class SwiftExecutor(SingleThreadedExecutor):
         until = time.monotonic() + OTHERS
         try:
             while not self._is_shutdown and time.monotonic() < until:
-                handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
-                handler()
-                if (error := handler.exception()) is not None:
-                    raise error
-        except (TimeoutException, ShutdownException, ExternalShutdownException):
+                self._run(handler := self._next(0.0))
+                if handler is None:
+                    return
+        except ExternalShutdownException:
             pass
+
+    def _next(self, timeout: float | None) -> Any:
+        """Return what is ready of what is not swift; None where there is nothing.
+
+        An entity that another thread destroys while it is waited for is not ready. rclpy lets some kinds of entities raise
+        then, which would end this thread, and with it the node.
+        """
+        try:
+            return self.wait_for_ready_callbacks(timeout_sec=timeout)[0]
+        except (TimeoutException, ShutdownException, _rclpy.InvalidHandle):
+            return None
+
+    @staticmethod
+    def _run(handler: Any) -> None:
+        """Run a callback, and raise what it raised."""
+        if handler is not None:
+            handler()
+            if (error := handler.exception()) is not None:
+                raise error
