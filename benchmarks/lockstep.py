@@ -95,7 +95,7 @@ class Config:
     """Seeds of the drives in real time."""
     rooms: int = 20
     """Rooms, of the preset "dense", with a process for each node."""
-    room_policy: str = "vfh"
+    room_policy: str = "ppo-rooms"
     """Who drives there."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Write the results here too."""

@@ -107,11 +107,14 @@ def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
 def row(name: str, policy: str, driven: Sequence[Evaluation], reference: Evaluation) -> dict[str, Any]:
     """Return the figures of one policy, or of several trainings of one kind, in a setting."""
     told = {"setting": name, "policy": policy, **figures(driven)}
-    if len(driven) == 1:
-        difference = metrics.paired_share_difference(driven[0].episodes.success, reference.episodes.success)
-    else:
-        difference = metrics.share_difference(told["success"], metrics.share(reference.episodes.success))
-    return {**told, "success_difference": difference}
+    differences = {}
+    for part in ("success", "collision"):
+        others = getattr(reference.episodes, part)
+        if len(driven) == 1:
+            differences[f"{part}_difference"] = metrics.paired_share_difference(getattr(driven[0].episodes, part), others)
+        else:
+            differences[f"{part}_difference"] = metrics.share_difference(told[part], metrics.share(others))
+    return {**told, **differences}
 
 
 def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
@@ -156,13 +159,11 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
     policy = BundlePolicy(bundle)
     told: Mapping[str, Any] = policy.card.training
     seed, mine = told["config"]["seed"], [one for one in rows if one["policy"] == SHIPPED]
-    sides = {side: [f"`{one['setting']}`" for one in mine if _side(one) == side] for side in (-1, 0, 1)}
-    words = {-1: "Succeeds less often than", 0: "No different from", 1: "Succeeds more often than"}
     kept = [one for one in rows if one["policy"] in (SHIPPED, SHIPPED + PROTECTED, COMPARED_WITH, "oracle")]
     lines = [
         f"# {SHIPPED}",
         "",
-        *[f"{words[side]} `{COMPARED_WITH}` in {', '.join(names)}." for side, names in sides.items() if names],
+        *_verdicts(mine),
         "",
         f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, layout {policy.card.layout};",
         f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(told['commit'])}`.",
@@ -186,10 +187,23 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
     return "\n".join(lines) + "\n"
 
 
-def _side(row: Mapping[str, Any]) -> int:
-    """Return on which side of 0 the whole interval of the difference is; 0 where it is on both."""
-    low, high = row["success_difference"][1:]
-    return (low > 0.0) - (high < 0.0)
+def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each outcome, the losses first: in which settings the whole interval of a difference is on one side."""
+    lines = []
+    for part, side, words in (
+        ("collision", 1, "Collides more often than"),
+        ("success", -1, "Succeeds less often than"),
+        ("collision", -1, "Collides less often than"),
+        ("success", 1, "Succeeds more often than"),
+    ):
+        names = [f"`{row['setting']}`" for row in rows if _side(row[f"{part}_difference"]) == side]
+        lines += [f"{words} `{COMPARED_WITH}` in {', '.join(names)}."] if names else []
+    return lines
+
+
+def _side(difference: Interval) -> int:
+    """Return on which side of 0 the whole interval is; 0 where it is on both."""
+    return (difference.low > 0.0) - (difference.high < 0.0)
 
 
 def main() -> None:
