@@ -118,6 +118,14 @@ def test_rules_that_cannot_be_are_refused(changes, told):
         RoomRules(**changes)
 
 
+def test_nobody_walks_where_the_robot_starts(empty_scene):
+    """One drive in eighteen used to end at once, in contact with a walker."""
+    rules, scene = ROOMS["crowd"], empty_scene("crowd")
+    for key in range(300):
+        start, _ = DRAW(scene, as_tuple(rules), 0.105, key)
+        assert clearance(scene, start[0], start[1]) > 0.105
+
+
 FAR = Pose(100.0, 0.0, 0.0)
 
 

@@ -10,6 +10,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
 from turtlebot_gym.models.random import ROOM, sub_key, uniforms
 from turtlebot_gym.rooms.geodesic import MARGIN, block, cell_of, is_free, spread
+from turtlebot_gym.rooms.rays import distance_to_circle
 from turtlebot_gym.rooms.rules import CELLULAR, GIVEN, OFFICE, RoomRules
 from turtlebot_gym.rooms.scene import UNREACHED, Scene
 from turtlebot_gym.values import Pose
@@ -194,11 +195,22 @@ def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -
 
 
 @kernel
+def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
+    """Return whether a circle that walks is less than ``reach`` away: the grid of ways does not know those."""
+    beside = False
+    for k in range(scene.counts[0]):
+        walks = scene.circles[k, 3] != 0.0 or scene.circles[k, 4] != 0.0
+        near = distance_to_circle(scene.circles[k, 0] - x, scene.circles[k, 1] - y, scene.circles[k, 2]) < reach
+        beside = beside or (walks and near)
+    return beside
+
+
+@kernel
 def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose, Pose]:
     """Draw a room with a way through it, and return the robot's start and goal.
 
-    Rooms and places are drawn until the robot fits into the start and the goal, and a way leads from one to the other; a room
-    that allows of none in all attempts loses what stands in it.
+    Rooms and places are drawn until the robot fits into the start and the goal, nobody walks beside a start that is drawn, and
+    a way leads from one to the other; a room that allows of none in all attempts loses what stands in it.
 
     Args:
         scene: Where the room is written to. The kind "given" keeps what stands there.
@@ -224,7 +236,8 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
             goal = _goal_near(scene, rules, start, room_key, first + _PLACES + 2 * place + 1)
             dx, dy = goal.x - start.x, goal.y - start.y
             far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
-            if far and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
+            taken = math.isnan(rules.start[0]) and _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
+            if far and not taken and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
                 spread(scene, goal.x, goal.y)
                 to_be_blocked = True
                 row, column = cell_of(scene, start.x, start.y)
