@@ -259,7 +259,8 @@ def main() -> None:
     print(f"Ranges by strides and by a grid walk differ by at most {walking['apart_m']:.1e} m.")
     if config.json is not None:
         results = {"rays": casting, "maps": walking, "steps": stepping, "memory_mb": taken}
-        write_json(config.json, {"load": [load, os.getloadavg()[0]], **results}, config=asdict(config))
+        kept = {name: value for name, value in asdict(config).items() if name not in ("peer", "json")}
+        write_json(config.json, {"load": [load, os.getloadavg()[0]], **results}, config=kept)
 
 
 if __name__ == "__main__":

@@ -44,6 +44,22 @@ with mkdocs_gen_files.open("results.md", "a") as page:
             told = f"{seconds(ppo['difference'], '+')} | {row['p_holm']:.2g}" if compared else "|"
             untuned = f"{one['time_untuned']['value']:.2f}"
             print(f"| | {one['policy']} | {seconds(one['time'])} | {untuned} | {told} | {percent(one['success'])} |", file=page)
+    rooms = json.loads(Path("benchmarks/rooms_study.json").read_text(encoding="utf-8"))
+    print("\n## Rooms\n", file=page)
+    episodes, first = rooms["config"]["episodes"], rooms["config"]["first_seed"]
+    print(
+        f"`make study-rooms`: {episodes} held-out rooms of each setting, on seeds from {first:,}. LiDAR `lds01`, noise",
+        "`tutorial` and the filter's estimate where the setting does not say otherwise. `ppo-rooms` is the training that did",
+        "best on the trainings' own seeds.\n",
+        sep="\n",
+        file=page,
+    )
+    print("| setting | policy | success, % | minus `vfh`, points | collisions, % | time-outs, % | SPL | time, s |", file=page)
+    print("|---|---|---|---|---|---|---|---|", file=page)
+    for row in rooms["rows"]:
+        shares = " | ".join(percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
+        spl, time = row["spl"]["value"], row["time"]["value"]
+        print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
     print("\n## The live graph\n", file=page)
     live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
     print(f"`make bench-ros`, on {live['cores']} cores; a process for each node, real DDS.\n", file=page)
