@@ -60,6 +60,14 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         shares = " | ".join(percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
         spl, time = row["spl"]["value"], row["time"]["value"]
         print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
+    barn = json.loads(Path("benchmarks/barn.json").read_text(encoding="utf-8"))
+    print("\n## The 200 worlds of the BARN challenge\n", file=page)
+    print(f"`make bench-barn`: {barn['config']['episodes']} drives through each; intervals are over worlds.\n", file=page)
+    print("| policy | success, % | collisions, % | time-outs, % | score, at most 0.5 |", file=page)
+    print("|---|---|---|---|---|", file=page)
+    for policy, told in barn["mean"].items():
+        shares = " | ".join(percent(told[name]) for name in ("success", "collision", "timeout"))
+        print(f"| {policy} | {shares} | {told['barn']['value']:.3f} |", file=page)
     print("\n## The live graph\n", file=page)
     live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
     print(f"`make bench-ros`, on {live['cores']} cores; a process for each node, real DDS.\n", file=page)
