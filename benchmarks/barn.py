@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,7 +29,7 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.console import ROOMS, print_tables, progress
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 
 FIGURES = ("success", "collision", "timeout", "barn", "spl", "time_to_goal")
 
@@ -107,8 +107,7 @@ def main() -> None:
         table.add_row(policy, *cells)
     print_tables(table)
     if config.json is not None:
-        kept = {name: value for name, value in asdict(config).items() if name not in ("worlds", "json")}
-        write_json(config.json, {"mean": mean, "worlds": worlds}, config=kept)
+        write_json(config.json, {"mean": mean, "worlds": worlds}, config=settings_of(config))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 from bisect import bisect_right
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +30,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 
 AGE = 0.45
 """Longest time after the newest command at which a motion may be published, s."""
@@ -392,7 +392,7 @@ def main() -> int:
     Console().print(table)
     if config.json:
         load = os.getloadavg()
-        write_json(config.json, {"faults": found, "total": total, "load": load}, config=asdict(config))
+        write_json(config.json, {"faults": found, "total": total, "load": load}, config=settings_of(config))
     return int(total["unsafe"] > 0)
 
 

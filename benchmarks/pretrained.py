@@ -10,7 +10,7 @@ the baselines of its task, each tuned for the very noise: a policy for all noise
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from shutil import copyfile
 from typing import Any, Literal
@@ -32,9 +32,9 @@ from scenarios import (
 )
 
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
-from turtlebot_gym_agents.evaluation.metrics import mean, paired_share_difference, share
+from turtlebot_gym_agents.evaluation.metrics import mean, paired_share_difference, share, side
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 
 TASKS = {"nav": NAV, "pose": POSE, "square": SQUARE}
 NOISES = ("tutorial", "documented", "rough")
@@ -142,9 +142,8 @@ def _verdicts(rows: list[dict[str, Any]]) -> list[str]:
     found: dict[int, list[str]] = {1: [], 0: [], -1: []}
     for row in rows:
         if "ppo_minus_it" in row:
-            low, high = row["ppo_minus_it"][1:]
-            found[(low > 0.0) - (high < 0.0)].append(f"`{row['policy']}` ({row['noise']})")
-    return [f"{WORDS[side]} the tuned {', '.join(names)}." for side, names in found.items() if names]
+            found[side(row["ppo_minus_it"])].append(f"`{row['policy']}` ({row['noise']})")
+    return [f"{WORDS[sign]} the tuned {', '.join(names)}." for sign, names in found.items() if names]
 
 
 def _signed(interval: tuple[float, ...], digits: int) -> str:
@@ -173,8 +172,7 @@ def main() -> None:
         text = card(task, config, bundles[task], results[f"ppo-{task}"])
         (config.out / f"ppo-{task}.md").write_text(text, encoding="utf-8")
         print(text)
-    told = {name: value for name, value in asdict(config).items() if name not in ("runs", "tunings", "out")}
-    write_json(config.out / "pretrained.json", results, config=told)
+    write_json(config.out / "pretrained.json", results, config=settings_of(config))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ interval has episodes only.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import holm, mean, share
 from turtlebot_gym_agents.evaluation.tune_baseline import best_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.provenance import plain, write_json
+from turtlebot_gym_agents.provenance import plain, settings_of, write_json
 
 BURGER = ROBOTS["burger"]
 SLUGGISH = replace(BURGER, max_linear_acceleration=0.1, max_angular_acceleration=1.0)
@@ -168,8 +168,7 @@ def main() -> None:
         row["verdict"] = verdict(row)
     noises = ("tutorial", "documented", "wheel", "rough")
     results = {"comparisons": rows, "false_arrivals": [false_arrivals(config, noise) for noise in noises]}
-    told = {name: value for name, value in asdict(config).items() if name not in ("runs", "out")}
-    write_json(config.out / "robustness.json", results, config=told)
+    write_json(config.out / "robustness.json", results, config=settings_of(config))
     draw(plain(results)["comparisons"]).savefig(config.out / "robustness.png", dpi=120)
     Console(width=180).print(table(rows, config))
 

@@ -13,7 +13,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,7 +35,7 @@ from turtlebot_gym.rooms.rays import FAR, inverse
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import BLOCK, cast
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
 TURN = 0.3
@@ -259,8 +259,7 @@ def main() -> None:
     print(f"Ranges by strides and by a grid walk differ by at most {walking['apart_m']:.1e} m.")
     if config.json is not None:
         results = {"rays": casting, "maps": walking, "steps": stepping, "memory_mb": taken}
-        kept = {name: value for name, value in asdict(config).items() if name not in ("peer", "json")}
-        write_json(config.json, {"load": [load, os.getloadavg()[0]], **results}, config=kept)
+        write_json(config.json, {"load": [load, os.getloadavg()[0]], **results}, config=settings_of(config))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -32,7 +32,7 @@ from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 
 MAP = "map"
 """The setting whose world is the map of a hall, see `rooms.hall`."""
@@ -124,12 +124,11 @@ def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
         return {key: summary[key] for key in ("success", "collision", "timeout", "spl", "barn", "clearance_5th", "time")}
     e = [one.episodes for one in driven]
     success, collision = (np.array([getattr(one, key) for one in e]) for key in ("success", "collision"))
-    spl = np.array([one.success * one.shortest / np.maximum(one.path, one.shortest) for one in e])
     return {
         "success": comparison.share(success),
         "collision": comparison.share(collision),
         "timeout": comparison.share(~success & ~collision),
-        "spl": comparison.spread(spl).interval(),
+        "spl": comparison.spread([one.spl() for one in driven]).interval(),
         "clearance_5th": metrics.mean([metrics.quantile(one.clearance, 0.05).value for one in e]),
         "time": comparison.spread([one.times() for one in driven]).interval(),
     }
@@ -196,14 +195,9 @@ def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         ("collision", -1, "Collides less often than"),
         ("success", 1, "Succeeds more often than"),
     ):
-        names = [f"`{row['setting']}`" for row in rows if _side(row[f"{part}_difference"]) == side]
+        names = [f"`{row['setting']}`" for row in rows if metrics.side(row[f"{part}_difference"]) == side]
         lines += [f"{words} `{COMPARED_WITH}` in {', '.join(names)}."] if names else []
     return lines
-
-
-def _side(difference: Interval) -> int:
-    """Return on which side of 0 the whole interval is; 0 where it is on both."""
-    return (difference.low > 0.0) - (difference.high < 0.0)
 
 
 def main() -> None:
@@ -213,7 +207,7 @@ def main() -> None:
     runs = run_all([(training, (folder, config.steps, seed)) for seed in range(config.seeds)], "trainings", config.processes)
     rows = study(config, folder, runs)
     shown = Table("", "policy", "success, %", f"minus {COMPARED_WITH}, points", "collision, %", "time-out, %", "SPL", "time, s")
-    for name in config.only or SETTINGS:
+    for name in dict.fromkeys(row["setting"] for row in rows):
         shown.add_section()
         for told in (one for one in rows if one["setting"] == name):
             cells = [_percent(told[key]) for key in ("success", "success_difference", "collision", "timeout")]
@@ -224,8 +218,7 @@ def main() -> None:
         bundle = config.out / f"{SHIPPED}.onnx"
         copyfile(best_of_trainings(runs) / "policy.onnx", bundle)
         bundle.with_suffix(".md").write_text(card(bundle, rows, config), encoding="utf-8")
-    kept = {name: value for name, value in asdict(config).items() if name not in ("runs", "out")}
-    write_json(config.out / "rooms_study.json", {"rows": rows}, config=kept)
+    write_json(config.out / "rooms_study.json", {"rows": rows}, config=settings_of(config))
 
 
 def _percent(interval: Interval) -> str:

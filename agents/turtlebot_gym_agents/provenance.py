@@ -7,6 +7,7 @@ import math
 import platform
 import subprocess
 from collections.abc import Mapping
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,15 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(plain({"config": config, **provenance(), **result}), indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+def settings_of(config: Any) -> dict[str, Any]:
+    """Return the fields of a benchmark's configuration but for its paths: where somebody keeps files changes no result.
+
+    Args:
+        config: A dataclass whose annotations are text, as they are after ``from __future__ import annotations``.
+    """
+    return {field.name: getattr(config, field.name) for field in fields(config) if "Path" not in str(field.type)}
 
 
 def plain(value: Any) -> Any:

@@ -50,6 +50,11 @@ class Evaluation:
         """Return the time of each episode with a failure as the limit, shape (n,), s: what policies are compared by."""
         return np.where(self.episodes.success, self.episodes.time, self.limit)
 
+    def spl(self) -> NDArray[np.float64]:
+        """Return of each episode in a room the success, weighted by the share of the shortest way in the path, shape (n,)."""
+        e = self.episodes
+        return e.success * e.shortest / np.maximum(e.path, e.shortest)
+
     def summary(self) -> dict[str, Interval]:
         """Return the episodes in numbers: means and shares, with 95 % intervals."""
         e = self.episodes
@@ -80,7 +85,7 @@ class Evaluation:
         return {
             "collision": metrics.share(e.collision),
             "timeout": metrics.share(~e.success & ~e.collision),
-            "spl": metrics.mean(e.success * e.shortest / np.maximum(e.path, e.shortest)),
+            "spl": metrics.mean(self.spl()),
             "clearance": metrics.mean(e.clearance),
             "clearance_5th": metrics.quantile(e.clearance, 0.05),
             "barn": metrics.mean(e.success * fastest / np.clip(e.time, 2.0 * fastest, 8.0 * fastest)),

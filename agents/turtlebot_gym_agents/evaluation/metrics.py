@@ -160,6 +160,11 @@ def quantile(values: ArrayLike, share: float) -> Interval:
     return Interval(float(np.quantile(ordered, share, method="weibull")), float(ordered[low]), float(ordered[high]))
 
 
+def side(interval: Interval) -> int:
+    """Return on which side of 0 a whole interval is, 1 or -1; 0 where it is on both."""
+    return int(interval.low > 0.0) - int(interval.high < 0.0)
+
+
 def mean(values: ArrayLike) -> Interval:
     """Return the mean of independent numbers with Student's interval; those that are NaN do not count.
 

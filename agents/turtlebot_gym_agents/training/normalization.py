@@ -25,8 +25,6 @@ CLIP = 10.0
 """Normalized observations are clipped to plus and minus this."""
 CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
-
-
 NEAR = 0.03
 """Share of `turtlebot_gym.rooms.lidar.SIGHT` that is added to a range before its logarithm is taken: 0.1 m, about a radius."""
 

@@ -37,9 +37,9 @@ def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str
         presets: Noise models to draw from.
     """
     random = np.random.default_rng(seed)
-    lidars, share = tuple(LIDARS.values()), np.array(tuple(WORLDS.values())) / sum(WORLDS.values())
 
     def draw_room() -> RoomParameters:
+        lidars, share = tuple(LIDARS.values()), np.array(tuple(WORLDS.values())) / sum(WORLDS.values())
         world = str(random.choice(tuple(WORLDS), p=share))
         return make_room(ROOMS[world], lidars[int(random.integers(len(lidars)))], base.dt)
 
