@@ -41,6 +41,14 @@ def plus(a: int, b: int) -> int:
     return (a + b) & 0xFFFFFFFFFFFFFFFF
 
 
+def borrowed(array: Any) -> Any:
+    """Return an array whose uses a compiled loop does not count; its owner must outlive the loop.
+
+    Counting is an atomic operation for each use, on a counter that all threads share for all views of an array.
+    """
+    return array
+
+
 if extending is not None:
     from numba import float64, int64
 
@@ -78,3 +86,17 @@ if extending is not None:
     @_overload(plus, jit_options={"forceinline": True})
     def _plus(a, b):
         return lambda a, b: _add(int64(a), int64(b))
+
+    def _emit_borrowed(typing_context, array):
+        def emit(context, builder, signature, arguments):
+            view = context.make_array(signature.args[0])(context, builder, value=arguments[0])
+            view.meminfo, view.parent = view.meminfo.type(None), view.parent.type(None)
+            return view._getvalue()
+
+        return array(array), emit
+
+    _without_owner = _intrinsic(_emit_borrowed)
+
+    @_overload(borrowed, jit_options={"forceinline": True})
+    def _borrowed(array):
+        return lambda array: _without_owner(array)

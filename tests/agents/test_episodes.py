@@ -1,6 +1,7 @@
 """Episodes from records: a record written down by hand, and every number of its episodes worked out by hand."""
 
 import math
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +11,7 @@ from turtlebot_gym import Robot, Task
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Record, concatenate, measure
-from turtlebot_gym_agents.evaluation.evaluate import BATCH, evaluate, paired
+from turtlebot_gym_agents.evaluation.evaluate import BATCH, Evaluation, evaluate, paired
 
 NAN = math.nan
 ROBOT = Robot(max_linear=0.5, max_angular=2.0, max_wheel=0.4)
@@ -227,6 +228,8 @@ def test_an_evaluation_cannot_be_changed():
     result = evaluate("proportional", episodes=1, max_episode_steps=2)
     with pytest.raises(AttributeError):
         result.limit = 1.0  # type: ignore[misc]
+    with pytest.raises(TypeError):  # so many numbers need their names
+        Evaluation(result.config, 1.0, 0.22, result.episodes, result.trajectory)  # type: ignore[misc]
 
 
 def test_environments_are_closed(monkeypatch):
@@ -275,6 +278,26 @@ def test_the_summary_is_made_of_the_episodes():
         assert summary[name].value == pytest.approx(number, rel=1e-9), name
         assert summary[name].low <= number <= summary[name].high, name
     np.testing.assert_array_equal(result.times(), times)
+
+
+@pytest.mark.parametrize("max_linear", [0.05, 0.22, 0.6, 20.0])
+def test_the_summary_of_rooms_is_made_of_the_episodes(max_linear):
+    """The challenge clips times at two and at eight times the fastest: the speeds meet both ends and what lies between."""
+    result = evaluate("bearing", env="turtlebot_gym/TurtleBotRooms-v0", world="dense", episodes=60, max_episode_steps=110)
+    assert result.max_linear == 0.2108  # the wheels allow of no more
+    result = replace(result, max_linear=max_linear)
+    e, summary = result.episodes, result.summary()
+    fastest = e.shortest / max_linear
+    scores = [s * f / min(max(t, 2.0 * f), 8.0 * f) for s, f, t in zip(e.success, fastest, e.time, strict=True)]
+    timeouts = [not success and not collision for success, collision in zip(e.success, e.collision, strict=True)]
+    assert min(e.success.sum(), e.collision.sum(), sum(timeouts)) > 3  # else they could not be told apart
+    assert summary["barn"].value == pytest.approx(np.mean(scores), rel=1e-9)
+    assert summary["timeout"].value == pytest.approx(np.mean(timeouts), rel=1e-9)
+    assert summary["collision"].value == pytest.approx(e.collision.mean(), rel=1e-9)
+    assert summary["clearance"].value == pytest.approx(e.clearance.mean(), rel=1e-9)
+    assert summary["clearance_5th"].value == pytest.approx(np.quantile(e.clearance, 0.05), abs=0.01)
+    spl = [s * a / max(p, a) for s, a, p in zip(e.success, e.shortest, e.path, strict=True)]
+    assert summary["spl"].value == pytest.approx(np.mean(spl), rel=1e-9)
 
 
 def test_a_pair_is_the_first_minus_the_second():

@@ -347,8 +347,17 @@ def test_the_history_is_long_enough_and_does_not_grow():
     assert monitor._times[0] <= T + 40.0 - 1.0
 
 
+def test_a_command_that_was_given_long_ago_still_moves_the_robot():
+    monitor = standing(limits=LIMITS._replace(error=0.0))
+    monitor.told(Command(0.1, 0.0), T - 9.0)
+    monitor.told(Command(0.1, 0.0), T)  # and what is older than that is forgotten
+    monitor.hear(wall(0.65), sent=T)
+    assert monitor.limit(Command(1.0, 0.0), T).v == pytest.approx(0.5 - 0.04, rel=1e-3)
+
+
 def test_only_a_fresh_scan_lets_anything_pass_and_turning_needs_one_too():
     monitor, command = standing(), Command(0.0, 1.0)
+    assert monitor.state == ""
     assert monitor.limit(command, T) == STOP
     assert monitor.state == "no scan has come"
     monitor.hear(scan([2.0] * 8), sent=T)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import borrowed, kernel
 from turtlebot_gym.rooms.lidar import SECTORS
 
 RESOLUTION = 0.1
@@ -62,20 +62,20 @@ class Scene(NamedTuple):
 
 @kernel
 def scene_at(scenes: Scene, index: int) -> Scene:
-    """Return what surrounds one robot of many."""
+    """Return what surrounds one robot of many, as views."""
     return Scene(
-        scenes.walls[index],
-        scenes.counts[index],
-        scenes.circles[index],
-        scenes.boxes[index],
-        scenes.ways[index],
-        scenes.beams[index],
-        scenes.spans[index],
-        scenes.ranges[index],
-        scenes.sectors[index],
-        scenes.squares,
-        scenes.known,
-        scenes.frame,
+        borrowed(scenes.walls)[index],
+        borrowed(scenes.counts)[index],
+        borrowed(scenes.circles)[index],
+        borrowed(scenes.boxes)[index],
+        borrowed(scenes.ways)[index],
+        borrowed(scenes.beams)[index],
+        borrowed(scenes.spans)[index],
+        borrowed(scenes.ranges)[index],
+        borrowed(scenes.sectors)[index],
+        borrowed(scenes.squares),
+        borrowed(scenes.known),
+        borrowed(scenes.frame),
     )
 
 

@@ -40,8 +40,7 @@ def _is_near(x: float, y: float, radius: float, reach: float) -> bool:
 def cast(scene: Scene, rays, n: int, reach: float) -> None:
     """Find the lengths of rays: obstacles in the outer loop, rays in the inner one, which LLVM turns into vectors.
 
-    The rays are in one array at distances that the compiler knows, so that it need not ask whether arrays overlap; circles
-    come in pairs, so that each length is loaded and stored half as often.
+    The rays are in one array at distances that the compiler knows, so that it need not ask whether arrays overlap.
 
     Args:
         scene: The room.
@@ -57,15 +56,12 @@ def cast(scene: Scene, rays, n: int, reach: float) -> None:
             at_x - rays[_X + ray], at_y - rays[_Y + ray], inverse(rays[_DX + ray]), inverse(rays[_DY + ray]),
             half_length, half_width,
         )  # fmt: skip
-    for k in range(0, scene.counts[0], 2):
-        one, other = scene.circles[k], scene.circles[min(k + 1, scene.counts[0] - 1)]
-        x1, y1, r1, x2, y2, r2 = one[0], one[1], one[2], other[0], other[1], other[2]
-        if _is_near(x1 - x, y1 - y, r1, reach) or _is_near(x2 - x, y2 - y, r2, reach):
+    for k in range(scene.counts[0]):
+        at_x, at_y, radius = scene.circles[k, 0], scene.circles[k, 1], scene.circles[k, 2]
+        if _is_near(at_x - x, at_y - y, radius, reach):
             for ray in range(n):
-                dx, dy = rays[_DX + ray], rays[_DY + ray]
-                first = ray_to_circle(x1 - rays[_X + ray], y1 - rays[_Y + ray], dx, dy, r1 * r1)
-                second = ray_to_circle(x2 - rays[_X + ray], y2 - rays[_Y + ray], dx, dy, r2 * r2)
-                rays[_LENGTH + ray] = min(rays[_LENGTH + ray], min(first, second))
+                to_x, to_y, dx, dy = at_x - rays[_X + ray], at_y - rays[_Y + ray], rays[_DX + ray], rays[_DY + ray]
+                rays[_LENGTH + ray] = min(rays[_LENGTH + ray], ray_to_circle(to_x, to_y, dx, dy, radius * radius))
     for k in range(scene.counts[1]):
         at_x, at_y, half_length, half_width = scene.boxes[k, 0], scene.boxes[k, 1], scene.boxes[k, 2], scene.boxes[k, 3]
         cosine, sine = scene.boxes[k, 4], scene.boxes[k, 5]
