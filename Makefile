@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn faults study study-rooms docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation faults study study-rooms docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -72,6 +72,9 @@ bench-rooms: $(READY)  ## rooms: rays, steps, maps and the making of worlds, bes
 bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN challenge (10 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/barn.py $(DATA)/barn/worlds.npz --json $(OUT)/barn.json
+
+bench-estimation: $(READY)  ## filters beside the bound that no filter can pass, 20,000 drives in each setting (3 minutes)
+	$(RUN)python benchmarks/estimation.py
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

@@ -12,7 +12,10 @@ from dataclasses import dataclass, field, fields
 from turtlebot_gym.validation import require, variances
 
 REFERENCE_PERIOD = 0.1
-"""Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.noise` and `estimation.ekf`)."""
+"""Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
+
+KALMAN, GATED, MIXTURE, SLIP, SCALE = 0.0, 1.0, 2.0, 3.0, 4.0
+"""Kinds of filters, see `estimation.interface`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +103,7 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterTuning:
-    """What the extended Kalman filter assumes about the robot and its odometry."""
+    """What a filter assumes about the robot and its odometry, and which filter it is."""
 
     Q: tuple[float, ...]
     """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much.
@@ -123,12 +126,26 @@ class FilterTuning:
     """So many refusals in a row mean that the filter is lost: it then starts again from the measurement."""
     odometry_input: bool = False
     """Whether the odometry drives the prediction, by its increments, and corrects nothing: for `OdometryNoise.wheel`."""
+    kind: float = KALMAN
+    """Which filter: `KALMAN`, or one of `GATED`, `MIXTURE`, `SLIP` and `SCALE`."""
+    heading_gate: float = math.inf
+    """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom); `GATED` only."""
+    spike_probability: float = 0.0
+    """Probability per measurement of a heading spike; for `MIXTURE` and `SLIP`, as is the next one."""
+    spike: float = 0.0
+    """Size of a heading spike, rad."""
+    scale_deviation: float = 0.05
+    """Standard deviation of what the robot makes of a commanded twist, as a share of it, at the start; `SCALE` only."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "Q", variances("FilterTuning.Q", self.Q, 5))
         object.__setattr__(self, "R", variances("FilterTuning.R", self.R, 3))
         object.__setattr__(self, "P0", variances("FilterTuning.P0", self.P0, 5))
-        require(self, "positive", "gate", "max_rejections")
+        require(self, "positive", "gate", "max_rejections", "heading_gate")
+        require(self, "a probability", "spike_probability")
+        require(self, "non-negative", "spike", "scale_deviation")
+        if self.kind not in (KALMAN, GATED, MIXTURE, SLIP, SCALE):
+            raise ValueError(f"FilterTuning.kind must be one of the kinds in turtlebot_gym.parameters, got {self.kind!r}.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import choose
 
@@ -13,6 +14,9 @@ SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 knew the motion perfectly would soon ignore its measurements, and then a speed error of 2 % as well."""
 VARIANCE_FLOOR = 1e-6
 """Least measurement variance that the matched filter assumes: (1 mm)^2, (1 mrad)^2."""
+
+HEADING_GATE = 6.635
+"""Normalized innovation squared that 1 % of correct headings exceed: chi-square, 1 degree of freedom."""
 
 CLEAN = Noise()
 """Nothing is noisy: what most simulators train on."""
@@ -78,6 +82,44 @@ def matched(noise: Noise) -> FilterTuning:
     )
 
 
+def _without_spikes(noise: Noise) -> Noise:
+    return replace(noise, odometry=replace(noise.odometry, spike_probability=0.0))
+
+
+def gated(noise: Noise) -> FilterTuning:
+    """Return the matched tuning for the noise without its spikes, with a gate on the heading that 1 % of good ones fail."""
+    return replace(matched(_without_spikes(noise)), kind=GATED, heading_gate=HEADING_GATE)
+
+
+def mixture(noise: Noise) -> FilterTuning:
+    """Return the matched tuning for the noise without its spikes, of the filter that knows of them: `estimation.mixture`."""
+    spikes, size = noise.odometry.spike_probability, noise.odometry.spike
+    return replace(matched(_without_spikes(noise)), kind=MIXTURE, spike_probability=spikes, spike=size)
+
+
+def slip(noise: Noise) -> FilterTuning:
+    """Return the tuning of the filter that knows of spikes and of slip: `estimation.slip`."""
+    process = noise.process
+    steady = mixture(replace(noise, process=replace(process, slip=0.0)))
+    return replace(steady, kind=SLIP, process=replace(process, scale=1.0))
+
+
+def scale(noise: Noise) -> FilterTuning:
+    """Return the matched tuning of the filter that learns what the robot makes of a twist: `estimation.scale`."""
+    return replace(matched(noise), kind=SCALE)
+
+
+FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {
+    "matched": matched,
+    "tutorial": lambda noise: TUTORIAL_FILTER,
+    "gated": gated,
+    "mixture": mixture,
+    "slip": slip,
+    "scale": scale,
+}
+"""Filter tunings by name, for the noise in force."""
+
+
 def make_robot(robot: str | Robot) -> Robot:
     """Return a robot, which may be given by a name in `turtlebot_gym.robots.ROBOTS`.
 
@@ -97,11 +139,11 @@ def make_noise(noise: str | Noise) -> Noise:
 
 
 def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:
-    """Return a filter tuning, which may be given as "matched" (to the noise in force) or "tutorial".
+    """Return a filter tuning, which may be given by a name in `FILTERS`: it is then the one for the noise in force.
 
     Raises:
         ValueError: If there is none of that name.
     """
     if isinstance(tuning, FilterTuning):
         return tuning
-    return choose("filter", tuning, {"matched": matched(noise), "tutorial": TUTORIAL_FILTER})
+    return choose("filter", tuning, FILTERS)(noise)

@@ -49,8 +49,13 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
     for name, noise in presets.NOISES.items():
         print(f"| `{name}` | {said(f'presets.{name.upper()}')} | {', '.join(differences(noise))} |", file=page)
     print(f"\n## Filters\n\n`matched` follows from the noise in force: {said('presets.matched').partition('. ')[2]}", file=page)
-    print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}", file=page)
+    print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}\n", file=page)
+    for name in ("gated", "mixture", "slip", "scale"):
+        print(f"`{name}`: {said(f'presets.{name}').removeprefix('Return the ')}\n", file=page)
     table("filter", "noise", "parameters")
-    for name, noise in presets.NOISES.items():
-        print(f"| `matched` | `{name}` | {', '.join(differences(presets.matched(noise)))} |", file=page)
-    print(f"| `tutorial` | any | {', '.join(differences(presets.TUTORIAL_FILTER))} |", file=page)
+    for name, tuning in presets.FILTERS.items():
+        for noise in ("any",) if name == "tutorial" else presets.NOISES:
+            print(
+                f"| `{name}` | `{noise}` | {', '.join(differences(tuning(presets.NOISES.get(noise, presets.CLEAN))))} |",
+                file=page,
+            )

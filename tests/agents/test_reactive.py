@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from turtlebot_gym.tasks import observe
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import POLICIES, make_policy
+from turtlebot_gym_agents.policies.geometric import Range
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.sight import UNSEEN, arc, look, time_to_contact
 
@@ -277,3 +280,60 @@ def test_the_safety_layer_takes_most_collisions_from_who_sees_nothing():
 def test_there_is_no_oracle_on_open_ground():
     with pytest.raises(ValueError, match="the oracle knows rooms"):
         evaluate("oracle", episodes=2)
+
+
+def test_what_is_tuned_and_the_defaults_that_came_of_it():
+    common = {
+        "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, True),
+        "gain": Range(1.0, 10.0, True), "focus": Range(0.5, 6.0), "caution": Range(0.1, 3.0, True),
+    }  # fmt: skip
+    assert dict(POLICIES["vfh"].RANGES) == {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **common}
+    assert dict(POLICIES["gap"].RANGES) == {"alpha": Range(0.02, 2.0, True), "field": Range(0.8, 3.1), **common}
+    assert dict(POLICIES["dwa"].RANGES) == {
+        "heading": Range(0.3, 10.0, True), "clear": Range(0.1, 10.0, True), "horizon": Range(1.0, 8.0), "aim": Range(0.2, 3.0),
+        "brake": Range(0.15, 1.5), "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3),
+    }  # fmt: skip
+    usual = {
+        "vfh": {
+            "ahead": 0.1,
+            "last": 0.64,
+            "margin": 0.07,
+            "lag": 0.01,
+            "sight": 0.4,
+            "gain": 1.6,
+            "focus": 1.7,
+            "caution": 0.6,
+        },
+        "gap": {
+            "alpha": 0.16,
+            "field": 1.66,
+            "margin": 0.0,
+            "lag": 0.09,
+            "sight": 0.4,
+            "gain": 2.5,
+            "focus": 1.0,
+            "caution": 0.7,
+        },
+        "dwa": {"heading": 0.94, "clear": 1.6, "horizon": 4.7, "aim": 1.46, "brake": 0.58, "margin": 0.075, "lag": 0.06},
+    }
+    for name, numbers in usual.items():
+        parameters = inspect.signature(POLICIES[name]).parameters.values()
+        assert {each.name: each.default for each in parameters if each.kind is each.KEYWORD_ONLY} == numbers
+
+
+@pytest.mark.parametrize(("away", "in_the_way"), [(0.28, True), (0.34, True), (0.37, False), (0.6, False)])
+def test_what_the_robot_would_touch_at_the_goal_is_in_its_way(away, in_the_way):
+    """The goal is 0.25 m ahead, and the robot's radius is 0.105 m."""
+    post = np.ones(SECTORS)
+    post[0] = away / SIGHT
+    policy = make_policy("vfh")
+    assert bool(policy._blocked(policy._look(sight((0.25, 0.0), shares=post)))[0]) is in_the_way
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_is_shut_in_turns_to_the_side_that_was_chosen_last(side):
+    policy = make_policy("vfh")
+    assert policy(sight((1.0, side)))[1] * side > 0.0
+    forward, turn = policy(sight((1.0, -side), shares=np.full(SECTORS, 0.13 / SIGHT)))
+    assert forward == pytest.approx(0.0, abs=1e-9)
+    assert turn * side > 0.5

@@ -32,6 +32,11 @@ BOUNDS = {
     (OdometryNoise, "dropout_probability"): PROBABILITY,
     (FilterTuning, "gate"): POSITIVE,
     (FilterTuning, "max_rejections"): POSITIVE,
+    (FilterTuning, "heading_gate"): POSITIVE,
+    (FilterTuning, "spike_probability"): PROBABILITY,
+    (FilterTuning, "spike"): NON_NEGATIVE,
+    (FilterTuning, "scale_deviation"): NON_NEGATIVE,
+    (FilterTuning, "kind"): ((0.0, 1.0, 2.0, 3.0, 4.0), (-1.0, 0.5, 5.0, NAN), "one of the kinds in turtlebot_gym.parameters"),
     (Reward, "progress"): FINITE,
     (Reward, "time"): FINITE,
     (Reward, "effort"): FINITE,
@@ -132,6 +137,11 @@ def test_the_defaults_of_a_filter_and_of_the_reward():
         "gate": INF,
         "max_rejections": 10.0,
         "odometry_input": False,
+        "kind": 0.0,
+        "heading_gate": INF,
+        "spike_probability": 0.0,
+        "spike": 0.0,
+        "scale_deviation": 0.05,
     }
     assert asdict(Reward()) == {
         "progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "collision": 50.0, "nearness": 0.5, "near": 0.15

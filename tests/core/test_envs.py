@@ -74,6 +74,7 @@ def test_ids_make_both_environments(id):
 
 SHAPES = {
     "true_state": (5,), "odometry": (3,), "estimate": (5,), "covariance": (5, 5), "reference": (3,), "command": (2,),
+    "nis": (), "measured": (), "slipping": (),
 }  # fmt: skip
 
 

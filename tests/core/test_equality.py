@@ -47,6 +47,8 @@ CASES = {
     "odometry shown": {"task": "nav", "noise": "rough", "observation": "odometry"},
     "truth shown": {"task": "nav", "noise": "clean", "observation": "truth", "integrator": "midpoint"},
 }
+KINDS = {kind: {"task": "nav", "noise": SHAKY, "filter": kind} for kind in ("gated", "mixture", "slip", "scale")}
+CASES |= KINDS
 IDS = {
     "nav": "turtlebot_gym/TurtleBotNav-v0",
     "pose": "turtlebot_gym/TurtleBotPose-v0",
@@ -155,7 +157,7 @@ def compare(case, mode, watched, actions, log, finals, limit):
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [case for case in CASES if case not in KINDS])
 def test_rows_equal_plain_python(case, mode):
     watched = np.arange(7)
     ends = compare(case, mode, watched, *record(case, mode, 7, watched))
@@ -168,6 +170,12 @@ def test_rows_equal_plain_python(case, mode):
 def test_a_batch_of_one_equals_plain_python(case, mode):
     watched = np.arange(1)
     compare(case, mode, watched, *record(case, mode, 1, watched))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_with_each_kind_of_filter_equal_plain_python(kind):
+    watched = np.arange(3)
+    assert compare(kind, NEXT_STEP, watched, *record(kind, NEXT_STEP, 3, watched, steps=400))[1] > 0
 
 
 @pytest.fixture
@@ -188,7 +196,7 @@ def test_a_large_batch_equals_plain_python_on_any_number_of_threads(mode, n_thre
     compare("pose, everything noisy", mode, watched, *record("pose, everything noisy", mode, 4096, watched))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [case for case in CASES if case not in KINDS])
 def test_the_scalar_environment_equals_plain_python(case):
     watched = np.arange(1)
     actions, log, _, limit = record(case, NEXT_STEP, 1, watched)

@@ -16,7 +16,7 @@ import pytest
 import turtlebot_gym
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.parameters import FilterTuning, OdometryNoise, ProcessNoise, Reward
+from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, FilterTuning, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Episode, Parameters, make_parameters
@@ -41,6 +41,7 @@ TUNING = replace(
     matched(turtlebot_gym.Noise(process=PROCESS, odometry=ODOMETRY)),
     Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3), gate=6.0, max_rejections=2, from_origin=True,
 )  # fmt: skip
+MIXED = replace(TUNING, kind=MIXTURE, spike_probability=0.1, spike=0.4)
 TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2.0, max_steps=200.0)
 EASY = Task(random=False, radius=0.5)
 RANDOM = Task(radius=0.3)
@@ -90,6 +91,11 @@ CHANGES = {
         "gate": 3.0,
         "max_rejections": 5,
         "odometry_input": True,
+        "kind": GATED,
+        "heading_gate": (replace(TUNING, kind=GATED, heading_gate=4.0), replace(TUNING, kind=GATED, heading_gate=2.0)),
+        "spike_probability": (replace(MIXED, spike_probability=0.05), MIXED),
+        "spike": (replace(MIXED, spike=0.3), MIXED),
+        "scale_deviation": (replace(TUNING, kind=SCALE), replace(TUNING, kind=SCALE, scale_deviation=0.1)),
     },
     Task: {
         "random": True,

@@ -105,7 +105,7 @@ def test_covariances(cls, name, size):
     [
         ("robot", ["burger", "waffle", "turtlebot4", "tutorial"]),
         ("noise", ["clean", "tutorial", "documented", "wheel", "rough"]),
-        ("filter", ["matched", "tutorial"]),
+        ("filter", ["matched", "tutorial", "gated", "mixture", "slip", "scale"]),
         ("integrator", ["euler", "midpoint"]),
         ("observation", ["ekf", "odometry", "truth"]),
         ("arrival", ["truth", "belief"]),

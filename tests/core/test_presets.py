@@ -68,6 +68,11 @@ def test_the_tutorials_filter_has_its_numbers():
         "gate": math.inf,
         "max_rejections": 10.0,
         "odometry_input": False,
+        "kind": 0.0,
+        "heading_gate": math.inf,
+        "spike_probability": 0.0,
+        "spike": 0.0,
+        "scale_deviation": 0.05,
     }
     assert asdict(TUTORIAL_FILTER.process) == {**STILL, "scale": 1.0}
 
@@ -171,7 +176,10 @@ def test_names_and_values_make_the_same():
     [
         (lambda: make_robot("r2d2"), "robot must be one of 'burger', 'waffle', 'turtlebot4', 'tutorial', got 'r2d2'"),
         (lambda: make_noise("loud"), "noise must be one of 'clean', 'tutorial', 'documented', 'wheel', 'rough', got 'loud'"),
-        (lambda: make_filter("best", Noise()), "filter must be one of 'matched', 'tutorial', got 'best'"),
+        (
+            lambda: make_filter("best", Noise()),
+            "filter must be one of 'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale', got 'best'",
+        ),
     ],
 )
 def test_unknown_names_are_answered_with_the_known_ones(make, message):

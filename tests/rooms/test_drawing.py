@@ -161,3 +161,49 @@ def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
     assert steps(ahead, 0.4) == pytest.approx(0.25)  # the first step that begins nearer than 0.4 m to it is not made
     assert steps(ahead, 0.0) == pytest.approx(0.65)  # it runs into the robot, and stands where its centre is inside
     assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)
+
+
+def test_what_stands_is_spread_evenly_over_a_room(empty_scene):
+    """Obstacles of 300 rooms: from wall to wall along both axes, and as large as the rules say."""
+    scene, circles, boxes = empty_scene("dense"), [], []
+    for key in range(300):
+        drawing._furnish(scene, ROOMS["dense"], episode_key(key, 0), 0)
+        circles += scene.circles[: scene.counts[0], :3].tolist()
+        boxes += scene.boxes[: scene.counts[1]].tolist()
+    for places, about in ((np.array(circles)[:, :2], 0.1), (np.array(boxes)[:, :2], 0.2)):
+        assert np.abs(places).max() <= 2.5
+        np.testing.assert_allclose(places.min(axis=0), -2.5, atol=0.1)
+        np.testing.assert_allclose(places.max(axis=0), 2.5, atol=0.1)
+        np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=about)
+        np.testing.assert_allclose(places.std(axis=0), 5.0 / math.sqrt(12.0), atol=about)
+    for sizes in (np.array(circles)[:, 2], np.array(boxes)[:, 2], np.array(boxes)[:, 3]):
+        assert (sizes.min(), sizes.max(), sizes.mean()) == pytest.approx((0.1, 0.3, 0.2), abs=0.01)
+
+
+def test_a_quarter_of_the_doors_of_an_office_is_walled_up(empty_scene):
+    """Three by two rooms have seven doors; one that is open parts its wall in two."""
+    scene = empty_scene("office")
+    scene.walls[:] = 0.0, 0.0, 3.75, 2.5
+    open_doors = [drawing._partition(scene, episode_key(key, 0), 0) - 7 for key in range(1000)]
+    assert min(open_doors) >= 1
+    assert max(open_doors) == 7
+    assert np.mean(open_doors) / 7.0 == pytest.approx(0.75, abs=0.02)
+
+
+def test_capacities_by_hand():
+    assert capacity(ROOMS["dense"]) == (14, 4)
+    assert capacity(ROOMS["office"]) == (6, 14)
+    assert capacity(ROOMS["cellular"]) == (40 * 30, 0)  # cells of 0.15 m in 6 m by 4.5 m
+
+
+def test_walls_that_are_not_in_the_middle_turn_walkers_back_as_well(empty_scene):
+    scene = empty_scene(ROOMS["crowd"])
+    scene.walls[:] = 3.0, -2.0, 1.0, 1.5
+    scene.counts[0] = 1
+    scene.circles[0] = 3.52, -1.02, 0.2, 0.5, 0.5
+    places = []
+    for _ in range(8):
+        walk(scene, FAR, 0.0, 0.1)
+        places.append(tuple(scene.circles[0, :2]))
+    assert [x for x, _ in places] == pytest.approx([3.57, 3.62, 3.67, 3.72, 3.77, 3.72, 3.67, 3.62])
+    assert [y for _, y in places] == pytest.approx([-0.97, -0.92, -0.87, -0.82, -0.77, -0.72, -0.77, -0.82])

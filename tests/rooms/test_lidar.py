@@ -195,3 +195,17 @@ def test_the_presets_are_what_the_data_sheets_say():
     assert (LIDARS["lds01"].x, LIDARS["a1"].x) == (-0.032, -0.04)
     assert (LIDARS["a1"].beams, 1.0 / LIDARS["a1"].rate, LIDARS["a1"].yaw) == (269, pytest.approx(0.130), math.pi / 2.0)
     assert (LIDARS["a1"].range_min, LIDARS["a1"].range_max) == (0.15, 12.0)
+
+
+def test_the_presets_are_these_numbers():
+    lds = {"beams": 360, "rate": 5.0, "deviation": 0.005, "deviation_share": 0.0175, "accuracy": 0.05, "quantization": 0.001}
+    assert LIDARS["lds01"] == Lidar(range_min=0.12, range_max=3.5, x=-0.032, stamped_at_end=True, **lds)
+    assert LIDARS["lds02"] == Lidar(range_min=0.16, range_max=8.0, x=-0.032, **lds)
+    assert LIDARS["ideal"] == Lidar(beams=36, rate=10.0, range_min=0.0, range_max=3.5, turning=False, stamped_at_end=True)
+    a1 = LIDARS["a1"]
+    assert (a1.deviation, a1.deviation_share, a1.accuracy, a1.quantization, a1.dropout, a1.y) == (0.0, 0.01, 0.0, 0.0, 0.0, 0.0)
+    assert a1.turning
+    assert not a1.stamped_at_end
+    posts = [first + 0.5 * width for first, width in a1.dead]
+    assert posts == pytest.approx([math.radians(angle) for angle in (45.0, 135.0, 225.0, 315.0)])
+    assert [width for _, width in a1.dead] == pytest.approx([0.1] * 4)

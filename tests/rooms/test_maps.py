@@ -414,3 +414,9 @@ def test_start_and_goal_must_be_free_and_connected(hall):
     unknown = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
     with pytest.raises(ValueError, match="no way from its start to its goal"):
         gym.make(ID, world=unknown)
+
+
+def test_a_map_is_shown_by_its_cells_and_not_by_what_follows_from_them():
+    shown = repr(GridMap(cells=np.zeros((2, 2), np.int8), resolution=0.5))
+    assert shown.startswith("GridMap(cells=")
+    assert not any(name in shown for name in ("squares", "known", "frame"))

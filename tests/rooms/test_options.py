@@ -83,6 +83,8 @@ def test_a_picture_shows_the_world_that_was_given():
         ({"goal": (0.0, 0.0, math.nan)}, "goal must hold x, y and heading, finite numbers"),
         ({"goal": "door"}, "goal must hold x, y and heading, finite numbers, got 'door'"),
         ({"start": (9.0, 0.0, 0.0)}, "start must be in the room, got Pose"),
+        ({"start": (0.0, 2.6, 0.0)}, "start must be in the room, got Pose"),
+        ({"world": "corridor", "goal": (3.0, 1.5, 0.0)}, "goal must be in the room, got Pose"),
         ({"world": HALL, "start": (0.3, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
         ({"world": HALL, "goal": (0.0, 9.0, 0.0)}, "FloorPlan.goal must be in the room and in no obstacle"),
         ({"world": HALL, "goal": (0.0, 0.55, 0.0)}, "No way leads from start to goal for a robot of radius 0.105 m"),

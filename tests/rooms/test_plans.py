@@ -12,6 +12,7 @@ import pytest
 
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.scan import obstacles_of
 from turtlebot_gym.rooms.worlds import find_lidar, find_world
 from turtlebot_gym.values import Pose
 
@@ -116,6 +117,9 @@ def test_a_file_that_is_no_world_is_refused(tmp_path, text, told):
     [
         ({"walls": (0.0, 0.0, 0.0, 1.0)}, "FloorPlan.walls must enclose a room"),
         ({"walls": (0.0, 0.0, math.nan, 1.0)}, "FloorPlan.walls must hold 4 finite numbers"),
+        ({"walls": "wall"}, "FloorPlan.walls must hold 4 finite numbers, got 'wall'"),
+        ({"walls": 1.0}, "FloorPlan.walls must hold 4 finite numbers, got 1.0"),
+        ({"circles": ((None, 0.0, 1.0),)}, "FloorPlan.circles must hold 3 or 5 finite numbers"),
         ({"circles": ((0.0, 0.0),)}, "FloorPlan.circles must hold 3 or 5 finite numbers"),
         ({"circles": ((0.0, 0.0, -1.0),)}, "FloorPlan.circles must have positive radii"),
         ({"boxes": ((0.0, 0.0, 1.0, 0.0),)}, "FloorPlan.boxes must have positive extents"),
@@ -145,3 +149,15 @@ def test_an_unknown_lidar_and_one_that_is_too_fast_are_refused():
         find_lidar("lds03")
     with pytest.raises(ValueError, match=r"Lidar\.rate must be at most one scan in a control interval of 0\.2 s, got 10 Hz"):
         gym.make("turtlebot_gym/TurtleBotRooms-v0", lidar="ideal", dt=0.2)
+
+
+def test_what_stands_in_a_scene_is_told_from_above():
+    plan = FloorPlan(
+        walls=(1.0, 2.0, 3.0, 4.0),
+        circles=((0.0, 1.0, 0.5),),
+        boxes=((1.0, 0.0, 2.0, 1.0), (2.0, 3.0, 0.4, 0.6, 0.7)),
+    )
+    told = obstacles_of(plan.scene())
+    assert told.walls == (1.0, 2.0, 3.0, 4.0)
+    assert told.circles == ((0.0, 1.0, 0.5),)
+    assert told.boxes == ((1.0, 0.0, 2.0, 1.0, 0.0), pytest.approx((2.0, 3.0, 0.4, 0.6, 0.7)))

@@ -122,3 +122,20 @@ def test_distances_are_negative_inside():
     assert rays.distance_to_box(0.2, 0.0, 1.0, 0.5) == pytest.approx(-0.5)
     assert rays.distance_to_walls(0.5, 1.0, 2.0, 3.0) == pytest.approx(1.5)
     assert rays.distance_to_walls(2.5, 1.0, 2.0, 3.0) == pytest.approx(-0.5)
+
+
+def test_what_is_near_enough_is_never_missed(empty_scene, cast_all):
+    random, missed = np.random.default_rng(4), 0
+    for number in range(40):
+        scene = empty_scene("clutter")
+        DRAW(scene, as_tuple(ROOMS["clutter"]), number)
+        x, y = (np.full(64, at) for at in random.uniform(-2.4, 2.4, 2))
+        angles = random.uniform(-math.pi, math.pi, 64)
+        whole, part = np.empty(64), np.empty(64)
+        cast_all(scene, x, y, np.cos(angles), np.sin(angles), whole, 99.0)
+        cast_all(scene, x, y, np.cos(angles), np.sin(angles), part, 1.2)
+        near = whole <= 1.2
+        np.testing.assert_array_equal(part[near], whole[near])
+        assert (part[~near] >= whole[~near]).all()
+        missed += int((part > whole).sum())
+    assert missed > 50  # and what is far away costs nothing

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+import numpy as np
+
 from turtlebot_gym import kernel
 from turtlebot_gym.kernel import HAS_NUMBA
 
@@ -79,7 +81,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             yield from _parts(constant, seen)
     elif isinstance(value, type) and issubclass(value, tuple):
         yield f"{value.__qualname__} {getattr(value, '_fields', ())}"
-    elif isinstance(value, (bool, int, float, str, type(None))):
+    elif isinstance(value, (bool, int, float, str, np.generic, type(None))):
         yield repr(value)
     elif isinstance(value, (tuple, frozenset)):
         yield f"{len(value)} of"

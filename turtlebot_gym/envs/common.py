@@ -28,13 +28,17 @@ PARTS = {
 }
 """Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
 
+NUMBERS = {"nis": "estimate.nis", "measured": "senses.measured", "slipping": "body.slipping"}
+"""Those that are single numbers: the normalized innovation squared of the last measurement, which the policy sees clipped;
+whether a measurement arrived; and whether the wheels slip."""
+
 ROOM_PARTS = {
     "clearance": "room.clearance",
     "path_length": "room.path_length",
     "way_left": "room.way",
     "collision": "room.collided",
 }
-"""Those of them that are single numbers, in a room."""
+"""And in a room."""
 
 
 class Room(NamedTuple):
@@ -43,6 +47,9 @@ class Room(NamedTuple):
     world: RoomRules | FloorPlan
     lidar: Lidar
 
+
+FLAGS = ("measured", "slipping", "collision")
+"""Those of the single numbers that say yes or no."""
 
 SYMMETRIC = np.zeros((5, 5), np.intp)
 """Which of the 15 independent entries of a covariance stands in each place of the matrix."""

@@ -11,7 +11,17 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, SYMMETRIC, Room, action_space, make_batch, observation_space
+from turtlebot_gym.envs.common import (
+    FLAGS,
+    NUMBERS,
+    PARTS,
+    ROOM_PARTS,
+    SYMMETRIC,
+    Room,
+    action_space,
+    make_batch,
+    observation_space,
+)
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -75,7 +85,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
-    ``command`` (2,), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
+    ``command`` (2,), ``nis`` (of the last measurement), ``measured`` (whether one arrived), ``slipping`` (whether the wheels
+    slip), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
 
     ## Arguments
 
@@ -83,7 +94,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it.
         robot: "burger", "waffle", "turtlebot4", "tutorial", or a `turtlebot_gym.Robot`.
         noise: "clean", "tutorial", "documented", "wheel", "rough", or a `turtlebot_gym.Noise`.
-        filter: "matched", "tutorial", or a `turtlebot_gym.FilterTuning`.
+        filter: "matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`.
         integrator: "euler" or "midpoint".
         observation: "ekf", "odometry" or "truth".
         reward: Weights, a `turtlebot_gym.Reward`.
@@ -148,8 +159,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = observation_space(self._batch.system)
         slices = self._batch.layout.world.slices
         self._slices = {key: slices[path] for key, path in PARTS.items() if key != "covariance"}
-        names, told = self._batch.layout.world.names, ROOM_PARTS if self.parameters.room else {}
-        self._numbers = {key: (names.index(path), bool if key == "collision" else float) for key, path in told.items()}
+        names, told = self._batch.layout.world.names, NUMBERS | (ROOM_PARTS if self.parameters.room else {})
+        self._numbers = {key: (names.index(path), bool if key in FLAGS else float) for key, path in told.items()}
         self._covariance = SYMMETRIC + slices[PARTS["covariance"]].start
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)

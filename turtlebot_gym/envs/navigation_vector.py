@@ -11,7 +11,17 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import PARTS, ROOM_PARTS, Room, action_space, make_batch, matrices, observation_space
+from turtlebot_gym.envs.common import (
+    FLAGS,
+    NUMBERS,
+    PARTS,
+    ROOM_PARTS,
+    Room,
+    action_space,
+    make_batch,
+    matrices,
+    observation_space,
+)
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -32,9 +42,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     return are fresh.
 
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
-    ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3) and ``command`` (N, 2); each key
-    has its mask, as Gymnasium wants it. In the mode SAME_STEP, ``final_obs`` and ``final_info`` hold what the finished
-    episodes ended with.
+    ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
+    ``measured`` and ``slipping``, shape (N,); each key has its mask, as Gymnasium wants it. In the mode SAME_STEP,
+    ``final_obs`` and ``final_info`` hold what the finished episodes ended with.
 
     Args:
         num_envs: How many.
@@ -237,11 +247,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return infos of all environments, or of those in the mask; zeros stand for the others."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE].copy(), "is_success": outcomes[_SUCCESS] != 0.0}
-        for key, path in self._told.items():
+        for key, path in (self._told | (PARTS | NUMBERS if self._full else {})).items():
             numbers = self._batch.numbers(path)
-            infos[key] = numbers != 0.0 if key == "collision" else numbers
+            infos[key] = numbers != 0.0 if key in FLAGS else numbers
         if self._full:
-            infos |= {key: self._batch.numbers(path) for key, path in PARTS.items()}
             infos["covariance"] = matrices(infos["covariance"])
         if mask is not None:
             for value in infos.values():

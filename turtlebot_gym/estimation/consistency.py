@@ -8,6 +8,7 @@ References:
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +17,10 @@ from scipy import stats
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import FilterTuning, OdometryNoise
+from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances, motion
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, OdometryNoise
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import Belief, Command, Pose, State
+from turtlebot_gym.values import Command, Pose
 
 
 def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, components: int = 5) -> NDArray[np.float64]:
@@ -100,11 +101,28 @@ def heading_information(noise: OdometryNoise) -> float:
     return float(integrand.sum() * spacing)
 
 
+def true_tuning(noise: Noise) -> FilterTuning:
+    """Return the noise as it is, for `cramer_rao_bound`: no floors, spikes by the information that they leave, no bias and no
+    slip, which the bound takes for known.
+
+    Raises:
+        ValueError: If there are spikes on a heading without white noise.
+    """
+    odometry = noise.odometry
+    steps = [step * step / 12.0 for step in odometry.quantization]
+    spiky = odometry.spike_probability > 0.0 and odometry.spike > 0.0 and not odometry.wheel
+    heading = 1.0 / heading_information(odometry) if spiky else odometry.R[2]
+    R = (odometry.R[0] + steps[0], odometry.R[1] + steps[0], heading + steps[1])
+    process = replace(noise.process, scale=1.0, slip=0.0)
+    return FilterTuning(Q=(0.0,) * 5, R=R, process=process, odometry_input=odometry.wheel)
+
+
 def cramer_rao_bound(
     true_states: ArrayLike,
     commands: ArrayLike,
     tuning: FilterTuning,
     *,
+    measured: ArrayLike | None = None,
     dt: float = 0.1,
     integrator: str = "euler",
 ) -> NDArray[np.float64]:
@@ -115,9 +133,12 @@ def cramer_rao_bound(
 
     Args:
         true_states: Shape (T + 1, 5), or (N, T + 1, 5) for N runs; m, m, rad, m/s, rad/s.
-        commands: Executed from each state on (limited ones), shape (T, 2) or (N, T, 2); m/s, rad/s.
-        tuning: The *true* noise: its Q and ``process`` the execution's; its R the measurement's, with
-            ``1 / heading_information(noise)`` for the heading where there are spikes.
+        commands: Executed from each state on, but for what is random in their execution (limited ones; where slip is taken for
+            known, what it leaves of them), shape (T, 2) or (N, T, 2); m/s, rad/s.
+        tuning: The *true* noise, as from `true_tuning`: its Q and ``process`` the execution's; its R the measurement's, with
+            ``1 / heading_information(noise)`` for the heading where there are spikes. With ``odometry_input`` nothing is
+            measured after the start.
+        measured: Whether a measurement arrived, shape (T,) or (N, T); None for always.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
 
@@ -127,14 +148,27 @@ def cramer_rao_bound(
     middle = choose("integrator", integrator, INTEGRATORS)
     states = np.asarray(true_states, np.float64).reshape(-1, *np.shape(true_states)[-2:])
     inputs = np.asarray(commands, np.float64).reshape(len(states), -1, 2)
-    total = np.zeros((states.shape[1], 5, 5))
-    for run, controls in zip(states.tolist(), inputs.tolist(), strict=True):
-        x, y, theta, _, _ = run[0]
-        P = ekf.initialize(Pose(x, y, theta), tuning).belief.covariance
-        total[0] += matrix(P)
-        for k, (before, after, command) in enumerate(zip(run, run[1:], controls, strict=False)):
-            prior = ekf.predict(Belief(State(*before), P), Command(*command), tuning, dt, middle)
-            at_truth = Belief(State(*after), prior.covariance)
-            P = ekf.correct(at_truth, Pose(*after[:3]), tuning)[0].covariance
-            total[k + 1] += matrix(P)
-    return total / len(states)
+    arrived = np.ones(inputs.shape[:2], np.bool_) if measured is None else np.asarray(measured, np.bool_)
+    arrived = arrived.reshape(inputs.shape[:2]) & (not tuning.odometry_input)
+    certain = matrix(ekf.initialize(Pose(0.0, 0.0, 0.0), tuning).belief.covariance)
+    P = np.broadcast_to(certain, (len(states), 5, 5)).copy()
+    total = [P.mean(axis=0)]
+    R, added = np.array(tuning.R), np.array(tuning.Q) * (dt / REFERENCE_PERIOD)
+    for k in range(inputs.shape[1]):
+        partial = np.array([motion(theta, v, omega, dt, middle) for theta, v, omega in states[:, k, 2:].tolist()])
+        F = np.zeros_like(P)
+        F[:, 0, 0] = F[:, 1, 1] = F[:, 2, 2] = 1.0
+        F[:, 0, 2:], F[:, 1, 2:], F[:, 2, 4] = partial[:, 3:6], partial[:, 6:9], dt
+        F[:, 3, 3] = F[:, 4, 4] = float(tuning.remember_velocity)
+        P = F @ P @ np.swapaxes(F, 1, 2)
+        P[:, [0, 1, 2], [0, 1, 2]] += added[:3]
+        twists = (Command(*twist) for twist in inputs[:, k].tolist())
+        executed = np.array([execution_variances(twist, tuning.process, dt) for twist in twists])
+        P[:, [3, 4], [3, 4]] += np.maximum(executed, added[3:])
+        for component in range(3):  # one after the other, as in `ekf`
+            column = P[:, :, component]
+            S = column[:, component] + R[component]
+            share = np.divide(1.0, S, out=np.zeros_like(S), where=arrived[:, k] & (S > 1e-300))
+            P = P - column[:, :, None] * column[:, None, :] * share[:, None, None]
+        total.append(P.mean(axis=0))
+    return np.array(total)

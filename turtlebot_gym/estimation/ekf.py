@@ -143,10 +143,29 @@ def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
 
 
 @kernel
-def _inverse(S: float) -> float:
+def inverse_of(S: float) -> float:
     """Return 1 / S, and 0 for the S = 0 of a component that is known already and measured without noise."""
     some = S > 1e-300  # the inverse of less may be infinite
     return 1.0 / (S if some else 1.0) if some else 0.0
+
+
+@kernel
+def absorb(belief: Belief, column: State, gain: float, inverse: float) -> Belief:
+    """Move a belief by what a scalar measurement tells.
+
+    Args:
+        belief: Prior mean and covariance.
+        column: The measured quantity's covariance with each component of the state.
+        gain: What the mean moves along the column.
+        inverse: What the covariance loses along ``column column'``: 1 / S of a measurement that is taken for sure.
+
+    Returns:
+        The posterior, whose heading is not wrapped yet.
+    """
+    (x, y, theta, v, omega), P = belief
+    c = column
+    mean = State(x + gain * c.x, y + gain * c.y, theta + gain * c.theta, v + gain * c.v, omega + gain * c.omega)
+    return Belief(mean, _condition(P, c, inverse))
 
 
 @kernel
@@ -162,12 +181,41 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
     Returns:
         The posterior, whose heading is not wrapped yet, and the normalized innovation squared ``innovation^2 / (h P h' + r)``.
     """
-    (x, y, theta, v, omega), P = belief
-    inverse = _inverse(h.variance + r)
+    inverse = inverse_of(h.variance + r)
     gain = innovation * inverse
-    c = h.column
-    mean = State(x + gain * c.x, y + gain * c.y, theta + gain * c.theta, v + gain * c.v, omega + gain * c.omega)
-    return Belief(mean, _condition(P, c, inverse)), gain * innovation
+    return absorb(belief, h.column, gain, inverse), gain * innovation
+
+
+@kernel
+def correct_position(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, float, float, float]:
+    """Condition the belief on the position of a measured pose.
+
+    Args:
+        belief: Prior mean and covariance.
+        z: Measured pose; m, m, rad.
+        tuning: Measurement variances, and whether the heading's innovation is wrapped.
+
+    Returns:
+        The posterior, whose heading is not wrapped yet; the normalized innovation squared; the inverse of its covariance's
+        determinant; and what is left of the heading's innovation: what x and y have already explained of the turn is taken off
+        it, instead of wrapping a second time.
+    """
+    R = tuning.R
+    turn = innovation(belief.mean, z, tuning).theta
+    prior = belief.mean.theta
+    h_x = of_x(belief.covariance)
+    belief, nis_x = update(belief, h_x, z.x - belief.mean.x, R[0])
+    h_y = of_y(belief.covariance)
+    belief, nis_y = update(belief, h_y, z.y - belief.mean.y, R[1])
+    precision = inverse_of(h_x.variance + R[0]) * inverse_of(h_y.variance + R[1])
+    return belief, nis_x + nis_y, precision, turn - (belief.mean.theta - prior)
+
+
+@kernel
+def wrapped(belief: Belief) -> Belief:
+    """Return a belief with its heading wrapped."""
+    x, y, theta, v, omega = belief.mean
+    return Belief(State(x, y, wrap(theta), v, omega), belief.covariance)
 
 
 @kernel
@@ -182,15 +230,9 @@ def correct(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, floa
     Returns:
         The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
     """
-    R = tuning.R
-    turn = innovation(belief.mean, z, tuning).theta
-    prior = belief.mean.theta
-    belief, nis_x = update(belief, of_x(belief.covariance), z.x - belief.mean.x, R[0])
-    belief, nis_y = update(belief, of_y(belief.covariance), z.y - belief.mean.y, R[1])
-    # What x and y have already explained of the turn is taken off it, instead of wrapping a second time.
-    belief, nis_theta = update(belief, of_heading(belief.covariance), turn - (belief.mean.theta - prior), R[2])
-    x, y, theta, v, omega = belief.mean
-    return Belief(State(x, y, wrap(theta), v, omega), belief.covariance), nis_x + nis_y + nis_theta
+    belief, nis, _, turn = correct_position(belief, z, tuning)
+    belief, nis_theta = update(belief, of_heading(belief.covariance), turn, tuning.R[2])
+    return wrapped(belief), nis + nis_theta
 
 
 @kernel
@@ -205,11 +247,37 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
     """Predict with the executed twist, and correct by the measured pose where one arrived: see `interface.Filter`."""
     prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
     posterior, nis = correct(prior, senses.odometry, tuning)
+    return settle(estimate, prior, posterior, prior, nis, nis > tuning.gate, senses, tuning)
+
+
+@kernel
+def settle(
+    estimate: Estimate,
+    prior: Belief,
+    posterior: Belief,
+    spared: Belief,
+    nis: float,
+    is_outlier: bool,
+    senses: Senses,
+    tuning: FilterTuning,
+) -> Estimate:
+    """Return the estimate after a step whose measurement may be an outlier, or missing.
+
+    Args:
+        estimate: Before the step.
+        prior: After the prediction.
+        posterior: After the correction.
+        spared: Instead, where the measurement is an outlier.
+        nis: Normalized innovation squared of the measurement.
+        is_outlier: Whether it is refused.
+        senses: What the odometry says.
+        tuning: After how many refusals in a row the filter is lost.
+    """
     measured = senses.measured
-    refused = measured and nis > tuning.gate
+    refused = measured and is_outlier
     rejections = estimate.rejections + 1.0 if refused else (0.0 if measured else estimate.rejections)
     lost = rejections >= tuning.max_rejections
-    refused_belief = _restart(prior, senses.odometry, tuning) if lost else prior
+    refused_belief = _restart(prior, senses.odometry, tuning) if lost else spared
     belief = refused_belief if refused else (posterior if measured else prior)
     return Estimate(belief, nis if measured else estimate.nis, 0.0 if lost else rejections)
 

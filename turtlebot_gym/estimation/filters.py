@@ -15,7 +15,7 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
-from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.parameters import GATED, KALMAN, FilterTuning
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
@@ -55,14 +55,15 @@ def entries(P: ArrayLike, *, name: str = "covariance") -> Covariance:
 
 
 class KalmanFilter:
-    """The extended Kalman filter of `estimation.ekf`, with its state, covariance and innovation to look at.
+    """A filter of whatever kind, with its state, covariance and innovation to look at.
 
-    ``step`` does what environments and nodes do in a control interval; ``predict`` and ``update`` are its two halves, for
-    those who want to see between them (there is then no gate, and the odometry corrects even where the tuning makes it the
-    filter's input).
+    ``step`` does what environments and nodes do in a control interval; ``predict`` and ``update`` are the two halves of the
+    extended Kalman filter, for those who want to see between them (there is then no gate, and the odometry corrects even where
+    the tuning makes it the filter's input).
 
     Args:
-        tuning: Noise, gate and mode.
+        tuning: Noise, gate and kind. Of kinds that remember more than a belief, state and covariance cannot be given: they
+            begin at the origin, or with `start`.
         state: Mean of the initial belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s.
         covariance: Its covariance, shape (5, 5), symmetric and positive semidefinite; None for the tuning's P0.
         dt: Control interval, s.
@@ -87,8 +88,13 @@ class KalmanFilter:
         self.tuning = tuning
         self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
-        self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
         self._filter = filter_of(tuning)
+        self._estimate: Any = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
+        self._is_simple = tuning.odometry_input or tuning.kind in (KALMAN, GATED)
+        if not self._is_simple:
+            if covariance is not None or mean.any():
+                raise ValueError("A filter of this kind begins with its first measurement: leave out state and covariance.")
+            self._estimate = self._filter.start(Pose(0.0, 0.0, 0.0), tuning)
         self._odometry: Pose | None = None
         self._innovation = np.full(3, np.nan)
         self._innovation_covariance = np.full((3, 3), np.nan)
@@ -125,8 +131,8 @@ class KalmanFilter:
 
     @property
     def rejections(self) -> int:
-        """How many measurements in a row the gate has refused."""
-        return int(self._estimate.rejections)
+        """How many measurements in a row the gate has refused; 0 of a filter that has none."""
+        return int(getattr(self._estimate, "rejections", 0))
 
     def start(self, odometry: Pose) -> None:
         """Begin anew from a first measurement, as an episode does (or from the origin, where the tuning says so)."""
@@ -134,12 +140,22 @@ class KalmanFilter:
         self._estimate = self._filter.start(self._odometry, self.tuning)
 
     def predict(self, command: Command) -> None:
-        """Move the belief by one control interval, with the twist that is commanded from now on."""
+        """Move the belief by one control interval, with the twist that is commanded from now on.
+
+        Raises:
+            ValueError: If the filter is of a kind that has no such halves.
+        """
+        self._require_halves()
         belief = ekf.predict(self.belief, Command(*command), self.tuning, self.dt, self._middle)
         self._estimate = self._estimate._replace(belief=belief)
 
     def update(self, odometry: Pose) -> None:
-        """Condition the belief on a measured pose."""
+        """Condition the belief on a measured pose.
+
+        Raises:
+            ValueError: If the filter is of a kind that has no such halves.
+        """
+        self._require_halves()
         z = Pose(*odometry)
         self._note(self.belief, z)
         belief, nis = ekf.correct(self.belief, z, self.tuning)
@@ -156,6 +172,12 @@ class KalmanFilter:
         before, senses = Senses(self._odometry or z, command, True), Senses(z, command, measured)
         self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._middle)
         self._odometry = z
+
+    def _require_halves(self) -> None:
+        if not self._is_simple:
+            raise ValueError(
+                "predict and update are halves of the extended Kalman filter; a filter of this kind has step alone."
+            )
 
     def _note(self, prior: Belief, z: Pose) -> None:
         """Keep what a measurement says against the prior: nu, and S = H P H' + R."""

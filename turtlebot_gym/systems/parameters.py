@@ -58,7 +58,7 @@ def make_parameters(
         task: When waypoints count as reached, and when an episode ends.
         robot: A name in `robots.ROBOTS`, or a robot.
         noise: A name in `presets.NOISES`, or a noise model.
-        filter: "matched", "tutorial" or a tuning.
+        filter: A name in `presets.FILTERS`, or a tuning.
         integrator: "euler" or "midpoint".
         observation: What the policy is shown as the robot's pose: "ekf", "odometry" or "truth".
         reward: Weights; None for the default ones.

@@ -28,7 +28,7 @@ class Setting:
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0 or
     .../TurtleBotRooms-v0."""
     filter: str = "matched"
-    """The filter's tuning: matched or tutorial."""
+    """The filter: matched, tutorial, gated, mixture, slip or scale."""
     robot: str = "burger"
     """burger, waffle, turtlebot4 or tutorial."""
     world: str | None = None

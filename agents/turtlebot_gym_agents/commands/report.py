@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from turtlebot_gym.plotting import comparison_figure, tutorial_figure
+from turtlebot_gym_agents.evaluation.estimation import Estimation
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
 from turtlebot_gym_agents.evaluation.replay import Replayed
@@ -93,6 +94,47 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
         table.add_row("", "wheels alone", *_errors(one.wheels), f"{one.drift:.3f}", f"{one.drift_heading:.3f}")
         table.add_row("", "filter", *_errors(one.filter))
     return table
+
+
+def estimation_table(result: Estimation) -> Table:
+    """Return how filters did beside the bound, and whether they knew."""
+    config, (low, high) = result.config, result.band
+    table = Table(
+        "", "x, m", "y, m", "heading, rad", "over the bound: x", "y", "heading", "NEES", "NIS", "beyond 3 sigma, %",
+        "correlation",
+        title=f"noise {config['noise']}, {config['runs']} drives of {config['seconds']:g} s from seed {config['seed']}",
+        caption=f"RMSE at the end, with 95 % intervals; NEES of the pose: 3, here {low:.2f} to {high:.2f} of a consistent "
+        "filter, which is beyond 3 sigma in 0.8 % of the time; correlation of successive innovations: 0",
+    )  # fmt: skip
+    table.add_row("bound", *(f"{number:.4f}" for number in result.bound[-1]))
+    for name, one in result.filters.items():
+        table.add_row(
+            name,
+            *(f"{number:.4f}" for number in one.rmse[-1]),
+            *(_number(ratio, 3) for ratio in one.ratio),
+            _number(one.nees, 2),
+            _number(one.nis, 2),
+            f"{100.0 * one.outside:.1f}",
+            f"{max(one.correlation, key=abs):.2f}",
+        )
+    return table
+
+
+def estimation_figure(result: Estimation) -> Figure:
+    """Return the RMSE of position and heading over time, each filter's beside the bound."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    sides = figure.subplots(1, 2)
+    for axes, columns, label in zip(sides, (slice(0, 2), slice(2, 3)), ("position, m", "heading, rad"), strict=True):
+        for name, one in result.filters.items():
+            axes.plot(result.time, np.sqrt((one.rmse[:, columns] ** 2).sum(axis=1)), label=name)
+        axes.plot(result.time, np.sqrt((result.bound[:, columns] ** 2).sum(axis=1)), "k--", label="bound")
+        axes.set(xlabel="time, s", ylabel=f"RMSE of the {label}", ylim=(0.0, None))
+        axes.grid(alpha=0.3)
+    sides[1].legend()
+    figure.suptitle(f"noise {result.config['noise']}, {result.config['runs']} drives")
+    return figure
 
 
 def _errors(errors: Errors) -> list[str]:

@@ -25,7 +25,7 @@ from turtlebot_gym.plotting import PURPLE, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym.values import Belief, Command, Pose, Senses
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def replay(
     Args:
         drive: The drive.
         noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry counts, the execution's noise is real.
-        filter: "matched" (to that odometry, and to ``process``), "tutorial" or a tuning.
+        filter: A name in `turtlebot_gym.presets.FILTERS` (for that odometry, and for ``process``), or a tuning.
         process: How the recorded wheels drift, as the filter should believe; as those of the preset "wheel" if not told.
         seed: Of the odometry's noise.
         rate: Measured poses per second; every row where it is not finite.
@@ -188,8 +188,7 @@ def replay(
     filter_start, filter_step = filter_of(tuning)
     senses = sense(true[0], wheels[0], commands[0], Senses(true[0], commands[0], True), in_force.odometry, key, 0)
     estimate = filter_start(senses.odometry, tuning)
-    mean = estimate.belief.mean._replace(v=commands[0].v, omega=commands[0].omega)
-    estimate = estimate._replace(belief=estimate.belief._replace(mean=mean))
+    estimate = _moving(estimate, commands[0])
     odometry, beliefs = [senses.odometry], [estimate.belief]
     for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
         before = senses
@@ -211,6 +210,15 @@ def replay(
         reference=unknown,
         command=np.array(commands),
     )
+
+
+def _moving(estimate: Any, twist: Command) -> Any:
+    """Return an estimate, of whatever filter, with a twist in each of its beliefs: a recorded drive may begin in motion."""
+    if isinstance(estimate, Belief):
+        return estimate._replace(mean=estimate.mean._replace(v=twist.v, omega=twist.omega))
+    if isinstance(estimate, tuple) and hasattr(estimate, "_fields"):
+        return type(estimate)(*(_moving(part, twist) for part in estimate))
+    return estimate
 
 
 class Replayed(NamedTuple):

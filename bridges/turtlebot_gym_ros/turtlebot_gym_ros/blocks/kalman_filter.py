@@ -37,7 +37,7 @@ class KalmanFilter:
         noise: str = "tutorial"
         """The noise that the filter is matched to: a name in `turtlebot_gym.presets.NOISES`."""
         filter: str = "matched"
-        """"matched" or "tutorial"."""
+        """A name in `turtlebot_gym.presets.FILTERS`: matched, tutorial, gated, mixture, slip or scale."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         twist: str = "executed"

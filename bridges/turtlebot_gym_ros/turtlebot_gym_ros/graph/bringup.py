@@ -104,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
     parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
-    parser.add_argument("--filter", help='"matched" (default) or "tutorial"')
+    parser.add_argument("--filter", help="matched (default), tutorial, gated, mixture, slip or scale")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"

@@ -1,0 +1,231 @@
+"""How good a filter's estimate is, how good any could be, and whether it says so: many short drives on the compiled loop.
+
+All filters see the same drives: commands that do not depend on the estimate, and the same noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym import FilterTuning, Noise, make_filter, make_noise, make_robot
+from turtlebot_gym.estimation.consistency import cramer_rao_bound, mean_bounds, nees, true_tuning
+from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.models.unicycle import INTEGRATORS, motion
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.metrics import Interval
+
+SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
+"""The environment: switched by time, it has no end of its own."""
+BATCH = 1000
+"""Drives that are held in memory at once."""
+HOLD = 10
+"""Steps for which a command is held."""
+FORWARD, TURN = (0.3, 1.0), (-0.35, 0.35)
+"""Ranges of the actions that are drawn, shares of the robot's limits."""
+WHITE = 1000
+"""Drives of which the innovations are looked at, at most."""
+COMPONENTS = ("x", "y", "heading")
+
+
+class Drives(NamedTuple):
+    """What was recorded of some drives with one filter; n drives of T steps."""
+
+    truth: NDArray[np.float64]
+    """Shape (n, T + 1, 5)."""
+    estimate: NDArray[np.float64]
+    """Shape (n, T + 1, 5)."""
+    covariance: NDArray[np.float64]
+    """Shape (n, T + 1, 5, 5)."""
+    odometry: NDArray[np.float64]
+    """Shape (n, T + 1, 3)."""
+    command: NDArray[np.float64]
+    """Executed up to each time, but for what is random in it, shape (n, T + 1, 2)."""
+    measured: NDArray[np.bool_]
+    """Shape (n, T + 1)."""
+    nis: NDArray[np.float64]
+    """Shape (n, T + 1)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilterResult:
+    """How a filter did; shapes with T + 1 times."""
+
+    rmse: NDArray[np.float64] = field(repr=False)
+    """Of x, y and heading, shape (T + 1, 3); m, m, rad."""
+    ratio: tuple[Interval, Interval, Interval]
+    """RMSE over the bound at the end, of x, y and heading; infinite where the bound is 0."""
+    nees: Interval
+    """Mean normalized estimation error squared of the pose at the end: 3 of a consistent filter."""
+    nis: Interval
+    """Mean normalized innovation squared of the last measurement: 3 of a consistent filter without spikes."""
+    outside: float
+    """Share of the time in which x, y or heading is more than three standard deviations off: 0.8 % of a consistent filter."""
+    correlation: tuple[float, float, float]
+    """Correlation of innovations with those of the step before: 0 of a filter that leaves nothing unused."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimation:
+    """Filters and the bound, on the same drives."""
+
+    config: dict[str, Any]
+    time: NDArray[np.float64] = field(repr=False)
+    """Shape (T + 1,), s."""
+    bound: NDArray[np.float64] = field(repr=False)
+    """Least RMSE of x, y and heading that any filter can have, shape (T + 1, 3); m, m, rad."""
+    filters: dict[str, FilterResult]
+    band: tuple[float, float]
+    """Where the mean NEES of a consistent filter is, but for one case in twenty."""
+
+
+def estimate(
+    filters: Sequence[str] | Mapping[str, FilterTuning],
+    *,
+    noise: str | Noise = "tutorial",
+    runs: int = 2000,
+    seconds: float = 3.0,
+    seed: int = 0,
+    robot: str = "burger",
+    dt: float = 0.1,
+    integrator: str = "euler",
+    bias: bool = True,
+    slip: bool = True,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Estimation:
+    """Drive, and hold each filter's error against the posterior Cramer-Rao bound and against what the filter says.
+
+    The bound knows a constant bias and when the wheels slip, which no filter does.
+
+    Args:
+        filters: Names in `turtlebot_gym.presets.FILTERS`, or tunings by a name of one's own.
+        noise: Noise in force.
+        runs: How many drives; drive i has the seed ``seed + i``.
+        seconds: Length of a drive.
+        seed: The first seed.
+        robot: Name of the robot.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
+        bias: Whether odometry has the bias that the noise model says.
+        slip: Whether the wheels slip as it says.
+        progress: Called with the number of drives that have ended so far.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+    for name, number in (("runs", runs), ("seconds", seconds), ("dt", dt)):
+        if not 0.0 < number < math.inf:
+            raise ValueError(f"{name} must be positive and finite, got {number!r}.")
+    model, steps = in_force(noise, bias=bias, slip=slip), max(1, round(seconds / dt))
+    tunings = dict(filters) if isinstance(filters, Mapping) else {name: make_filter(name, model) for name in filters}
+    truly, middle = true_tuning(model), choose("integrator", integrator, INTEGRATORS)
+    options = {"robot": make_robot(robot), "noise": model, "dt": dt, "integrator": integrator}
+    errors: dict[str, list[NDArray[np.float64]]] = {name: [] for name in tunings}
+    told: dict[str, list[tuple[NDArray[np.float64], ...]]] = {name: [] for name in tunings}
+    bounds, done = [], 0
+    for first in range(0, runs, BATCH):
+        count = min(BATCH, runs - first)
+        for name, tuning in tunings.items():
+            drives = drive(count, steps, seed + first, filter=tuning, **options)
+            if name == next(iter(tunings)):
+                bound = cramer_rao_bound(
+                    drives.truth, drives.command[:, 1:], truly, measured=drives.measured[:, 1:], dt=dt, integrator=integrator
+                )
+                bounds.append(count * np.diagonal(bound, axis1=1, axis2=2)[:, :3])
+            error = drives.estimate[..., :3] - drives.truth[..., :3]
+            error[..., 2] = np.remainder(error[..., 2] + math.pi, TWO_PI) - math.pi
+            deviations = np.sqrt(np.diagonal(drives.covariance, axis1=2, axis2=3)[..., :3])
+            outside = (np.abs(error) > 3.0 * deviations).any(axis=2).mean(axis=1)
+            last = nees(drives.estimate[:, -1], drives.truth[:, -1], drives.covariance[:, -1], components=3)
+            white = innovations(drives, dt, middle) if first < WHITE else np.zeros((0, steps, 3))
+            errors[name].append(error)
+            told[name].append((last, drives.nis[:, -1], outside, white))
+            done += count
+            progress(done // len(tunings))
+    bound = np.sqrt(np.sum(bounds, axis=0) / runs)
+    results = {}
+    for name in tunings:
+        squared = np.concatenate(errors[name]) ** 2
+        last, nis, outside, white = (np.concatenate(parts) for parts in zip(*told[name], strict=True))
+        results[name] = FilterResult(
+            rmse=np.sqrt(squared.mean(axis=0)),
+            ratio=tuple(_over(metrics.mean(squared[:, -1, k]), bound[-1, k]) for k in range(3)),  # type: ignore[arg-type]
+            nees=metrics.mean(last),
+            nis=metrics.mean(nis),
+            outside=float(outside.mean()),
+            correlation=tuple(_correlation(white[..., k]) for k in range(3)),  # type: ignore[arg-type]
+        )
+    config = {
+        "filters": list(tunings), "noise": noise, "runs": runs, "seconds": steps * dt, "seed": seed, "robot": robot, "dt": dt,
+        "integrator": integrator, "bias": bias, "slip": slip,
+    }  # fmt: skip
+    band = mean_bounds(3, runs, false_alarm=0.05)
+    return Estimation(config=config, time=np.linspace(0.0, steps * dt, steps + 1), bound=bound, filters=results, band=band)
+
+
+def in_force(noise: str | Noise, *, bias: bool = True, slip: bool = True) -> Noise:
+    """Return a noise model, by its name or as it is, with or without its bias and its slip."""
+    model = make_noise(noise)
+    odometry = model.odometry if bias else replace(model.odometry, bias=(0.0, 0.0, 0.0))
+    return Noise(process=model.process if slip else replace(model.process, slip=0.0), odometry=odometry)
+
+
+def drive(count: int, steps: int, seed: int, **options: Any) -> Drives:
+    """Drive with commands that are drawn and held for a second, and record.
+
+    Args:
+        count: How many drives.
+        steps: Their length.
+        seed: The first drive's.
+        **options: The environment's.
+    """
+    random = np.random.default_rng(seed)
+    envs = gym.make_vec(SQUARE, num_envs=count, info="full", switch="time", max_episode_steps=steps + 1, **options)
+    process = options["noise"].process
+    names = ("true_state", "estimate", "covariance", "odometry", "command", "measured", "nis")
+    record: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+
+    def note(info: dict[str, Any]) -> None:
+        share = process.scale * np.where(info["slipping"], 1.0 - process.slip, 1.0)
+        for name in names:
+            record[name].append(info[name] * share[:, None] if name == "command" else info[name])
+
+    note(envs.reset(seed=seed)[1])
+    for first in range(0, steps, HOLD):
+        actions = np.stack([random.uniform(*FORWARD, count), random.uniform(*TURN, count)], axis=1).astype(np.float32)
+        for _ in range(min(HOLD, steps - first)):
+            note(envs.step(actions)[4])
+    envs.close()
+    return Drives(*(np.stack(record[name], axis=1) for name in names))
+
+
+def innovations(drives: Drives, dt: float, middle: float) -> NDArray[np.float64]:
+    """Return measured minus predicted poses, shape (n, T, 3); m, m, rad; NaN where no measurement arrived."""
+    before = drives.estimate[:, :-1]
+    twists = before[..., 2:].reshape(-1, 3).tolist()
+    moved = np.array([motion(theta, v, omega, dt, middle)[:3] for theta, v, omega in twists])
+    innovation = drives.odometry[:, 1:] - (before[..., :3] + moved.reshape(*before.shape[:2], 3))
+    innovation[..., 2] = np.remainder(innovation[..., 2] + math.pi, TWO_PI) - math.pi
+    innovation[~drives.measured[:, 1:]] = np.nan
+    return innovation
+
+
+def _over(squared: Interval, bound: float) -> Interval:
+    """Return the root of a mean square as a multiple of a bound."""
+    if not bound > 0.0:
+        return Interval(math.inf, math.inf, math.inf)
+    return Interval(*(math.sqrt(max(number, 0.0)) / bound for number in squared))
+
+
+def _correlation(series: NDArray[np.float64]) -> float:
+    """Return the correlation of numbers with those before them, over drives (n, T)."""
+    products = series[:, 1:] * series[:, :-1]
+    scale = np.nanmean(series**2)
+    return float(np.nanmean(products) / scale) if scale > 0.0 else 0.0

@@ -1,0 +1,153 @@
+"""Filters beside the bound: it is reached where it can be, and a filter that is wrong is told from one that is right."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
+from turtlebot_gym.estimation.consistency import cramer_rao_bound, heading_information, true_tuning
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.evaluation import estimation
+from turtlebot_gym_agents.evaluation.estimation import estimate, innovations
+
+
+def test_a_right_filter_reaches_the_bound_and_says_so_and_a_wrong_one_does_not():
+    told = estimate(["matched", "tutorial"], noise="tutorial", runs=1500)
+    right, wrong = told.filters["matched"], told.filters["tutorial"]
+    low, high = told.band
+    assert (low, high) == pytest.approx((2.877, 3.125), abs=0.002)  # chi-square with 4500 degrees of freedom, over 1500
+    assert low < right.nees.value < high
+    assert not low < wrong.nees.value < high
+    assert right.nis.value == pytest.approx(3.0, abs=0.2)
+    assert right.outside == pytest.approx(0.008, abs=0.003)
+    assert max(map(abs, right.correlation)) < 0.05
+    assert max(map(abs, wrong.correlation)) > 0.15
+    for ratio in right.ratio:
+        assert 0.93 < ratio.value < 1.05
+        assert ratio.low < ratio.value < ratio.high
+    assert min(ratio.value for ratio in wrong.ratio) > 2.0
+    assert told.time[-1] == pytest.approx(3.0)
+    assert right.rmse.shape == told.bound.shape == (31, 3)
+    assert right.ratio[0].value == pytest.approx(right.rmse[-1, 0] / told.bound[-1, 0])
+
+
+def test_who_knows_of_spikes_and_of_slip_comes_nearer_to_the_bound():
+    told = estimate(["matched", "gated", "mixture", "slip"], noise="rough", runs=600).filters
+    heading = {name: one.ratio[2].value for name, one in told.items()}
+    position = {name: one.ratio[0].value for name, one in told.items()}
+    assert heading["slip"] < 2.3 < heading["mixture"] < 4.0 < heading["matched"]
+    assert heading["gated"] < heading["matched"]
+    assert position["slip"] < 1.35 < position["matched"]
+    steady = estimate(["matched", "mixture"], noise="rough", runs=600, slip=False).filters
+    assert steady["mixture"].ratio[2].value < 1.15 < 2.0 < steady["matched"].ratio[2].value
+
+
+def test_a_bias_can_be_left_out():
+    both = (estimate(["matched"], noise="documented", runs=300, bias=bias) for bias in (True, False))
+    with_bias, without = (told.filters["matched"] for told in both)
+    assert with_bias.ratio[0].value > 1.8
+    assert without.ratio[0].value < 1.15
+    assert with_bias.ratio[1].value == pytest.approx(without.ratio[1].value, rel=0.02)
+
+
+def test_wheels_alone_drift_as_the_filter_says():
+    told = estimate(["matched"], noise="wheel", runs=1000)
+    one, (low, high) = told.filters["matched"], told.band
+    assert low < one.nees.value < high
+    assert all(0.9 < ratio.value < 1.1 for ratio in one.ratio)
+    assert (np.diff(told.bound[2:], axis=0) > 0.0).all()  # nothing corrects it
+
+
+def test_drives_do_not_depend_on_the_filter_and_follow_each_other(monkeypatch):
+    one = estimate(["matched"], runs=30, seconds=1.0)
+    other = estimate(["mixture", "matched"], runs=30, seconds=1.0)
+    np.testing.assert_array_equal(one.bound, other.bound)
+    np.testing.assert_array_equal(one.filters["matched"].rmse, other.filters["matched"].rmse)
+    monkeypatch.setattr(estimation, "BATCH", 10)
+    ended = []
+    several = estimate(["matched", "mixture"], runs=30, seconds=1.0, progress=ended.append)
+    assert ended == [5, 10, 15, 20, 25, 30]
+    assert several.bound[0] == pytest.approx(one.bound[0])
+
+
+def test_what_is_known_exactly_has_no_ratio(tmp_path):
+    told = estimate(["matched"], noise="clean", runs=5, seconds=0.5)
+    assert (told.bound == 0.0).all()
+    assert told.filters["matched"].ratio[0].value == math.inf
+
+
+def test_innovations_are_measured_minus_predicted():
+    noise = Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.01), dropout_probability=0.3))
+    drives = estimation.drive(3, 20, 7, noise=noise, filter=make_filter("matched", noise))
+    found = innovations(drives, 0.1, 0.0)
+    lost = ~drives.measured[:, 1:]
+    assert 5 < lost.sum() < 40
+    assert np.isnan(found[lost]).all()
+    run, k = np.argwhere(~lost)[10]
+    x, y, theta, v, omega = drives.estimate[run, k]
+    z = drives.odometry[run, k + 1]
+    turn = (z[2] - theta - 0.1 * omega + math.pi) % (2.0 * math.pi) - math.pi
+    expected = (z[0] - x - 0.1 * v * math.cos(theta), z[1] - y - 0.1 * v * math.sin(theta), turn)
+    np.testing.assert_allclose(found[run, k], expected, atol=1e-12)
+
+
+def test_what_is_not_measured_leaves_the_bound_wider():
+    states, commands = np.zeros((4, 11, 5)), np.tile([0.2, 0.1], (4, 10, 1))
+    tuning = true_tuning(Noise(process=ProcessNoise(alpha1=0.02, alpha4=0.02), odometry=OdometryNoise(R=(0.01, 0.01, 0.01))))
+    always = cramer_rao_bound(states, commands, tuning)
+    never = cramer_rao_bound(states, commands, tuning, measured=np.zeros((4, 10), bool))
+    half = cramer_rao_bound(states, commands, tuning, measured=np.arange(40).reshape(4, 10) % 2 == 0)
+    for k in range(3):
+        assert always[-1, k, k] < half[-1, k, k] < never[-1, k, k]
+    np.testing.assert_array_equal(always[0], never[0])
+
+
+def test_the_true_noise_has_no_floors():
+    noise = Noise(
+        process=ProcessNoise(alpha1=0.01, scale=1.02, slip=0.5, slip_start=0.1, slip_end=0.3),
+        odometry=OdometryNoise(
+            R=(0.01, 0.02, 0.03), bias=(1.0, 1.0, 1.0), spike_probability=0.1, spike=0.6, quantization=(0.12, 0.06)
+        ),
+    )
+    tuning = true_tuning(noise)
+    assert tuning.Q == (0.0,) * 5
+    assert tuning.R[:2] == pytest.approx((0.01 + 0.0012, 0.02 + 0.0012))
+    assert tuning.R[2] == pytest.approx(1.0 / heading_information(noise.odometry) + 0.0003)
+    assert 0.03 < tuning.R[2] < 0.03 + 0.1 * 0.36
+    assert (tuning.process.alpha1, tuning.process.scale, tuning.process.slip) == (0.01, 1.0, 0.0)
+    assert true_tuning(Noise()).R == (0.0, 0.0, 0.0)
+    assert true_tuning(Noise(odometry=OdometryNoise(wheel=True))).odometry_input
+
+
+def test_the_command_line_prints_a_table_and_writes_files(capsys, tmp_path):
+    files = tmp_path / "told.json", tmp_path / "told.png"
+    argv = ["estimate", "--noise", "rough", "--filter", "matched", "slip", "--runs", "40", "--no-bias"]
+    assert main([*argv, "--json", str(files[0]), "--plot", str(files[1])]) == 0
+    shown = capsys.readouterr().out
+    assert "matched" in shown
+    assert "bound" in shown
+    written = json.loads(files[0].read_text())
+    assert written["config"]["bias"] is False
+    assert set(written["filters"]) == {"matched", "slip"}
+    assert len(written["bound"]) == 31
+    assert written["band"][0] < 3.0 < written["band"][1]
+    assert files[1].stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["--runs", "0"], "runs must be positive and finite, got 0"),
+        (["--seconds", "nan"], "seconds must be positive and finite, got nan"),
+        (["--filter", "paper"], "filter must be one of 'matched'"),
+        (["--noise", "paper"], "noise must be one of 'clean'"),
+        (["--integrator", "paper"], "integrator must be one of"),
+    ],
+)
+def test_bad_arguments_are_one_line(capsys, argv, told):
+    assert main(["estimate", *argv]) == 2
+    assert told in capsys.readouterr().err

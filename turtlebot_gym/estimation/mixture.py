@@ -1,0 +1,182 @@
+"""A filter that knows of heading spikes: a measured heading is the true one, or it is too great or too small by a spike.
+
+A measurement is taken as a mixture of the three, and what comes of it as a Gaussian with the mixture's mean and covariance. The
+first measurement cannot be weighed against anything, and a filter that believed a spike there would take all that follows for
+spikes: three beliefs begin, one for each explanation, and later measurements say which of them is true.
+
+References:
+    Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", *IEEE Transactions on Automatic
+    Control* 17 (1972). Bar-Shalom, Li, Kirubarajan (2001), section 1.4.16: the moments of a mixture.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import absorb, correct_position, inverse_of, of_heading, predict, wrapped
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
+
+Three = tuple[float, float, float]
+
+
+class Hypotheses(NamedTuple):
+    """Beliefs by what the first heading was: true, too great by a spike, too small by one."""
+
+    true: Belief
+    high: Belief
+    low: Belief
+
+
+class MixtureEstimate(NamedTuple):
+    """All that the filter remembers from step to step."""
+
+    belief: Belief
+    """The hypotheses, merged."""
+    nis: float
+    """Normalized innovation squared of the last measurement, in the mean over its explanations."""
+    hypotheses: Hypotheses
+    weights: Three
+    """Their probabilities."""
+
+
+class Tracked(NamedTuple):
+    """A hypothesis after a step, and how likely it makes the measurement: ``factor e^-exponent``, but for a constant."""
+
+    belief: Belief
+    nis: float
+    exponent: float
+    factor: float
+
+
+@kernel
+def exp_minus(q: float) -> float:
+    """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; for more than 60, which is nothing, as for 60."""
+    x = min(q, 60.0) * (1.0 / 128.0)
+    y = 2.505210838544172e-08 - x * 2.08767569878681e-09
+    y = 2.48015873015873e-05 - x * (2.7557319223985893e-06 - x * (2.755731922398589e-07 - x * y))
+    y = 0.008333333333333333 - x * (0.001388888888888889 - x * (0.0001984126984126984 - x * y))
+    y = 1.0 - x * (1.0 - x * (0.5 - x * (0.16666666666666666 - x * (0.041666666666666664 - x * y))))
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    return y * y
+
+
+@kernel
+def merge(one: Belief, other: Belief, share: float) -> Belief:
+    """Return the Gaussian with the mean and the covariance of a mixture, in which ``share`` is the other's."""
+    a, b, P, Q = one.mean, other.mean, one.covariance, other.covariance
+    x, y, t, v, w = b.x - a.x, b.y - a.y, wrap(b.theta - a.theta), b.v - a.v, b.omega - a.omega
+    rest, both = 1.0 - share, share * (1.0 - share)
+    mean = State(a.x + share * x, a.y + share * y, wrap(a.theta + share * t), a.v + share * v, a.omega + share * w)
+    covariance = Covariance(
+        rest * P.xx + share * Q.xx + both * x * x,
+        rest * P.xy + share * Q.xy + both * x * y,
+        rest * P.xt + share * Q.xt + both * x * t,
+        rest * P.xv + share * Q.xv + both * x * v,
+        rest * P.xw + share * Q.xw + both * x * w,
+        rest * P.yy + share * Q.yy + both * y * y,
+        rest * P.yt + share * Q.yt + both * y * t,
+        rest * P.yv + share * Q.yv + both * y * v,
+        rest * P.yw + share * Q.yw + both * y * w,
+        rest * P.tt + share * Q.tt + both * t * t,
+        rest * P.tv + share * Q.tv + both * t * v,
+        rest * P.tw + share * Q.tw + both * t * w,
+        rest * P.vv + share * Q.vv + both * v * v,
+        rest * P.vw + share * Q.vw + both * v * w,
+        rest * P.ww + share * Q.ww + both * w * w,
+    )
+    return Belief(mean, covariance)
+
+
+@kernel
+def share_of(part: float, rest: float) -> float:
+    """Return a weight's share in two, 0 where both are 0."""
+    total = part + rest
+    return part / (total if total > 0.0 else 1.0)
+
+
+@kernel
+def merged(hypotheses: Hypotheses, weights: Three) -> Belief:
+    """Return the hypotheses as one Gaussian."""
+    true, high, low = weights
+    first = merge(hypotheses.true, hypotheses.high, share_of(high, true))
+    return merge(first, hypotheses.low, share_of(low, true + high))
+
+
+@kernel
+def _turned(belief: Belief, turn: float) -> Belief:
+    x, y, theta, v, omega = belief.mean
+    return Belief(State(x, y, wrap(theta + turn), v, omega), belief.covariance)
+
+
+@kernel
+def begin(odometry: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
+    """Return a belief for each explanation of the first heading, and their probabilities."""
+    belief = ekf.initialize(odometry, tuning).belief
+    spike = 0.0 if tuning.from_origin else tuning.spike
+    half = 0.5 * tuning.spike_probability
+    return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike)), (1.0 - tuning.spike_probability, half, half)
+
+
+@kernel
+def initialize(odometry: Pose, tuning: FilterTuning) -> MixtureEstimate:
+    """Start from the first measurement: see `interface.Filter`."""
+    hypotheses, weights = begin(odometry, tuning)
+    return MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
+
+
+@kernel
+def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Tracked:
+    """Predict a hypothesis, and weigh a measurement that arrived by its three explanations."""
+    R, share, spike, measured = tuning.R, tuning.spike_probability, tuning.spike, senses.measured
+    prior = predict(belief, senses.twist, tuning, dt, middle)
+    placed, nis, precision, turn = correct_position(prior, senses.odometry, tuning)
+    h = of_heading(placed.covariance)
+    inverse = inverse_of(h.variance + R[2])
+    high, low = turn - spike, turn + spike
+    q_true, q_high, q_low = turn * turn * inverse, high * high * inverse, low * low * inverse
+    least = min(q_true, min(q_high, q_low))
+    is_true = (1.0 - share) * exp_minus(0.5 * (q_true - least))
+    is_high = 0.5 * share * exp_minus(0.5 * (q_high - least))
+    is_low = 0.5 * share * exp_minus(0.5 * (q_low - least))
+    likely = is_true + is_high + is_low
+    one = 1.0 / likely
+    is_true, is_high, is_low = is_true * one, is_high * one, is_low * one
+    mean = is_true * turn + is_high * high + is_low * low
+    off_true, off_high, off_low = turn - mean, high - mean, low - mean
+    spread = is_true * off_true * off_true + is_high * off_high * off_high + is_low * off_low * off_low
+    posterior = wrapped(absorb(placed, h.column, mean * inverse, inverse - spread * inverse * inverse))
+    told = nis + is_true * q_true + is_high * q_high + is_low * q_low
+    return Tracked(
+        posterior if measured else prior,
+        told,
+        0.5 * (nis + least) if measured else 0.0,
+        likely * sqrt(precision * inverse) if measured else 1.0,
+    )
+
+
+@kernel
+def step(
+    estimate: MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> MixtureEstimate:
+    """Predict and correct all hypotheses, and weigh them by what they made of the measurement: see `interface.Filter`."""
+    true = track(estimate.hypotheses.true, senses, tuning, dt, middle)
+    high = track(estimate.hypotheses.high, senses, tuning, dt, middle)
+    low = track(estimate.hypotheses.low, senses, tuning, dt, middle)
+    least = min(true.exponent, min(high.exponent, low.exponent))
+    w_true = estimate.weights[0] * true.factor * exp_minus(true.exponent - least)
+    w_high = estimate.weights[1] * high.factor * exp_minus(high.exponent - least)
+    w_low = estimate.weights[2] * low.factor * exp_minus(low.exponent - least)
+    one = 1.0 / (w_true + w_high + w_low)
+    weights = (w_true * one, w_high * one, w_low * one)
+    nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
+    hypotheses = Hypotheses(true.belief, high.belief, low.belief)
+    return MixtureEstimate(merged(hypotheses, weights), nis if senses.measured else estimate.nis, hypotheses, weights)

@@ -1,0 +1,97 @@
+"""A filter that also learns what the robot makes of a twist: wheels that are 2 % larger than stated drive 2 % farther.
+
+The extended Kalman filter of `ekf` with a sixth state, the share of the twist that is executed, which does not change.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import Projection, innovation, inverse_of, of_heading, of_x, of_y, predict, update, wrapped
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.unicycle import motion
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+
+
+class Scaled(NamedTuple):
+    """A Gaussian over the state and the scale."""
+
+    belief: Belief
+    scale: float
+    """Mean of the executed share of a twist."""
+    variance: float
+    """Its variance."""
+    column: State
+    """Its covariance with each component of the state."""
+
+
+class ScaleEstimate(NamedTuple):
+    """All that the filter remembers from step to step."""
+
+    belief: Belief
+    nis: float
+    """Normalized innovation squared of the last measurement."""
+    scale: float
+    variance: float
+    column: State
+
+
+@kernel
+def initialize(odometry: Pose, tuning: FilterTuning) -> ScaleEstimate:
+    """Start from the first measurement, with a scale of 1: see `interface.Filter`."""
+    belief = ekf.initialize(odometry, tuning).belief
+    deviation = tuning.scale_deviation
+    return ScaleEstimate(belief, 0.0, 1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+@kernel
+def _predict(scaled: Scaled, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> Scaled:
+    """Move by a control interval: the pose with the believed twist, and then the twist to the executed share of the new one."""
+    (_, _, theta, v, omega), _ = scaled.belief
+    moved = motion(theta, v, omega, dt, middle)
+    c, share, variance = scaled.column, scaled.scale, scaled.variance
+    (x, y, heading, _, _), P = predict(scaled.belief, twist, tuning, dt, middle)
+    to_x = c.x + moved.x_theta * c.theta + moved.x_v * c.v + moved.x_omega * c.omega
+    to_y = c.y + moved.y_theta * c.theta + moved.y_v * c.v + moved.y_omega * c.omega
+    to_theta = c.theta + dt * c.omega
+    V, W = twist.v, twist.omega
+    covariance = Covariance(
+        P.xx, P.xy, P.xt, V * to_x, W * to_x,
+        P.yy, P.yt, V * to_y, W * to_y,
+        P.tt, V * to_theta, W * to_theta,
+        P.vv + V * V * variance, V * W * variance,
+        P.ww + W * W * variance,
+    )  # fmt: skip
+    mean = State(x, y, heading, share * V, share * W)
+    return Scaled(Belief(mean, covariance), share, variance, State(to_x, to_y, to_theta, V * variance, W * variance))
+
+
+@kernel
+def _update(scaled: Scaled, h: Projection, across: float, innovation: float, r: float) -> tuple[Scaled, float]:
+    """Condition on a scalar measurement, whose covariance with the scale is ``across``: see `ekf.update`."""
+    inverse = inverse_of(h.variance + r)
+    belief, nis = update(scaled.belief, h, innovation, r)
+    c, s, k = scaled.column, h.column, across * inverse
+    column = State(c.x - k * s.x, c.y - k * s.y, c.theta - k * s.theta, c.v - k * s.v, c.omega - k * s.omega)
+    return Scaled(belief, scaled.scale + k * innovation, max(scaled.variance - k * across, 0.0), column), nis
+
+
+@kernel
+def step(
+    estimate: ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> ScaleEstimate:
+    """Predict with the executed share of the twist, and correct by the measured pose: see `interface.Filter`."""
+    z, R = senses.odometry, tuning.R
+    start = Scaled(estimate.belief, estimate.scale, estimate.variance, estimate.column)
+    prior = _predict(start, senses.twist, tuning, dt, middle)
+    turn = innovation(prior.belief.mean, z, tuning).theta
+    now, nis_x = _update(prior, of_x(prior.belief.covariance), prior.column.x, z.x - prior.belief.mean.x, R[0])
+    now, nis_y = _update(now, of_y(now.belief.covariance), now.column.y, z.y - now.belief.mean.y, R[1])
+    turn = turn - (now.belief.mean.theta - prior.belief.mean.theta)
+    now, nis_theta = _update(now, of_heading(now.belief.covariance), now.column.theta, turn, R[2])
+    told = Scaled(wrapped(now.belief), now.scale, now.variance, now.column)
+    known = told if senses.measured else prior
+    nis = nis_x + nis_y + nis_theta if senses.measured else estimate.nis
+    return ScaleEstimate(known.belief, nis, known.scale, known.variance, known.column)

@@ -1,0 +1,112 @@
+"""A filter that knows of spikes and of slip: each hypothesis of `mixture` in two modes, wheels that grip and wheels that slip.
+
+Interacting multiple models: a measurement says in which of the modes the robot has moved, and the modes are mixed by the
+chances of a change before the next twist is executed.
+
+References:
+    Blom, Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching coefficients", *IEEE
+    Transactions on Automatic Control* 33 (1988).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from turtlebot_gym.estimation.mixture import Hypotheses, Three, Tracked, begin, exp_minus, merge, merged, share_of, track
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
+from turtlebot_gym.values import Belief, Command, Pose, Senses, State
+
+
+class SlipEstimate(NamedTuple):
+    """All that the filter remembers from step to step."""
+
+    belief: Belief
+    """All hypotheses in both modes, merged."""
+    nis: float
+    """Normalized innovation squared of the last measurement, in the mean over its explanations."""
+    gripping: Hypotheses
+    """The twist is executed as the wheels turn ..."""
+    slipping: Hypotheses
+    """... and but for the share that slip costs."""
+    grip_weights: Three
+    """Probability of each hypothesis with wheels that grip ..."""
+    slip_weights: Three
+    """... and that slip; the six sum to 1."""
+
+
+class Pair(NamedTuple):
+    """A hypothesis in both modes."""
+
+    grip: Tracked
+    slip: Tracked
+
+
+@kernel
+def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -> Belief:
+    """Return everything as one Gaussian."""
+    share = slip[0] + slip[1] + slip[2]
+    return merge(merged(gripping, grip), merged(slipping, slip), share)
+
+
+@kernel
+def initialize(odometry: Pose, tuning: FilterTuning) -> SlipEstimate:
+    """Start from the first measurement, with wheels that grip: see `interface.Filter`."""
+    hypotheses, weights = begin(odometry, tuning)
+    none = (0.0, 0.0, 0.0)
+    return SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
+
+
+@kernel
+def _moving(belief: Belief, twist: Command, share: float) -> Belief:
+    """Return a belief with a share of a twist."""
+    x, y, theta, _, _ = belief.mean
+    return Belief(State(x, y, theta, share * twist.v, share * twist.omega), belief.covariance)
+
+
+@kernel
+def _mix(
+    pair: Pair, grip: float, slip: float, twist: Command, tuning: FilterTuning, dt: float
+) -> tuple[Belief, Belief, float, float]:
+    """Return a hypothesis in both modes after the chance of a change, with its weights."""
+    process, scale = tuning.process, dt / REFERENCE_PERIOD
+    start, end = process.slip_start * scale, process.slip_end * scale
+    stays, ends, starts, goes_on = grip * (1.0 - start), slip * end, grip * start, slip * (1.0 - end)
+    gripping = merge(pair.grip.belief, pair.slip.belief, share_of(ends, stays))
+    slipping = merge(pair.grip.belief, pair.slip.belief, share_of(goes_on, starts))
+    return _moving(gripping, twist, 1.0), _moving(slipping, twist, 1.0 - process.slip), stays + ends, starts + goes_on
+
+
+@kernel
+def step(
+    estimate: SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> SlipEstimate:
+    """Predict and correct all hypotheses in both modes, weigh them, and mix the modes: see `interface.Filter`."""
+    gripping, slipping, twist = estimate.gripping, estimate.slipping, senses.twist
+    true = Pair(track(gripping.true, senses, tuning, dt, middle), track(slipping.true, senses, tuning, dt, middle))
+    high = Pair(track(gripping.high, senses, tuning, dt, middle), track(slipping.high, senses, tuning, dt, middle))
+    low = Pair(track(gripping.low, senses, tuning, dt, middle), track(slipping.low, senses, tuning, dt, middle))
+    least = min(
+        min(min(true.grip.exponent, true.slip.exponent), min(high.grip.exponent, high.slip.exponent)),
+        min(low.grip.exponent, low.slip.exponent),
+    )
+    grip_0 = estimate.grip_weights[0] * true.grip.factor * exp_minus(true.grip.exponent - least)
+    grip_1 = estimate.grip_weights[1] * high.grip.factor * exp_minus(high.grip.exponent - least)
+    grip_2 = estimate.grip_weights[2] * low.grip.factor * exp_minus(low.grip.exponent - least)
+    slip_0 = estimate.slip_weights[0] * true.slip.factor * exp_minus(true.slip.exponent - least)
+    slip_1 = estimate.slip_weights[1] * high.slip.factor * exp_minus(high.slip.exponent - least)
+    slip_2 = estimate.slip_weights[2] * low.slip.factor * exp_minus(low.slip.exponent - least)
+    one = 1.0 / (grip_0 + grip_1 + grip_2 + slip_0 + slip_1 + slip_2)
+    grip_0, grip_1, grip_2 = grip_0 * one, grip_1 * one, grip_2 * one
+    slip_0, slip_1, slip_2 = slip_0 * one, slip_1 * one, slip_2 * one
+    nis = (
+        grip_0 * true.grip.nis + grip_1 * high.grip.nis + grip_2 * low.grip.nis
+        + slip_0 * true.slip.nis + slip_1 * high.slip.nis + slip_2 * low.slip.nis
+    )  # fmt: skip
+    g_true, s_true, grip_0, slip_0 = _mix(true, grip_0, slip_0, twist, tuning, dt)
+    g_high, s_high, grip_1, slip_1 = _mix(high, grip_1, slip_1, twist, tuning, dt)
+    g_low, s_low, grip_2, slip_2 = _mix(low, grip_2, slip_2, twist, tuning, dt)
+    gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
+    grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
+    belief = _all(gripping, slipping, grip, slip)
+    return SlipEstimate(belief, nis if senses.measured else estimate.nis, gripping, slipping, grip, slip)
