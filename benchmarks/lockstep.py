@@ -74,6 +74,7 @@ class Drive(NamedTuple):
     switch: str = "time"
     robot: str = "tutorial"
     seed: int = 0
+    filter: str = "matched"
 
     @property
     def laps(self) -> int:
@@ -108,6 +109,7 @@ def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
         max_episode_steps=10**9,
         arrival="belief",
         noise=drive.noise,
+        filter=drive.filter,
         robot=drive.robot,
         switch=drive.switch,
         laps=drive.laps,

@@ -7,6 +7,7 @@ the filter, the models and the tasks still work.
 from importlib.util import find_spec
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.files import read_parameters, write_parameters
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot
 from turtlebot_gym.robots import ROBOTS, Robot
@@ -47,6 +48,8 @@ __all__ = [
     "make_noise",
     "make_parameters",
     "make_robot",
+    "read_parameters",
+    "write_parameters",
 ]
 
 

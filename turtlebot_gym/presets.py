@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+from turtlebot_gym.files import is_file, read_parameters
 from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import choose
@@ -120,22 +122,26 @@ FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {
 """Filter tunings by name, for the noise in force."""
 
 
-def make_robot(robot: str | Robot) -> Robot:
-    """Return a robot, which may be given by a name in `turtlebot_gym.robots.ROBOTS`.
+def make_robot(robot: str | Path | Robot) -> Robot:
+    """Return a robot, which may be given by a name in `turtlebot_gym.robots.ROBOTS`, or by a file, see `turtlebot_gym.files`.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If there is none of that name, or the file holds none.
     """
-    return robot if isinstance(robot, Robot) else choose("robot", robot, ROBOTS)
+    if isinstance(robot, Robot):
+        return robot
+    return read_parameters(Robot, robot) if is_file(robot) else choose("robot", robot, ROBOTS)
 
 
-def make_noise(noise: str | Noise) -> Noise:
-    """Return a noise model, which may be given by a name in `NOISES`.
+def make_noise(noise: str | Path | Noise) -> Noise:
+    """Return a noise model, which may be given by a name in `NOISES`, or by a file, see `turtlebot_gym.files`.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If there is none of that name, or the file holds none.
     """
-    return noise if isinstance(noise, Noise) else choose("noise", noise, NOISES)
+    if isinstance(noise, Noise):
+        return noise
+    return read_parameters(Noise, noise) if is_file(noise) else choose("noise", noise, NOISES)
 
 
 def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:

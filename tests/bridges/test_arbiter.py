@@ -654,3 +654,20 @@ def test_it_says_what_it_does():
         act()
         arbiter.step(T + at)
         assert arbiter.state == state
+
+
+def test_the_limits_of_a_robot_in_a_file_hold(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text("{max_linear: 0.07, max_angular: 0.5, radius: 0.2}")
+    arbiter = new(robot=str(path))
+    assert max(drive(arbiter, 0.0, 1.0, Command(1.0, 0.0))) == Command(0.07, 0.0)
+    mount = {"collision_monitor": True, "scan_mount": "given", "scan_x": 0.1}
+    assert new(robot=str(path), **mount).monitor._body.radius == 0.2
+    with pytest.raises(ValueError, match="parameter 'scan_mount' must be 'given' for a robot from a file"):
+        new(robot=str(path), collision_monitor=True)
+    with pytest.raises(ValueError, match="There is no robot file"):
+        new(robot=str(tmp_path / "none.yaml"))
+    with pytest.raises(ValueError, match=r"parameter 'robot' must be one of burger, .*, or a FILE.yaml, got 'own'"):
+        new(robot="own")
+    with pytest.raises(ValueError, match=r"parameter 'scan_mount' must be one of robot, given, got 'own.yaml'"):
+        new(scan_mount="own.yaml")

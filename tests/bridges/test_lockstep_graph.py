@@ -11,6 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
+from turtlebot_gym import NOISES, write_parameters
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, Senses, State
 from turtlebot_gym_ros import Graph
@@ -57,6 +58,15 @@ def test_the_graph_is_the_environment(compare, policy, noise, switch):
     drive = compare.Drive(policy, noise, switch, "burger", 3)
     differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
     assert max(differ.values()) <= LEAST, differ
+
+
+def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with_noise_from_a_file(compare, tmp_path):
+    write_parameters(NOISES["rough"], tmp_path / "rough.yaml")
+    drive = compare.Drive("bearing", str(tmp_path / "rough.yaml"), "arrival", "burger", 3, "slip")
+    differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
+    assert max(differ.values()) <= LEAST, differ
+    matched = compare.episode(drive._replace(filter="matched"), STEPS)
+    assert max(compare.differences(compare.episode(drive, STEPS), matched).values()) > 0.01
 
 
 def test_a_busy_machine_and_processes_change_no_byte(compare):

@@ -92,8 +92,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     Args:
         task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it.
-        robot: "burger", "waffle", "turtlebot4", "tutorial", or a `turtlebot_gym.Robot`.
-        noise: "clean", "tutorial", "documented", "wheel", "rough", or a `turtlebot_gym.Noise`.
+        robot: "burger", "waffle", "turtlebot4", "tutorial", a file (FILE.yaml), or a `turtlebot_gym.Robot`.
+        noise: "clean", "tutorial", "documented", "wheel", "rough", a file (FILE.yaml), or a `turtlebot_gym.Noise`.
         filter: "matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`.
         integrator: "euler" or "midpoint".
         observation: "ekf", "odometry" or "truth".

@@ -66,7 +66,7 @@ class Evaluate(_Driven):
     those that come with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or module:callable for
     one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
     noise: tuple[str, ...] = ("tutorial",)
-    """Noise presets: clean, tutorial, documented, wheel, rough."""
+    """Noise presets: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: tuple[str, ...] = ("ekf",)
     """What policies are shown as the robot's pose: ekf, odometry, truth."""
     episodes: int = 1000
@@ -125,7 +125,7 @@ class Video(_Driven):
     those that come with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
     own; NAME+safety drives within a safety layer."""
     noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
     """What the policy is shown as the robot's pose: ekf, odometry, truth."""
     out: Path = Path("episode.gif")
@@ -173,7 +173,7 @@ class Estimate:
     filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
     """Filters: matched, tutorial, gated, mixture, slip, scale."""
     noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     runs: int = 2000
     """How many drives; drive i has the seed SEED + i. An RMSE is then known to 3 %, with 20000 to 1 %."""
     seconds: float = 3.0
@@ -181,7 +181,7 @@ class Estimate:
     seed: int = 0
     """The first seed."""
     robot: str = "burger"
-    """burger, waffle, turtlebot4 or tutorial."""
+    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     dt: float = 0.1
     """Control interval, s."""
     integrator: str = "euler"
@@ -223,7 +223,7 @@ class Replay:
     files: tyro.conf.Positional[tuple[Path, ...]]
     """Tables with named columns, separated by commas, semicolons or blanks."""
     noise: str = "documented"
-    """Noise preset of the measured poses: clean, tutorial, documented, wheel, rough."""
+    """Noise preset of the measured poses: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     filter: str = "matched"
     """The filter: matched, tutorial, gated, mixture, slip or scale."""
     seed: int = 0

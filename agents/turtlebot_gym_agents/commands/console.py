@@ -30,7 +30,7 @@ class Setting:
     filter: str = "matched"
     """The filter: matched, tutorial, gated, mixture, slip or scale."""
     robot: str = "burger"
-    """burger, waffle, turtlebot4 or tutorial."""
+    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     world: str | None = None
     """Rooms only: clutter, dense, corridor, office, cellular, crowd, a Gazebo world (FILE.world) or a map (FILE.yaml)."""
     lidar: str | None = None

@@ -27,7 +27,7 @@ class _Learned(Setting):
     algo: str = "ppo"
     """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
     noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
     """What the policy is shown as the robot's pose: ekf, odometry, truth."""
     delay: int = 0
@@ -150,7 +150,7 @@ class Export:
     env: str | None = None
     """The environment's id."""
     robot: str | None = None
-    """burger, waffle, turtlebot4 or tutorial."""
+    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     rate: float | None = None
     """Commands per second; 10 if nothing else is known."""
     noise: str | None = None

@@ -25,7 +25,7 @@ class TuneBaseline(Setting):
     policy: str = "bearing"
     """The baseline: proportional, bearing, corner, polar, rotate-drive-rotate, and for rooms vfh, gap or dwa."""
     noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough."""
+    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
     """What the baseline is shown as the robot's pose: ekf, odometry, truth."""
     delay: int = 0

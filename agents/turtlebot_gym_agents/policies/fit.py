@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym import Robot, make_robot
+from turtlebot_gym.files import is_file
 from turtlebot_gym_agents.provenance import plain
 
 
 def describe_robot(robot: str | Robot) -> dict[str, Any]:
     """Return a robot as a policy's file holds it."""
-    return plain({"name": robot if isinstance(robot, str) else "custom", **asdict(make_robot(robot))})
+    name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else "custom"
+    return plain({"name": name, **asdict(make_robot(robot))})
 
 
 def require_fit(

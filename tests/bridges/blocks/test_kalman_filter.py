@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from turtlebot_gym import write_parameters
 from turtlebot_gym.estimation.ekf import initialize
 from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.presets import NOISES, make_filter
+from turtlebot_gym.presets import FILTERS, NOISES, make_filter
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Pose, Senses
@@ -25,7 +26,7 @@ def seen(x, y, theta, twist=STOP, measured=True):
 
 
 @pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("filter", ["matched", "tutorial"])
+@pytest.mark.parametrize("filter", FILTERS)
 def test_its_estimates_are_the_environments(noise, filter):
     """To the bit, also over drop-outs, where both predict only."""
     plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=3, random_start=True))
@@ -140,3 +141,13 @@ def test_it_hears_commands_only_where_asked_to_and_believes_them_as_the_robot_ex
 def test_wrong_parameters_are_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
         estimator(**wrong)
+
+
+def test_noise_and_robot_may_be_files(tmp_path):
+    write_parameters(NOISES["documented"], tmp_path / "noise.yaml")
+    named, read = estimator(noise="documented"), estimator(noise=str(tmp_path / "noise.yaml"))
+    for node in (named, read):
+        node.step(0.0, seen(0.0, 0.0, 0.0))
+    assert named.step(0.1, seen(0.1, 0.0, 0.1, COMMAND)) == read.step(0.1, seen(0.1, 0.0, 0.1, COMMAND))
+    with pytest.raises(ValueError, match="There is no robot file"):
+        estimator(robot=str(tmp_path / "none.yaml"))

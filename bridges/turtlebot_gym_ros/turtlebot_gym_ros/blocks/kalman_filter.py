@@ -35,7 +35,7 @@ class KalmanFilter:
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
-        """The noise that the filter is matched to: a name in `turtlebot_gym.presets.NOISES`."""
+        """The noise that the filter is matched to: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"
         """A name in `turtlebot_gym.presets.FILTERS`: matched, tutorial, gated, mixture, slip or scale."""
         integrator: str = "euler"

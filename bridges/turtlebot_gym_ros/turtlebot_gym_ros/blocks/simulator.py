@@ -56,7 +56,7 @@ class TurtlebotSimulator:
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
-        """A name in `turtlebot_gym.presets.NOISES`."""
+        """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         period: float = 0.1

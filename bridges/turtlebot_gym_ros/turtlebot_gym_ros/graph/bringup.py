@@ -102,8 +102,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--policy", help="bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"
     )
-    parser.add_argument("--robot", choices=list(ROBOTS), help="default burger")
-    parser.add_argument("--noise", choices=list(NOISES), help="default tutorial")
+    parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml (default burger)")
+    parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default tutorial)")
     parser.add_argument("--filter", help="matched (default), tutorial, gated, mixture, slip or scale")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(

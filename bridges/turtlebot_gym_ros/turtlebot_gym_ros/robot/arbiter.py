@@ -15,7 +15,9 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
+from turtlebot_gym.files import is_file
 from turtlebot_gym.models.unicycle import limit
+from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits, Scan
@@ -38,17 +40,18 @@ def within(default: float, low: float, high: float, unit: str, *, above: bool = 
     return field(default=default, metadata={"range": (low, high), "above": above, "rule": rule})
 
 
-def one_of(default: str, *names: str) -> Any:
-    """Return a parameter that is one of some names."""
-    return field(default=default, metadata={"names": names, "rule": f"one of {', '.join(names)}"})
+def one_of(default: str, *names: str, or_file: bool = False) -> Any:
+    """Return a parameter that is one of some names, or a file where that is allowed."""
+    rule = f"one of {', '.join(names)}{', or a FILE.yaml' if or_file else ''}"
+    return field(default=default, metadata={"names": names, "or_file": or_file, "rule": rule})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
-    robot: str = one_of("burger", *ROBOTS)
-    """Preset whose limits hold, per axis and per wheel."""
+    robot: str = one_of("burger", *ROBOTS, or_file=True)
+    """Preset, or file (see `turtlebot_gym.files`), whose limits hold, per axis and per wheel."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; else Twist."""
     body_frame: str = "base_footprint"
@@ -101,8 +104,11 @@ class Parameters:
             value, rule = getattr(self, each.name), each.metadata
             low, high = rule.get("range", (value, value))
             in_range = low <= value <= high and not (rule.get("above") and value == low)
-            if not in_range or value not in rule.get("names", (value,)):
+            in_file = bool(rule.get("or_file")) and is_file(value)
+            if not in_range or not (in_file or value in rule.get("names", (value,))):
                 raise ValueError(f"parameter {each.name!r} must be {rule['rule']}, got {value!r}")
+        if self.collision_monitor and self.scan_mount == "robot" and self.robot not in MOUNTS:
+            raise ValueError(f"parameter 'scan_mount' must be 'given' for a robot from a file, got {self.scan_mount!r}")
 
 
 class Heard(NamedTuple):
@@ -116,7 +122,7 @@ def monitor_of(p: Parameters, now: float) -> Monitor | None:
     """Return the collision monitor, if it is switched on."""
     if not p.collision_monitor:
         return None
-    robot = ROBOTS[p.robot]
+    robot = make_robot(p.robot)
     given = p.footprint_x, p.scan_x, p.scan_y, p.scan_yaw, p.scan_frame
     body = Body(robot.radius, *(given if p.scan_mount == "given" else MOUNTS[p.robot]))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
@@ -133,7 +139,7 @@ class Arbiter:
 
     def __init__(self, parameters: Parameters, now: float) -> None:
         self._p = parameters
-        self._robot = ROBOTS[parameters.robot]
+        self._robot = make_robot(parameters.robot)
         self.buttons = EmergencyStop()
         self.monitor = monitor_of(parameters, now)
         self._heard: dict[str, Heard] = {}

@@ -1,0 +1,93 @@
+"""Noise models and robots in files: what is written is read again, everywhere, and what is wrong is one line."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from turtlebot_gym import (
+    NOISES,
+    ROBOTS,
+    Noise,
+    OdometryNoise,
+    ProcessNoise,
+    Robot,
+    make_noise,
+    make_robot,
+    read_parameters,
+    write_parameters,
+)
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+
+
+@pytest.mark.parametrize("name", NOISES)
+def test_a_noise_model_is_read_as_it_was_written(tmp_path, name):
+    path = tmp_path / "lab" / "noise.yaml"
+    write_parameters(NOISES[name], path, comment="Two lines\nof comment")
+    assert path.read_text().startswith("# Two lines\n# of comment\nprocess:")
+    assert read_parameters(Noise, path) == make_noise(path) == make_noise(str(path)) == NOISES[name]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_is_read_as_it_was_written(tmp_path, name):
+    path = tmp_path / "robot.yml"
+    write_parameters(ROBOTS[name], path)
+    assert read_parameters(Robot, path) == make_robot(path) == make_robot(str(path)) == ROBOTS[name]
+
+
+def test_what_is_left_out_is_at_its_default(tmp_path):
+    path = tmp_path / "noise.yaml"
+    path.write_text("odometry: {R: [1e-3, 0.002, 3], wheel: false}\nprocess: {alpha1: 1e-2}\n")
+    assert read_parameters(Noise, path) == Noise(
+        process=ProcessNoise(alpha1=0.01), odometry=OdometryNoise(R=(0.001, 0.002, 3.0))
+    )
+    path.write_text("max_linear: 0.3\nmax_angular: 1\nmax_wheel: .inf\nreverse: false\n")
+    assert read_parameters(Robot, path) == Robot(max_linear=0.3, max_angular=1.0, max_wheel=math.inf, reverse=False)
+
+
+def test_an_environment_takes_files_where_it_takes_names(tmp_path):
+    noise, robot = tmp_path / "noise.yaml", tmp_path / "robot.yaml"
+    write_parameters(NOISES["documented"], noise)
+    write_parameters(ROBOTS["waffle"], robot)
+    names, files = (
+        gym.make(NAV, noise=one, robot=other).unwrapped for one, other in (("documented", "waffle"), (str(noise), str(robot)))
+    )
+    assert files.parameters == names.parameters
+    np.testing.assert_array_equal(files.reset(seed=3)[0], names.reset(seed=3)[0])
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "told"),
+    [
+        (Noise, None, "There is no noise file '.*bad.yaml', or it cannot be read: No such file"),
+        (Robot, None, "There is no robot file '.*bad.yaml', or it cannot be read: No such file"),
+        (Noise, "", "bad.yaml must hold fields of Noise, process, odometry, got None"),
+        (Noise, "[1, 2]", r"bad.yaml must hold fields of Noise, process, odometry, got \[1, 2\]"),
+        (Noise, "a: [", "bad.yaml is no YAML: while parsing"),
+        (Noise, "\x00", "bad.yaml is no YAML: "),
+        (Noise, "proces: {}", "bad.yaml: Noise has no proces; it has process, odometry"),
+        (Noise, "process: {alpha9: 1, alpha8: 2}", "bad.yaml, process: ProcessNoise has no alpha9, alpha8; it has alpha1, "),
+        (Noise, "process: 3", "bad.yaml, process must hold fields of ProcessNoise, alpha1, .*, got 3"),
+        (Noise, "process: {alpha1: -1}", "bad.yaml, process: ProcessNoise.alpha1 must be non-negative, got -1.0"),
+        (Noise, "process: {alpha1: much}", "bad.yaml, process: ProcessNoise.alpha1 must hold numbers, got 'much'"),
+        (Noise, "process: {alpha1: true}", "bad.yaml, process: ProcessNoise.alpha1 must be non-negative, got nan"),
+        (Noise, "process: {alpha1: [1]}", r"bad.yaml, process: ProcessNoise.alpha1 must be one number, got \[1\]"),
+        (Noise, "odometry: {R: 1}", "bad.yaml, odometry: OdometryNoise.R must be a list of numbers, got 1"),
+        (Noise, "odometry: {R: [1, 2]}", "bad.yaml, odometry: OdometryNoise.R must hold 3 variances"),
+        (Noise, "odometry: {R: [1, x, 2]}", "bad.yaml, odometry: OdometryNoise.R must hold numbers, got 'x'"),
+        (Noise, "odometry: {wheel: 1}", "bad.yaml, odometry: OdometryNoise.wheel must be true or false, got 1"),
+        (Robot, "max_linear: 0.2", "bad.yaml: .*missing 1 required keyword-only argument: 'max_angular'"),
+        (Robot, "process: {}", "bad.yaml: Robot has no process; it has max_linear, "),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_one_line(tmp_path, kind, text, told):
+    path = tmp_path / "bad.yaml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ValueError, match=told) as caught:
+        read_parameters(kind, path)
+    assert "\n" not in str(caught.value)
