@@ -13,6 +13,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -83,9 +84,15 @@ def training(folder: Path, steps: int | None, seed: int) -> Path:
 
 
 def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
-    """Return a policy's episodes in a setting, which are driven where they are missing."""
+    """Return a policy's episodes in a setting, which are driven where they are missing: a bundle is known by its bytes."""
+    bundle = {"bundle": sha256(Path(policy).read_bytes()).hexdigest()[:12]} if Path(policy).is_file() else {}
     told = slug(
-        policy=Path(policy).name, training=Path(policy).parent.name, setting=name, n=config.episodes, seed=config.first_seed
+        policy=Path(policy).name,
+        training=Path(policy).parent.name,
+        setting=name,
+        n=config.episodes,
+        seed=config.first_seed,
+        **bundle,
     )
     kept = folder / "drives" / f"{told}.pickle"
     if not kept.exists():
