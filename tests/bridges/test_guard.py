@@ -247,7 +247,7 @@ def test_its_parameters_are_described(start, peer):
     assert age.description.startswith("Age from which a command no longer counts, s; at most 0.5.")
     assert (age.floating_point_range[0].from_value, age.floating_point_range[0].to_value) == (0.0, 0.5)
     assert age.read_only
-    assert robot.additional_constraints == "one of burger, waffle, turtlebot4, tutorial"
+    assert robot.additional_constraints == "one of burger, waffle, turtlebot4, tutorial, or a FILE.yaml"
     assert scale.floating_point_range[0].to_value == 1.0
 
 

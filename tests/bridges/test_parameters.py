@@ -1,11 +1,19 @@
 """Parameters: what is refused, and what is taken for what."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from turtlebot_gym_ros.blocks import (
+    KalmanFilter,
+    SimulatedTeleop,
+    TurtlebotSimulator,
+    VelocityController,
+    WaypointGenerator,
+)
+from turtlebot_gym_ros.blocks.visualization import Visualization
 from turtlebot_gym_ros.node.parameters import Common, declare
 
 
@@ -90,3 +98,37 @@ def test_parameters_of_ros_itself_are_left_to_it(node_with):
     node = node_with(**{"use_sim_time": True, "qos_overrides./odom.subscription.depth": 1})
     declare(node, Common, Params)
     assert node.get_parameter("use_sim_time").value
+
+
+NODES = (KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator, SimulatedTeleop, Visualization)
+
+
+@pytest.mark.parametrize("block", NODES, ids=lambda block: block.__name__)
+def test_every_parameter_of_every_node_is_described(node_with, block):
+    node = node_with()
+    _, params = declare(node, Common, block.Params)
+    for item in (*fields(Common), *fields(block.Params)):
+        told = node.describe_parameter(item.name)
+        assert len(told.description) > 15, item.name
+        assert "\n" not in told.description
+        assert told.read_only
+        if isinstance(item.default, float):
+            assert told.floating_point_range or item.name == "lidar_yaw", item.name
+            assert told.additional_constraints or item.name == "lidar_yaw", item.name
+    assert params == block.Params()
+
+
+def test_ranges_are_told_and_the_nodes_own_error_comes_first(node_with):
+    node = node_with()
+    declare(node, Common, VelocityController.Params)
+    period = node.describe_parameter("period")
+    assert period.description == "Period for which the policy was made, s. Estimates that come more slowly are an error."
+    assert period.additional_constraints == "in [0.001, 10] s"
+    (told,) = period.floating_point_range
+    assert (told.from_value, told.to_value) == (0.001, 10.0)
+    node = node_with()
+    declare(node, Common, TurtlebotSimulator.Params)
+    (told,) = node.describe_parameter("seed").integer_range
+    assert (told.from_value, told.to_value) == (0, 2**63 - 1)
+    with pytest.raises(ValueError, match=r"period must be in \[0.001, 10\] s, got 11.0"):
+        declare(node_with(period=11.0), Common, VelocityController.Params)

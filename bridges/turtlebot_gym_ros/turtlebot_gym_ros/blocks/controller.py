@@ -19,7 +19,7 @@ from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
 from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, arrived, observe, stated_deviations
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
-from turtlebot_gym_ros.node.block import Aged, Input, On, Output
+from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
 
 VARIANCE_FLOOR = 1e-6
 """A stated variance of exactly zero is taken as (1 mm)^2 or (1 mrad)^2: nobody knows a pose exactly."""
@@ -46,9 +46,9 @@ class VelocityController:
         """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
-        period: float = 0.1
+        period: float = ranged(0.1, 0.001, 10.0, "in [0.001, 10] s")
         """Period for which the policy was made, s. Estimates that come more slowly are an error."""
-        goal_tolerance: float = 0.15
+        goal_tolerance: float = ranged(0.15, 0.0, math.inf, "0, or at least 0.01 m")
         """Believed distance to a last waypoint within which the robot is done, m; 0 never is."""
         lidar_yaw: float = 0.0
         """Direction of the LiDAR's frame in the robot's, rad: pi/2 on a TurtleBot 4."""

@@ -11,7 +11,7 @@ from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import STOP, Command, Pose, Senses
-from turtlebot_gym_ros.node.block import Input, On, Output
+from turtlebot_gym_ros.node.block import Input, On, Output, ranged
 
 
 class KalmanFilter:
@@ -44,9 +44,9 @@ class KalmanFilter:
         """What it predicts with: "executed", the twist in ``/odom``, or "commanded", the last ``/cmd_vel``. Nothing ties a
         command to a step: on a busy machine the filter used another one than the robot in 109 of 402 steps, and its error rose
         from 0.038 m to as much as 0.113 m. For odometry without a twist; not for lock-step."""
-        period: float = 0.1
+        period: float = ranged(0.1, 0.0, 60.0, "positive, at most max_gap")
         """Longest interval that is predicted in one go, s."""
-        max_gap: float = 1.0
+        max_gap: float = ranged(1.0, 0.0, 60.0, "at least the period, below 60 s")
         """Gap in the odometry from which on the filter begins again, s."""
 
         def __post_init__(self) -> None:

@@ -16,7 +16,7 @@ from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
 from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Pose, Senses, State
-from turtlebot_gym_ros.node.block import Aged, Every, Input, Output
+from turtlebot_gym_ros.node.block import Aged, Every, Input, Output, ranged
 
 THROUGH = {"estimate": Estimate, "reference": Pose, "next_reference": Pose}
 """Topics over which a step's odometry leads to the command that answers it, in their order."""
@@ -59,12 +59,12 @@ class TurtlebotSimulator:
         """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
-        period: float = 0.1
+        period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of the odometry and of the simulation, s."""
-        speed: float = 1.0
+        speed: float = ranged(1.0, 0.0, 1000.0, "positive, below 1000")
         """How many times faster than real time it runs; other than at 1 it sets ``/clock``. In lock-step this is the upper
         limit, and 0 is as fast as the nodes answer."""
-        seed: int = 0
+        seed: int = ranged(0, 0, MAX_SEED, "at least 0")
         """Seed of the noise."""
         witness: bool = False
         """Whether in lock-step time also waits for the recorder of a `Graph`, which says on ``recorded`` how far it has

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.node.block import Every, Output
+from turtlebot_gym_ros.node.block import Every, Output, ranged
 
 SCRIPT = (
     (5.0, Command(0.15, 0.0)),
@@ -31,7 +31,7 @@ class SimulatedTeleop:
     class Params:
         """Parameters of the scripted person."""
 
-        period: float = 0.1
+        period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of the commands, s."""
         start_enabled: bool = True
         """Whether it drives at once, without a call of ``~/enable``."""

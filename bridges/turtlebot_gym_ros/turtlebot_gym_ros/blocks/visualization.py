@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_ros.node.block import Input, On, Output
+from turtlebot_gym_ros.node.block import Input, On, Output, ranged
 
 
 class Scene(NamedTuple):
@@ -41,11 +41,11 @@ class Visualization:
     class Params:
         """Parameters of the picture."""
 
-        period: float = 0.2
+        period: float = ranged(0.2, 0.0, math.inf, "positive, at most the trail")
         """Shortest time between two pictures, and between two points of a path, s."""
-        trail: float = 120.0
+        trail: float = ranged(120.0, 0.0, math.inf, "at least the period, at most 10000 periods")
         """Time that a path goes back, s."""
-        radius: float = 0.3
+        radius: float = ranged(0.3, 0.0, math.inf, "positive")
         """Distance within which a waypoint counts as reached, m: that of ``waypoint_generator``."""
 
         def __post_init__(self) -> None:

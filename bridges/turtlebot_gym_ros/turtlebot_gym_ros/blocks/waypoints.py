@@ -13,7 +13,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, arrived, by_time, due, make_task
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros.node.block import Every, Input, Output
+from turtlebot_gym_ros.node.block import Every, Input, Output, ranged
 
 
 class WaypointGenerator:
@@ -38,15 +38,15 @@ class WaypointGenerator:
         and theta (rad)."""
         switch: str = "arrival"
         """When the next waypoint is taken: on "arrival", as the filter believes, or after a "time", reached or not."""
-        switch_period: float = SQUARE_PERIOD
-        """That time, s."""
-        radius: float = 0.3
+        switch_period: float = ranged(SQUARE_PERIOD, 0.0, math.inf, "positive")
+        """Time after which the next waypoint is taken, s, where the switch is by "time"."""
+        radius: float = ranged(0.3, 0.0, math.inf, "positive")
         """Distance within which a waypoint counts as reached, m."""
-        laps: int = 1
+        laps: int = ranged(1, 1, 2**31, "at least 1")
         """How often the waypoints are visited in turn."""
         relative: bool = False
         """Whether they are meant relative to the first estimate instead of to the world frame."""
-        period: float = 0.1
+        period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of publishing, s."""
 
         def __post_init__(self) -> None:

@@ -10,6 +10,18 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 
+def ranged(default: float, low: float, high: float, rule: str) -> Any:
+    """Return a number among a block's parameters, with what ``ros2 param describe`` says of its values.
+
+    Args:
+        default: A whole number makes a parameter of whole numbers.
+        low: Least value.
+        high: Greatest value, which may be infinite.
+        rule: In words, where the ends do not belong to it or other parameters matter; the class itself checks it.
+    """
+    return field(default=default, metadata={"range": (low, high), "rule": rule})
+
+
 @dataclass(frozen=True, kw_only=True)
 class Input:
     """A value that a block is given: the latest one that arrived."""

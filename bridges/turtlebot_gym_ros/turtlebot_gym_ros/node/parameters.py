@@ -9,8 +9,9 @@ from dataclasses import MISSING, dataclass, fields
 from difflib import get_close_matches
 from typing import Any, get_type_hints
 
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
+
+from turtlebot_gym_ros.robot.standalone import described, descriptor_of
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -59,7 +60,8 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
 
     Args:
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
-        *params: Dataclasses with defaults for all fields. Where two share a name, the later default counts.
+        *params: Dataclasses with defaults for all fields, the docstrings under which are the descriptions. Where two share a
+            name, the later one counts.
 
     Raises:
         ValueError: If a parameter was given that does not exist, is of the wrong type, or that its class refuses.
@@ -74,9 +76,12 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
             hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(declared))}."
             raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
     values: dict[str, Any] = {}
+    shown = {item.name: descriptor_of(item, described(each).get(item.name, "")) for each in params for item in fields(each)}
     for name, (kind, default) in declared.items():
         values[name] = _convert(name, given[name].value, kind) if name in given else default
+    made = tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)
+    for name in declared:
         if name in given:
             node.undeclare_parameter(name)
-        node.declare_parameter(name, values[name], ParameterDescriptor(read_only=True), ignore_override=True)
-    return tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)
+        node.declare_parameter(name, values[name], shown[name], ignore_override=True)
+    return made

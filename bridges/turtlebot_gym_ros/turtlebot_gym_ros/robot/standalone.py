@@ -13,9 +13,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields
 from itertools import pairwise
+from textwrap import dedent
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -29,8 +30,8 @@ P = TypeVar("P")
 def described(params: type) -> dict[str, str]:
     """Return the docstring under each field of a class, on one line; nothing where the source is not there."""
     try:
-        (made,) = ast.parse(inspect.getsource(params)).body
-    except (OSError, SyntaxError):
+        (made,) = ast.parse(dedent(inspect.getsource(params))).body
+    except (OSError, TypeError, SyntaxError):  # TypeError: of a module without a file
         return {}
     assert isinstance(made, ast.ClassDef)
     return {
@@ -41,13 +42,16 @@ def described(params: type) -> dict[str, str]:
     }
 
 
-def _descriptor(each: Field[Any], description: str) -> ParameterDescriptor:
+def descriptor_of(each: Field[Any], description: str) -> ParameterDescriptor:
     """Return what ``ros2 param describe`` shows of a parameter."""
     descriptor = ParameterDescriptor(read_only=True, description=description)
     descriptor.additional_constraints = str(each.metadata.get("rule", ""))
     if "range" in each.metadata:
         low, high = each.metadata["range"]
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        if isinstance(each.default, int):
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
 
 
@@ -83,7 +87,7 @@ def declare(node: Node, params: type[P]) -> P:
         name = each.name
         if name in given:
             node.undeclare_parameter(name)
-        descriptor = _descriptor(each, descriptions.get(name, ""))
+        descriptor = descriptor_of(each, descriptions.get(name, ""))
         node.declare_parameter(name, getattr(parameters, name), descriptor, ignore_override=True)
     return parameters
 
