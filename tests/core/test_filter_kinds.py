@@ -282,8 +282,9 @@ def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
     estimate = start(Pose(0.0, 0.0, 1.0 + spike), tuning)
     assert estimate.belief.mean.theta == pytest.approx(1.0 + spike)
     assert estimate.belief.covariance.tt == pytest.approx(deviation**2 + 0.1 * 0.4**2)
-    for _ in range(10):
-        senses = Senses(Pose(0.0, 0.0, 1.0), Command(0.0, 0.0), True)
+    for k in range(10):
+        theta = 1.0 - spike if k == 4 else 1.0  # another spike, which the right explanation alone can explain
+        senses = Senses(Pose(0.0, 0.0, theta), Command(0.0, 0.0), True)
         estimate = step(estimate, senses, senses, tuning, DT, 0.0)
     assert estimate.belief.mean.theta == pytest.approx(1.0, abs=0.01)
     assert estimate.belief.covariance.tt < 0.03**2

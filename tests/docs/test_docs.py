@@ -1,5 +1,6 @@
 """The documentation: each code block in it and in the README is run or checked, it builds without a warning, links hold."""
 
+import json
 import os
 import re
 import shlex
@@ -32,6 +33,7 @@ KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 QUICK = {
     "evaluate": {"episodes": "20"},
+    "estimate": {"runs": "20"},
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
     "tune": {"steps": "2048", "trials": "1"},
@@ -256,3 +258,28 @@ def test_links_between_files_exist(name):
     for target in targets:
         if not urlsplit(target).scheme:
             assert (path.parent / target).exists(), target
+
+
+MEASURED = {
+    "`tutorial`": "tutorial",
+    "`documented`, no bias": "documented without its bias",
+    "`rough`, no slip": "rough without slip",
+    "`rough`": "rough",
+}
+"""Settings of `benchmarks/estimation.py`, as the page of the belief calls them."""
+
+
+def test_the_table_of_filters_is_what_was_measured():
+    settings = json.loads((ROOT / "benchmarks" / "estimation.json").read_text(encoding="utf-8"))["settings"]
+    page, rows, noise = (ROOT / "docs" / "concepts" / "belief.md").read_text(encoding="utf-8"), 0, ""
+    for line in page.partition("| NEES of the pose (3) |")[2].splitlines()[2:]:
+        if not line.startswith("|"):
+            break
+        said, name, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
+        noise = said or noise
+        one = settings[MEASURED[noise]]["filters"][name.replace("`", "")]
+        for number, measured, digits in zip(numbers, [*one["ratio"], one["nees"]], (3, 3, 3, 2), strict=True):
+            margin = (measured["high"] - measured["low"]) / 2.0
+            assert number == f"{measured['value']:.{digits}f} ± {margin:.{digits}f}", line
+        rows += 1
+    assert rows == 11
