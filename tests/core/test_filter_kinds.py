@@ -379,3 +379,16 @@ def test_tunings_by_name():
 def test_bad_tunings_are_refused(changes, told):
     with pytest.raises(ValueError, match=told):
         FilterTuning(Q=(0.0,) * 5, R=(1.0,) * 3, **changes)
+
+
+@pytest.mark.parametrize("kind", ["mixture", "slip"])
+def test_what_is_certain_stays_certain(kind):
+    """Neither the measurement nor the motion has any noise: then nothing can be weighed, and nothing may break."""
+    tuning = replace(make_filter(kind, NOISE), R=(0.0, 0.0, 0.0), Q=(0.0,) * 5, process=ProcessNoise(), spike=0.0)
+    start, step = filter_of(tuning)
+    estimate = start(Pose(0.1, 0.2, 0.3), tuning)
+    for _ in range(20):
+        senses = Senses(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True)
+        estimate = step(estimate, senses, senses, tuning, DT, 0.0)
+    assert estimate.belief.mean == (0.1, 0.2, 0.3, 0.0, 0.0)
+    assert max(map(abs, estimate.belief.covariance)) == 0.0

@@ -20,6 +20,9 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
 
+_LEAST = 1e-100
+"""Least density of a measurement, but for its exponent: one that was certain before says nothing, and is not impossible."""
+
 Three = tuple[float, float, float]
 
 
@@ -159,7 +162,7 @@ def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middl
         posterior if measured else prior,
         told,
         0.5 * (nis + least) if measured else 0.0,
-        likely * sqrt(precision * inverse) if measured else 1.0,
+        likely * max(sqrt(precision * inverse), _LEAST) if measured else 1.0,
     )
 
 
