@@ -208,7 +208,7 @@ DEFECTS = {
     "disabled: not at all": (Arbiter, "enable", disable_nothing),
     "disabled: what was said before counts": (Arbiter, "enable", enable_without_forgetting),
     "limits: none": (arbiter, "limit", lambda original: lambda command, robot: command),
-    "limits: no wheel": (arbiter, "ROBOTS", lambda original: {"burger": wheelless(original["burger"])}),
+    "limits: no wheel": (arbiter, "make_robot", lambda original: lambda robot: wheelless(original(robot))),
     "limits: no ramp": (Arbiter, "_ramp", lambda original: lambda self, target, dt: target),
     "limits: the ramp goes on where it was": (Arbiter, "step", forget_the_old_speed),
     "rate: none": (Arbiter, "_paced", lambda original: no_pace),
