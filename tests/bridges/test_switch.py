@@ -254,6 +254,8 @@ def test_a_publisher_that_was_never_heard_refuses(make_bench):
     buttons = [bench.peer.speak("emergency_stop", Bool, 1) for _ in range(2)]
     for button in buttons:
         bench.wait_for(button.get_subscription_count)
+    # A publisher may know of the node before the node knows of it; who enables it then asks one publisher only.
+    bench.wait_for(lambda: bench.shell.switch._buttons.get_publisher_count() == 2)
     say = speak(bench, buttons[0])
     bench.wait_for(lambda: say(False) or "publishers of the emergency stop are not heard" in bench.enable().message)
     assert bench.enable().message == "1 of 2 publishers of the emergency stop are not heard"
