@@ -29,8 +29,8 @@ PARTS = {
 """Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
 
 NUMBERS = {"nis": "estimate.nis", "measured": "senses.measured", "slipping": "body.slipping"}
-"""Those that are single numbers: the normalized innovation squared of the last measurement, which the policy sees clipped;
-whether a measurement arrived; and whether the wheels slip."""
+"""Those that are single numbers, which the vector environment tells: the normalized innovation squared of the last measurement,
+which the policy sees clipped; whether a measurement arrived; and whether the wheels slip."""
 
 ROOM_PARTS = {
     "clearance": "room.clearance",

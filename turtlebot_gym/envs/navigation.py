@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.envs.common import (
     FLAGS,
-    NUMBERS,
     PARTS,
     ROOM_PARTS,
     SYMMETRIC,
@@ -85,8 +84,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
-    ``command`` (2,), ``nis`` (of the last measurement), ``measured`` (whether one arrived), ``slipping`` (whether the wheels
-    slip), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
+    ``command`` (2,), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
 
     ## Arguments
 
@@ -159,7 +157,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.observation_space = observation_space(self._batch.system)
         slices = self._batch.layout.world.slices
         self._slices = {key: slices[path] for key, path in PARTS.items() if key != "covariance"}
-        names, told = self._batch.layout.world.names, NUMBERS | (ROOM_PARTS if self.parameters.room else {})
+        names, told = self._batch.layout.world.names, ROOM_PARTS if self.parameters.room else {}
         self._numbers = {key: (names.index(path), bool if key in FLAGS else float) for key, path in told.items()}
         self._covariance = SYMMETRIC + slices[PARTS["covariance"]].start
         self._action = np.zeros((1, 2), np.float32)
