@@ -60,18 +60,32 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _read(path: Path, what: str) -> Any:
+def load_yaml(path: Path) -> Any:
+    """Return what a YAML file says.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is no YAML; the message says on one line why not.
+        ImportError: If PyYAML is not installed.
+    """
     try:
         import yaml  # only files need it
     except ImportError as error:
-        raise ImportError("Files with parameters need PyYAML: pip install pyyaml") from error
+        raise ImportError(f"{path} needs PyYAML: pip install pyyaml") from error
 
     try:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(" ".join(str(error).split())) from error
+
+
+def _read(path: Path, what: str) -> Any:
+    try:
+        return load_yaml(path)
     except OSError as error:
         raise ValueError(f"There is no {what} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is no YAML: {' '.join(str(error).split())}.") from error
+    except ValueError as error:
+        raise ValueError(f"{path} is no YAML: {error}.") from error
 
 
 def _made(kind: type[Any], said: Any, where: str) -> Any:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from turtlebot_gym.files import is_file, read_parameters
+from turtlebot_gym.files import T, is_file, read_parameters
 from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import choose
@@ -122,15 +122,20 @@ FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {
 """Filter tunings by name, for the noise in force."""
 
 
+def _found(kind: type[T], given: str | Path | T, known: Mapping[str, T]) -> T:
+    """Return parameters as they are given, from a file, or by their name."""
+    if isinstance(given, kind):
+        return given
+    return read_parameters(kind, given) if is_file(given) else choose(kind.__name__.lower(), given, known)
+
+
 def make_robot(robot: str | Path | Robot) -> Robot:
     """Return a robot, which may be given by a name in `turtlebot_gym.robots.ROBOTS`, or by a file, see `turtlebot_gym.files`.
 
     Raises:
         ValueError: If there is none of that name, or the file holds none.
     """
-    if isinstance(robot, Robot):
-        return robot
-    return read_parameters(Robot, robot) if is_file(robot) else choose("robot", robot, ROBOTS)
+    return _found(Robot, robot, ROBOTS)
 
 
 def make_noise(noise: str | Path | Noise) -> Noise:
@@ -139,9 +144,7 @@ def make_noise(noise: str | Path | Noise) -> Noise:
     Raises:
         ValueError: If there is none of that name, or the file holds none.
     """
-    if isinstance(noise, Noise):
-        return noise
-    return read_parameters(Noise, noise) if is_file(noise) else choose("noise", noise, NOISES)
+    return _found(Noise, noise, NOISES)
 
 
 def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:

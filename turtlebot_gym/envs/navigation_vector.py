@@ -122,7 +122,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             delay=delay,
             room=self._room,
         )
-        self._told = ROOM_PARTS if self._batch.system.surroundings else {}
+        self._told = (ROOM_PARTS if self._batch.system.surroundings else {}) | (PARTS | NUMBERS if self._full else {})
         self.num_envs = int(num_envs)
         self.render_mode = None
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
@@ -247,7 +247,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return infos of all environments, or of those in the mask; zeros stand for the others."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE].copy(), "is_success": outcomes[_SUCCESS] != 0.0}
-        for key, path in (self._told | (PARTS | NUMBERS if self._full else {})).items():
+        for key, path in self._told.items():
             numbers = self._batch.numbers(path)
             infos[key] = numbers != 0.0 if key in FLAGS else numbers
         if self._full:

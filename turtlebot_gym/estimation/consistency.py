@@ -15,12 +15,24 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.estimation.filters import jacobians, matrix
 from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances, motion
+from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Command, Pose
+
+
+def difference(one: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
+    """Return poses or states minus others, with the headings' difference wrapped.
+
+    Args:
+        one: Shape (..., 3) or (..., 5); m, m, rad, m/s, rad/s.
+        other: The same shape.
+    """
+    apart = np.asarray(one, np.float64) - np.asarray(other, np.float64)
+    apart[..., 2] = np.remainder(apart[..., 2] + math.pi, TWO_PI) - math.pi
+    return apart
 
 
 def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, components: int = 5) -> NDArray[np.float64]:
@@ -38,8 +50,7 @@ def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, compon
     Returns:
         Shape (...).
     """
-    error = np.asarray(estimate, np.float64) - np.asarray(truth, np.float64)
-    error[..., 2] = np.remainder(error[..., 2] + math.pi, TWO_PI) - math.pi
+    error = difference(estimate, truth)
     return normalized(error[..., :components], np.asarray(covariance)[..., :components, :components])
 
 
@@ -155,10 +166,7 @@ def cramer_rao_bound(
     total = [P.mean(axis=0)]
     R, added = np.array(tuning.R), np.array(tuning.Q) * (dt / REFERENCE_PERIOD)
     for k in range(inputs.shape[1]):
-        partial = np.array([motion(theta, v, omega, dt, middle) for theta, v, omega in states[:, k, 2:].tolist()])
-        F = np.zeros_like(P)
-        F[:, 0, 0] = F[:, 1, 1] = F[:, 2, 2] = 1.0
-        F[:, 0, 2:], F[:, 1, 2:], F[:, 2, 4] = partial[:, 3:6], partial[:, 6:9], dt
+        F = jacobians(states[:, k], dt=dt, middle=middle)
         F[:, 3, 3] = F[:, 4, 4] = float(tuning.remember_velocity)
         P = F @ P @ np.swapaxes(F, 1, 2)
         P[:, [0, 1, 2], [0, 1, 2]] += added[:3]

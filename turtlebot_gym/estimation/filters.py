@@ -15,7 +15,7 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
-from turtlebot_gym.parameters import GATED, KALMAN, FilterTuning
+from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
@@ -89,12 +89,12 @@ class KalmanFilter:
         self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._filter = filter_of(tuning)
-        self._estimate: Any = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
-        self._is_simple = tuning.odometry_input or tuning.kind in (KALMAN, GATED)
-        if not self._is_simple:
-            if covariance is not None or mean.any():
-                raise ValueError("A filter of this kind begins with its first measurement: leave out state and covariance.")
-            self._estimate = self._filter.start(Pose(0.0, 0.0, 0.0), tuning)
+        self._estimate: Any = self._filter.start(Pose(0.0, 0.0, 0.0), tuning)
+        self._is_simple = isinstance(self._estimate, Estimate)  # else it remembers more than a belief
+        if self._is_simple:
+            self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
+        elif covariance is not None or mean.any():
+            raise ValueError("A filter of this kind begins with its first measurement: leave out state and covariance.")
         self._odometry: Pose | None = None
         self._innovation = np.full(3, np.nan)
         self._innovation_covariance = np.full((3, 3), np.nan)
@@ -244,13 +244,16 @@ def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[n
 
     Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` has the products with it written out.
     """
-    middle = choose("integrator", integrator, INTEGRATORS)
-    moved = motion(state.theta, state.v, state.omega, dt, middle)
-    F = np.zeros((5, 5))
-    F[:3, :3] = np.eye(3)
-    F[0, 2:] = moved.x_theta, moved.x_v, moved.x_omega
-    F[1, 2:] = moved.y_theta, moved.y_v, moved.y_omega
-    F[2, 4] = dt
+    return jacobians(np.array([state]), dt=dt, middle=choose("integrator", integrator, INTEGRATORS))[0]
+
+
+def jacobians(states: ArrayLike, *, dt: float, middle: float) -> NDArray[np.float64]:
+    """Return `jacobian` of many states (n, 5), shape (n, 5, 5); the integrator is a value of `models.unicycle.INTEGRATORS`."""
+    twists = np.asarray(states, np.float64)[:, 2:].tolist()
+    moved = np.array([motion(theta, v, omega, dt, middle)[3:] for theta, v, omega in twists])
+    F = np.zeros((len(twists), 5, 5))
+    F[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    F[:, 0, 2:], F[:, 1, 2:], F[:, 2, 4] = moved[:, :3], moved[:, 3:], dt
     return F
 
 

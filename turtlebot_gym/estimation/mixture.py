@@ -55,6 +55,14 @@ class Tracked(NamedTuple):
     factor: float
 
 
+class Tracks(NamedTuple):
+    """All hypotheses after a step."""
+
+    true: Tracked
+    high: Tracked
+    low: Tracked
+
+
 @kernel
 def exp_minus(q: float) -> float:
     """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; for more than 60, which is nothing, as for 60."""
@@ -167,19 +175,47 @@ def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middl
 
 
 @kernel
+def track_all(hypotheses: Hypotheses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Tracks:
+    """Predict and correct all hypotheses."""
+    return Tracks(
+        track(hypotheses.true, senses, tuning, dt, middle),
+        track(hypotheses.high, senses, tuning, dt, middle),
+        track(hypotheses.low, senses, tuning, dt, middle),
+    )
+
+
+@kernel
+def least_exponent(tracks: Tracks) -> float:
+    """Return the exponent of the likeliest hypothesis, which is taken off all before they are weighed."""
+    return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
+
+
+@kernel
+def weigh(weights: Three, tracks: Tracks, least: float) -> Three:
+    """Return the hypotheses' weights after a measurement, which do not sum to 1 yet."""
+    true, high, low = tracks
+    return (
+        weights[0] * true.factor * exp_minus(true.exponent - least),
+        weights[1] * high.factor * exp_minus(high.exponent - least),
+        weights[2] * low.factor * exp_minus(low.exponent - least),
+    )
+
+
+@kernel
+def scaled(weights: Three, factor: float) -> Three:
+    """Return weights times a factor."""
+    return (weights[0] * factor, weights[1] * factor, weights[2] * factor)
+
+
+@kernel
 def step(
     estimate: MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> MixtureEstimate:
     """Predict and correct all hypotheses, and weigh them by what they made of the measurement: see `interface.Filter`."""
-    true = track(estimate.hypotheses.true, senses, tuning, dt, middle)
-    high = track(estimate.hypotheses.high, senses, tuning, dt, middle)
-    low = track(estimate.hypotheses.low, senses, tuning, dt, middle)
-    least = min(true.exponent, min(high.exponent, low.exponent))
-    w_true = estimate.weights[0] * true.factor * exp_minus(true.exponent - least)
-    w_high = estimate.weights[1] * high.factor * exp_minus(high.exponent - least)
-    w_low = estimate.weights[2] * low.factor * exp_minus(low.exponent - least)
-    one = 1.0 / (w_true + w_high + w_low)
-    weights = (w_true * one, w_high * one, w_low * one)
+    tracks = track_all(estimate.hypotheses, senses, tuning, dt, middle)
+    true, high, low = tracks
+    likely = weigh(estimate.weights, tracks, least_exponent(tracks))
+    weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
     hypotheses = Hypotheses(true.belief, high.belief, low.belief)
     return MixtureEstimate(merged(hypotheses, weights), nis if senses.measured else estimate.nis, hypotheses, weights)

@@ -15,27 +15,18 @@ from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 
-class Scaled(NamedTuple):
-    """A Gaussian over the state and the scale."""
+class ScaleEstimate(NamedTuple):
+    """All that the filter remembers from step to step: a Gaussian over the state and the scale."""
 
     belief: Belief
+    nis: float
+    """Normalized innovation squared of the last measurement."""
     scale: float
     """Mean of the executed share of a twist."""
     variance: float
     """Its variance."""
     column: State
     """Its covariance with each component of the state."""
-
-
-class ScaleEstimate(NamedTuple):
-    """All that the filter remembers from step to step."""
-
-    belief: Belief
-    nis: float
-    """Normalized innovation squared of the last measurement."""
-    scale: float
-    variance: float
-    column: State
 
 
 @kernel
@@ -47,12 +38,12 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> ScaleEstimate:
 
 
 @kernel
-def _predict(scaled: Scaled, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> Scaled:
+def _predict(estimate: ScaleEstimate, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> ScaleEstimate:
     """Move by a control interval: the pose with the believed twist, and then the twist to the executed share of the new one."""
-    (_, _, theta, v, omega), _ = scaled.belief
+    (_, _, theta, v, omega), _ = estimate.belief
     moved = motion(theta, v, omega, dt, middle)
-    c, share, variance = scaled.column, scaled.scale, scaled.variance
-    (x, y, heading, _, _), P = predict(scaled.belief, twist, tuning, dt, middle)
+    c, share, variance = estimate.column, estimate.scale, estimate.variance
+    (x, y, heading, _, _), P = predict(estimate.belief, twist, tuning, dt, middle)
     to_x = c.x + moved.x_theta * c.theta + moved.x_v * c.v + moved.x_omega * c.omega
     to_y = c.y + moved.y_theta * c.theta + moved.y_v * c.v + moved.y_omega * c.omega
     to_theta = c.theta + dt * c.omega
@@ -65,17 +56,19 @@ def _predict(scaled: Scaled, twist: Command, tuning: FilterTuning, dt: float, mi
         P.ww + W * W * variance,
     )  # fmt: skip
     mean = State(x, y, heading, share * V, share * W)
-    return Scaled(Belief(mean, covariance), share, variance, State(to_x, to_y, to_theta, V * variance, W * variance))
+    column = State(to_x, to_y, to_theta, V * variance, W * variance)
+    return ScaleEstimate(Belief(mean, covariance), estimate.nis, share, variance, column)
 
 
 @kernel
-def _update(scaled: Scaled, h: Projection, across: float, innovation: float, r: float) -> tuple[Scaled, float]:
-    """Condition on a scalar measurement, whose covariance with the scale is ``across``: see `ekf.update`."""
+def _update(estimate: ScaleEstimate, h: Projection, across: float, innovation: float, r: float) -> ScaleEstimate:
+    """Condition on a scalar measurement, whose covariance with the scale is ``across``, and add to the NIS; see `update`."""
     inverse = inverse_of(h.variance + r)
-    belief, nis = update(scaled.belief, h, innovation, r)
-    c, s, k = scaled.column, h.column, across * inverse
+    belief, nis = update(estimate.belief, h, innovation, r)
+    c, s, k = estimate.column, h.column, across * inverse
     column = State(c.x - k * s.x, c.y - k * s.y, c.theta - k * s.theta, c.v - k * s.v, c.omega - k * s.omega)
-    return Scaled(belief, scaled.scale + k * innovation, max(scaled.variance - k * across, 0.0), column), nis
+    variance = max(estimate.variance - k * across, 0.0)
+    return ScaleEstimate(belief, estimate.nis + nis, estimate.scale + k * innovation, variance, column)
 
 
 @kernel
@@ -84,14 +77,12 @@ def step(
 ) -> ScaleEstimate:
     """Predict with the executed share of the twist, and correct by the measured pose: see `interface.Filter`."""
     z, R = senses.odometry, tuning.R
-    start = Scaled(estimate.belief, estimate.scale, estimate.variance, estimate.column)
-    prior = _predict(start, senses.twist, tuning, dt, middle)
+    prior = _predict(estimate, senses.twist, tuning, dt, middle)
     turn = innovation(prior.belief.mean, z, tuning).theta
-    now, nis_x = _update(prior, of_x(prior.belief.covariance), prior.column.x, z.x - prior.belief.mean.x, R[0])
-    now, nis_y = _update(now, of_y(now.belief.covariance), now.column.y, z.y - now.belief.mean.y, R[1])
+    now = ScaleEstimate(prior.belief, 0.0, prior.scale, prior.variance, prior.column)
+    now = _update(now, of_x(now.belief.covariance), now.column.x, z.x - now.belief.mean.x, R[0])
+    now = _update(now, of_y(now.belief.covariance), now.column.y, z.y - now.belief.mean.y, R[1])
     turn = turn - (now.belief.mean.theta - prior.belief.mean.theta)
-    now, nis_theta = _update(now, of_heading(now.belief.covariance), now.column.theta, turn, R[2])
-    told = Scaled(wrapped(now.belief), now.scale, now.variance, now.column)
-    known = told if senses.measured else prior
-    nis = nis_x + nis_y + nis_theta if senses.measured else estimate.nis
-    return ScaleEstimate(known.belief, nis, known.scale, known.variance, known.column)
+    now = _update(now, of_heading(now.belief.covariance), now.column.theta, turn, R[2])
+    now = ScaleEstimate(wrapped(now.belief), now.nis, now.scale, now.variance, now.column)
+    return now if senses.measured else prior

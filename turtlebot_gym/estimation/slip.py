@@ -12,7 +12,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.mixture import Hypotheses, Three, Tracked, begin, exp_minus, merge, merged, share_of, track
+from turtlebot_gym.estimation.mixture import (
+    Hypotheses,
+    Three,
+    begin,
+    least_exponent,
+    merge,
+    merged,
+    scaled,
+    share_of,
+    track_all,
+    weigh,
+)
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
 from turtlebot_gym.values import Belief, Command, Pose, Senses, State
@@ -33,13 +44,6 @@ class SlipEstimate(NamedTuple):
     """Probability of each hypothesis with wheels that grip ..."""
     slip_weights: Three
     """... and that slip; the six sum to 1."""
-
-
-class Pair(NamedTuple):
-    """A hypothesis in both modes."""
-
-    grip: Tracked
-    slip: Tracked
 
 
 @kernel
@@ -66,14 +70,14 @@ def _moving(belief: Belief, twist: Command, share: float) -> Belief:
 
 @kernel
 def _mix(
-    pair: Pair, grip: float, slip: float, twist: Command, tuning: FilterTuning, dt: float
+    gripped: Belief, slipped: Belief, grip: float, slip: float, twist: Command, tuning: FilterTuning, dt: float
 ) -> tuple[Belief, Belief, float, float]:
     """Return a hypothesis in both modes after the chance of a change, with its weights."""
     process, scale = tuning.process, dt / REFERENCE_PERIOD
     start, end = process.slip_start * scale, process.slip_end * scale
     stays, ends, starts, goes_on = grip * (1.0 - start), slip * end, grip * start, slip * (1.0 - end)
-    gripping = merge(pair.grip.belief, pair.slip.belief, share_of(ends, stays))
-    slipping = merge(pair.grip.belief, pair.slip.belief, share_of(goes_on, starts))
+    gripping = merge(gripped, slipped, share_of(ends, stays))
+    slipping = merge(gripped, slipped, share_of(goes_on, starts))
     return _moving(gripping, twist, 1.0), _moving(slipping, twist, 1.0 - process.slip), stays + ends, starts + goes_on
 
 
@@ -82,30 +86,20 @@ def step(
     estimate: SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> SlipEstimate:
     """Predict and correct all hypotheses in both modes, weigh them, and mix the modes: see `interface.Filter`."""
-    gripping, slipping, twist = estimate.gripping, estimate.slipping, senses.twist
-    true = Pair(track(gripping.true, senses, tuning, dt, middle), track(slipping.true, senses, tuning, dt, middle))
-    high = Pair(track(gripping.high, senses, tuning, dt, middle), track(slipping.high, senses, tuning, dt, middle))
-    low = Pair(track(gripping.low, senses, tuning, dt, middle), track(slipping.low, senses, tuning, dt, middle))
-    least = min(
-        min(min(true.grip.exponent, true.slip.exponent), min(high.grip.exponent, high.slip.exponent)),
-        min(low.grip.exponent, low.slip.exponent),
-    )
-    grip_0 = estimate.grip_weights[0] * true.grip.factor * exp_minus(true.grip.exponent - least)
-    grip_1 = estimate.grip_weights[1] * high.grip.factor * exp_minus(high.grip.exponent - least)
-    grip_2 = estimate.grip_weights[2] * low.grip.factor * exp_minus(low.grip.exponent - least)
-    slip_0 = estimate.slip_weights[0] * true.slip.factor * exp_minus(true.slip.exponent - least)
-    slip_1 = estimate.slip_weights[1] * high.slip.factor * exp_minus(high.slip.exponent - least)
-    slip_2 = estimate.slip_weights[2] * low.slip.factor * exp_minus(low.slip.exponent - least)
-    one = 1.0 / (grip_0 + grip_1 + grip_2 + slip_0 + slip_1 + slip_2)
-    grip_0, grip_1, grip_2 = grip_0 * one, grip_1 * one, grip_2 * one
-    slip_0, slip_1, slip_2 = slip_0 * one, slip_1 * one, slip_2 * one
+    twist = senses.twist
+    gripped = track_all(estimate.gripping, senses, tuning, dt, middle)
+    slipped = track_all(estimate.slipping, senses, tuning, dt, middle)
+    least = min(least_exponent(gripped), least_exponent(slipped))
+    grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
+    one = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
+    grip, slip = scaled(grip, one), scaled(slip, one)
     nis = (
-        grip_0 * true.grip.nis + grip_1 * high.grip.nis + grip_2 * low.grip.nis
-        + slip_0 * true.slip.nis + slip_1 * high.slip.nis + slip_2 * low.slip.nis
+        grip[0] * gripped.true.nis + grip[1] * gripped.high.nis + grip[2] * gripped.low.nis
+        + slip[0] * slipped.true.nis + slip[1] * slipped.high.nis + slip[2] * slipped.low.nis
     )  # fmt: skip
-    g_true, s_true, grip_0, slip_0 = _mix(true, grip_0, slip_0, twist, tuning, dt)
-    g_high, s_high, grip_1, slip_1 = _mix(high, grip_1, slip_1, twist, tuning, dt)
-    g_low, s_low, grip_2, slip_2 = _mix(low, grip_2, slip_2, twist, tuning, dt)
+    g_true, s_true, grip_0, slip_0 = _mix(gripped.true.belief, slipped.true.belief, grip[0], slip[0], twist, tuning, dt)
+    g_high, s_high, grip_1, slip_1 = _mix(gripped.high.belief, slipped.high.belief, grip[1], slip[1], twist, tuning, dt)
+    g_low, s_low, grip_2, slip_2 = _mix(gripped.low.belief, slipped.low.belief, grip[2], slip[2], twist, tuning, dt)
     gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
     grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
     belief = _all(gripping, slipping, grip, slip)

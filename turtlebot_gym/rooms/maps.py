@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.files import load_yaml
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.validation import choose
@@ -73,15 +74,11 @@ def read_grid(path: str | Path) -> GridMap:
 def _read_yaml(path: Path) -> dict[str, Any]:
     """Return what a YAML file says."""
     try:
-        import yaml  # only maps need it
-    except ImportError as error:
-        raise ImportError("Maps need PyYAML: pip install pyyaml") from error
-    try:
-        said = yaml.safe_load(path.read_text(encoding="utf-8"))
+        said = load_yaml(path)
     except OSError as error:
         raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{str(path)!r} is no map: {' '.join(str(error).split())}.") from error
+    except ValueError as error:
+        raise ValueError(f"{str(path)!r} is no map: {error}.") from error
     if not isinstance(said, dict):
         raise ValueError(f"{str(path)!r} is no map: it says {', '.join(_NEEDED)} nowhere.")
     return said

@@ -9,21 +9,19 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress
+from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
-from turtlebot_gym_agents.evaluation.replay import Columns
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
 
 
@@ -107,7 +105,7 @@ class Evaluate(_Driven):
             ]
             write_json(self.json, {"runs": runs}, config=asdict(self))
         if self.plot is not None:
-            _save(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
+            save_figure(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
 
     def _label(self, *names: str) -> str:
         """Return what tells a combination from the others."""
@@ -161,115 +159,6 @@ class Video(_Driven):
             f"{self.out}: {video.duration:.1f} s, {video.size[0]} x {video.size[1]} pixels, {self.out.stat().st_size:,} bytes; "
             f"the episode took {video.time:.1f} s and ended {'in' if video.success else 'without'} success."
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """Hold filters against the best that any filter could do, and against what they say of themselves.
-
-    All filters see the same short drives, whose commands do not depend on what they believe.
-    """
-
-    filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
-    """Filters: matched, tutorial, gated, mixture, slip, scale."""
-    noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    runs: int = 2000
-    """How many drives; drive i has the seed SEED + i. An RMSE is then known to 3 %, with 20000 to 1 %."""
-    seconds: float = 3.0
-    """Length of a drive."""
-    seed: int = 0
-    """The first seed."""
-    robot: str = "burger"
-    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
-    dt: float = 0.1
-    """Control interval, s."""
-    integrator: str = "euler"
-    """euler or midpoint."""
-    bias: bool = True
-    """Whether odometry has the preset's bias, which no filter can see."""
-    slip: bool = True
-    """Whether the wheels slip as the preset says."""
-    json: File = None
-    """Write configuration and results here."""
-    plot: File = None
-    """Draw the errors over time beside the bound here."""
-
-    def run(self) -> None:
-        """Estimate, print a table, and write what is asked for."""
-        from turtlebot_gym_agents.commands import report
-        from turtlebot_gym_agents.evaluation.estimation import estimate
-
-        if not self.filter:
-            raise ValueError("filter must name at least one.")
-        options = {name: getattr(self, name) for name in ("noise", "runs", "seconds", "seed", "robot", "dt", "integrator")}
-        with progress(self.runs) as advance_to:
-            result = estimate(self.filter, bias=self.bias, slip=self.slip, progress=advance_to, **options)
-        print_tables(report.estimation_table(result))
-        if self.json is not None:
-            write_json(self.json, asdict(result), config=asdict(self))
-        if self.plot is not None:
-            _save(report.estimation_figure(result), self.plot)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Replay:
-    """Run the filter over recorded drives with known truth.
-
-    It predicts with the wheel odometry as it was recorded, and is corrected by measured poses that are made from the true ones
-    with a preset's noise.
-    """
-
-    files: tyro.conf.Positional[tuple[Path, ...]]
-    """Tables with named columns, separated by commas, semicolons or blanks."""
-    noise: str = "documented"
-    """Noise preset of the measured poses: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    filter: str = "matched"
-    """The filter: matched, tutorial, gated, mixture, slip or scale."""
-    seed: int = 0
-    """The first seed of the noise."""
-    seeds: int = 20
-    """How many seeds to average over."""
-    rate: float = 10.0
-    """Measured poses per second."""
-    integrator: str = "midpoint"
-    """euler or midpoint."""
-    columns: Columns = field(default_factory=Columns)
-    """What the columns are called."""
-    json: File = None
-    """Write configuration and results here."""
-    plot: File = None
-    """Draw the first seed here; of several files, each into a picture of its own with the file's name appended."""
-
-    def run(self) -> None:
-        """Replay, print a table, and write what is asked for."""
-        from turtlebot_gym_agents.commands import report
-        from turtlebot_gym_agents.evaluation.replay import dead_reckoning, read_drive, replay_figure, replay_seeds
-
-        if not self.files:
-            raise ValueError("At least one FILE must be given.")
-        if not self.seeds > 0:
-            raise ValueError(f"seeds must be positive, got {self.seeds}.")
-        drives = {path: read_drive(path, columns=self.columns) for path in self.files}
-        options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}
-        results = {}
-        with progress(self.seeds * len(drives)) as advance_to:
-            count = itertools.count(1)
-            for path, drive in drives.items():
-                seeds = range(self.seed, self.seed + self.seeds)
-                results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
-        named = {path.name: result for path, result in results.items()}
-        print_tables(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
-        if self.json is not None:
-            runs = [{"file": path, **result.summary()} for path, result in results.items()]
-            write_json(self.json, {"runs": runs}, config=asdict(self))
-        if self.plot is not None:
-            for path, drive in drives.items():
-                figure = replay_figure(
-                    results[path].trajectory, dead_reckoning(drive), title=f"{path.name}, noise {self.noise}, seed {self.seed}"
-                )
-                several = len(drives) > 1
-                _save(figure, self.plot.with_stem(f"{self.plot.stem}-{path.stem}") if several else self.plot)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -335,8 +224,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     return 0
-
-
-def _save(figure: Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)

@@ -6,12 +6,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """An option that names a file."""
@@ -66,3 +69,9 @@ def print_tables(*tables: Table) -> None:
     """Print tables to standard output; into a file or a pipe in full width."""
     console = Console()
     Console(width=console.width if console.is_terminal else 160).print(*tables)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; its folder is made where it is missing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym import FilterTuning, Noise, make_filter, make_noise, make_robot
-from turtlebot_gym.estimation.consistency import cramer_rao_bound, mean_bounds, nees, true_tuning
-from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.estimation.consistency import cramer_rao_bound, difference, mean_bounds, nees, true_tuning
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation import metrics
@@ -32,7 +31,6 @@ FORWARD, TURN = (0.3, 1.0), (-0.35, 0.35)
 """Ranges of the actions that are drawn, shares of the robot's limits."""
 WHITE = 1000
 """Drives of which the innovations are looked at, at most."""
-COMPONENTS = ("x", "y", "heading")
 
 
 class Drives(NamedTuple):
@@ -127,7 +125,6 @@ def estimate(
     tunings = dict(filters) if isinstance(filters, Mapping) else {name: make_filter(name, model) for name in filters}
     truly, middle = true_tuning(model), choose("integrator", integrator, INTEGRATORS)
     options = {"robot": make_robot(robot), "noise": model, "dt": dt, "integrator": integrator}
-    errors: dict[str, list[NDArray[np.float64]]] = {name: [] for name in tunings}
     told: dict[str, list[tuple[NDArray[np.float64], ...]]] = {name: [] for name in tunings}
     bounds, done = [], 0
     for first in range(0, runs, BATCH):
@@ -139,21 +136,19 @@ def estimate(
                     drives.truth, drives.command[:, 1:], truly, measured=drives.measured[:, 1:], dt=dt, integrator=integrator
                 )
                 bounds.append(count * np.diagonal(bound, axis1=1, axis2=2)[:, :3])
-            error = drives.estimate[..., :3] - drives.truth[..., :3]
-            error[..., 2] = np.remainder(error[..., 2] + math.pi, TWO_PI) - math.pi
+            error = difference(drives.estimate[..., :3], drives.truth[..., :3])
             deviations = np.sqrt(np.diagonal(drives.covariance, axis1=2, axis2=3)[..., :3])
             outside = (np.abs(error) > 3.0 * deviations).any(axis=2).mean(axis=1)
             last = nees(drives.estimate[:, -1], drives.truth[:, -1], drives.covariance[:, -1], components=3)
             white = innovations(drives, dt, middle) if first < WHITE else np.zeros((0, steps, 3))
-            errors[name].append(error)
-            told[name].append((last, drives.nis[:, -1], outside, white))
+            told[name].append((error, last, drives.nis[:, -1], outside, white))
             done += count
             progress(done // len(tunings))
     bound = np.sqrt(np.sum(bounds, axis=0) / runs)
     results = {}
     for name in tunings:
-        squared = np.concatenate(errors[name]) ** 2
-        last, nis, outside, white = (np.concatenate(parts) for parts in zip(*told[name], strict=True))
+        error, last, nis, outside, white = (np.concatenate(parts) for parts in zip(*told[name], strict=True))
+        squared = error**2
         results[name] = FilterResult(
             rmse=np.sqrt(squared.mean(axis=0)),
             ratio=tuple(_over(metrics.mean(squared[:, -1, k]), bound[-1, k]) for k in range(3)),  # type: ignore[arg-type]
@@ -211,8 +206,7 @@ def innovations(drives: Drives, dt: float, middle: float) -> NDArray[np.float64]
     before = drives.estimate[:, :-1]
     twists = before[..., 2:].reshape(-1, 3).tolist()
     moved = np.array([motion(theta, v, omega, dt, middle)[:3] for theta, v, omega in twists])
-    innovation = drives.odometry[:, 1:] - (before[..., :3] + moved.reshape(*before.shape[:2], 3))
-    innovation[..., 2] = np.remainder(innovation[..., 2] + math.pi, TWO_PI) - math.pi
+    innovation = difference(drives.odometry[:, 1:], before[..., :3] + moved.reshape(*before.shape[:2], 3))
     innovation[~drives.measured[:, 1:]] = np.nan
     return innovation
 

@@ -76,7 +76,8 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
             hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(declared))}."
             raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
     values: dict[str, Any] = {}
-    shown = {item.name: descriptor_of(item, described(each).get(item.name, "")) for each in params for item in fields(each)}
+    texts = {name: text for each in params for name, text in described(each).items()}
+    shown = {item.name: descriptor_of(item, texts.get(item.name, "")) for each in params for item in fields(each)}
     for name, (kind, default) in declared.items():
         values[name] = _convert(name, given[name].value, kind) if name in given else default
     made = tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)

@@ -2,8 +2,8 @@
 
 It stands between whoever commands and the wheels. It bounds what is commanded and stops the robot when nobody commands. Unless
 ``collision_monitor`` is switched on it knows of NO OBSTACLE. It does not use the shell of the other nodes; what it shares with
-them is small and pure: the core's `limit`, `ROBOTS` and `Command`, the rule of the emergency stop (`emergency`), the age of a
-message (`sent`), and `discovery`.
+them is small: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a
+message (`sent`), and `discovery`; and they describe their parameters as `standalone` does.
 **Its own death is not covered**: a TurtleBot3 holds its last command for ever, so a guard that is killed leaves the robot
 moving. The launch file respawns it, and a guard's first messages are zeros.
 
