@@ -107,6 +107,7 @@ CHANGES = {
         "laps": 1.0,
         "max_steps": 100.0,
         "arena": (replace(RANDOM, arena=2.0), replace(RANDOM, arena=2.5)),
+        "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
         "min_distance": (RANDOM, replace(RANDOM, min_distance=1.9)),
     },
     Reward: {"progress": 2.0, "time": 0.2, "effort": 0.02, "success": 5.0},

@@ -22,6 +22,7 @@ from turtlebot_gym.tasks import (
     SQUARE_WAYPOINTS,
     Task,
     arrived,
+    believed_to_arrive,
     draw_goal,
     make_task,
     observe,
@@ -146,6 +147,17 @@ def test_arrival_point():
 )
 def test_arrival_pose_wants_the_heading_without_spinning(theta, omega, there):
     assert arrived(State(2.0, 0.1, theta, 0.0, omega), GOAL, POSE) is there
+
+
+@pytest.mark.parametrize(
+    ("radius", "margin", "reach"),
+    [(0.15, 0.05, 0.1), (0.3, 0.05, 0.25), (0.09, 0.05, 0.06), (0.15, 0.0, 0.15), (0.15, 1.0, 0.1)],
+)
+def test_a_belief_arrives_within_the_margin_which_is_a_third_of_the_radius_at_most(radius, margin, reach):
+    task = replace(NAV, radius=radius, margin=margin)
+    for distance, there in ((0.0, True), (reach - 1e-6, True), (reach + 1e-6, False)):
+        assert believed_to_arrive(State(2.0 - distance, 0.0, -2.0, 0.2, 2.0), GOAL, task) is there
+    assert not believed_to_arrive(State(2.0, 0.0, 1.5, 0.0, 0.0), GOAL, POSE)  # by the heading
 
 
 def test_arrival_headings_meet_across_pi():

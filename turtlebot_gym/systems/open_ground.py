@@ -20,6 +20,7 @@ from turtlebot_gym.tasks import (
     OBSERVATION_LAYOUT,
     OBSERVATION_LOW,
     arrived,
+    believed_to_arrive,
     by_time,
     distance_to,
     draw_goal,
@@ -102,7 +103,7 @@ def judge(world, body, senses, estimate, waypoints, p):
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     there = arrived(truth, reference, task)
-    reached = arrived(shown(body, senses, estimate, p), reference, task) if task.on_belief else there
+    reached = believed_to_arrive(shown(body, senses, estimate, p), reference, task) if task.on_belief else there
     timed, is_due = by_time(task), due(steps, visited, task, p.dt)
     done_with = is_due if timed else reached
     visited = visited + (1.0 if done_with else 0.0)

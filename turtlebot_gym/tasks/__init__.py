@@ -8,7 +8,7 @@ from turtlebot_gym.tasks.observation import (
     observe,
     stated_deviations,
 )
-from turtlebot_gym.tasks.rules import arrived, by_time, distance_to, due, remaining, reward_of
+from turtlebot_gym.tasks.rules import arrived, believed_to_arrive, by_time, distance_to, due, remaining, reward_of
 from turtlebot_gym.tasks.starts import draw_goal, start_pose
 from turtlebot_gym.tasks.task import (
     NAV,
@@ -36,6 +36,7 @@ __all__ = [
     "Observation",
     "Task",
     "arrived",
+    "believed_to_arrive",
     "by_time",
     "distance_to",
     "draw_goal",

@@ -20,11 +20,22 @@ def distance_to(state: State, to: Pose) -> float:
 
 
 @kernel
-def arrived(state: State, reference: Pose, task: Task) -> bool:
-    """Return whether a (true or believed) state satisfies the task at a waypoint."""
+def _is_at(state: State, reference: Pose, radius: float, task: Task) -> bool:
     turn = abs(wrap(reference.theta - state.theta))
-    close = distance_to(state, reference) < task.radius
+    close = distance_to(state, reference) < radius
     return close and turn <= task.heading_tolerance and abs(state.omega) <= task.turn_tolerance
+
+
+@kernel
+def arrived(truth: State, reference: Pose, task: Task) -> bool:
+    """Return whether a true state satisfies the task at a waypoint."""
+    return _is_at(truth, reference, task.radius, task)
+
+
+@kernel
+def believed_to_arrive(believed: State, reference: Pose, task: Task) -> bool:
+    """Return whether a believed state lets the robot act as if it had arrived: one that is inside by the task's margin."""
+    return _is_at(believed, reference, task.radius - min(task.margin, task.radius / 3.0), task)
 
 
 @kernel

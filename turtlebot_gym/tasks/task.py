@@ -29,7 +29,10 @@ class Task:
     turn_tolerance: float = math.inf
     """... and at most this turning rate, rad/s."""
     on_belief: bool = False
-    """Whether the pose that the policy observes decides on arrival, as in a node, instead of the true one."""
+    """Whether the pose that the policy observes decides on arrival, as in a node, instead of the true one ..."""
+    margin: float = 0.05
+    """... which must then be so much farther inside, m, but not more than a third of the radius: a belief that is just inside
+    belongs to a robot that is as often outside."""
     switch_period: float = math.inf
     """Time after which the next waypoint is taken, reached or not, s; infinite to switch on arrival."""
     laps: float = 1.0
@@ -40,7 +43,7 @@ class Task:
     def __post_init__(self) -> None:
         positive = ("arena", "radius", "heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps")
         require(self, "positive", *positive)
-        require(self, "non-negative", "min_distance")
+        require(self, "non-negative", "min_distance", "margin")
         if not self.min_distance <= self.arena:
             raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.systems import OBSERVED, Parameters
-from turtlebot_gym.tasks import Task, arrived
+from turtlebot_gym.tasks import Task, arrived, believed_to_arrive
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
@@ -60,9 +60,9 @@ class Episodes(NamedTuple):
     miss: NDArray[np.float64]
     """True distance to a waypoint when it is done with, by arrival, by time or by the episode's end; mean over waypoints, m."""
     false_arrival: NDArray[np.bool_]
-    """Whether the observed pose was, for the first time, at a waypoint at which the true pose was not."""
+    """Whether the robot would have believed, for the first time, to be at a waypoint at which its true pose was not."""
     arrival_distance: NDArray[np.float64]
-    """True distance to a waypoint when the observed pose was there for the first time; mean over waypoints, m."""
+    """True distance to a waypoint when the robot would first have believed to be there; mean over waypoints, m."""
     collision: NDArray[np.bool_]
     """Whether it ended in a collision."""
     clearance: NDArray[np.float64]
@@ -101,8 +101,8 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     leg = np.cumsum(done_with, axis=0) - done_with
 
     away = _distance(truth, due)
-    there = _at(truth, due, running, task)
-    seen_there = _at(_observed(record, p), due, running, task)
+    there = _at(truth, due, running, task, arrived)
+    seen_there = _at(_observed(record, p), due, running, task, believed_to_arrive)
     legs = [leg == number for number in range(int(leg.max()) + 1)]
     first_seen = np.any([_first(seen_there & one) for one in legs], axis=0)
     effort = ((record.command[1:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
@@ -139,11 +139,17 @@ def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
     return next(states for name, states in shown.items() if OBSERVED[name] == p.observed)[1:]
 
 
-def _at(states: NDArray[np.float64], due: NDArray[np.float64], running: NDArray[np.bool_], task: Task) -> NDArray[np.bool_]:
-    """Return which states satisfy the task at the waypoints that are due, shape (T, n)."""
+def _at(
+    states: NDArray[np.float64],
+    due: NDArray[np.float64],
+    running: NDArray[np.bool_],
+    task: Task,
+    rule: Callable[[State, Pose, Task], bool],
+) -> NDArray[np.bool_]:
+    """Return which states satisfy a rule of the task at the waypoints that are due, shape (T, n)."""
     at = running & (_distance(states, due) <= task.radius)  # few are near enough to ask
     for step, row in np.argwhere(at):
-        at[step, row] = arrived(State(*states[step, row].tolist()), Pose(*due[step, row].tolist()), task)
+        at[step, row] = rule(State(*states[step, row].tolist()), Pose(*due[step, row].tolist()), task)
     return at
 
 

@@ -16,7 +16,7 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Pooling, Scan
 from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
-from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, arrived, observe, stated_deviations
+from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, believed_to_arrive, observe, stated_deviations
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
 from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
@@ -49,7 +49,8 @@ class VelocityController:
         period: float = ranged(0.1, 0.001, 10.0, "in [0.001, 10] s")
         """Period for which the policy was made, s. Estimates that come more slowly are an error."""
         goal_tolerance: float = ranged(0.15, 0.0, math.inf, "0, or at least 0.01 m")
-        """Believed distance to a last waypoint within which the robot is done, m; 0 never is."""
+        """Distance to a last waypoint within which the robot is done, m, and the belief inside by 0.05 m, or a third of it; 0
+        never is."""
         lidar_yaw: float = 0.0
         """Direction of the LiDAR's frame in the robot's, rad: pi/2 on a TurtleBot 4."""
         lidar_beams: int = 0
@@ -107,7 +108,7 @@ class VelocityController:
                 logging.getLogger(__name__).warning("An estimate states a variance of zero; taken as %g.", VARIANCE_FLOOR)
             self._warned = True
         is_last = following is None or following == reference
-        if self._goal and is_last and (reference == self._done_with or arrived(mean, reference, self._goal)):
+        if self._goal and is_last and (reference == self._done_with or believed_to_arrive(mean, reference, self._goal)):
             self._done_with = reference
             return {}
         self._done_with = None

@@ -11,7 +11,7 @@ from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, arrived, by_time, due, make_task
+from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due, make_task
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.node.block import Every, Input, Output, ranged
 
@@ -41,7 +41,7 @@ class WaypointGenerator:
         switch_period: float = ranged(SQUARE_PERIOD, 0.0, math.inf, "positive")
         """Time after which the next waypoint is taken, s, where the switch is by "time"."""
         radius: float = ranged(0.3, 0.0, math.inf, "positive")
-        """Distance within which a waypoint counts as reached, m."""
+        """Distance within which a waypoint counts as reached, m; the belief must be inside by 0.05 m, or a third of it."""
         laps: int = ranged(1, 1, 2**31, "at least 1")
         """How often the waypoints are visited in turn."""
         relative: bool = False
@@ -107,7 +107,7 @@ class WaypointGenerator:
         if timed or not steps:  # an episode's first step is not judged
             return steps > 0 and due(steps, self._visited, self._task, dt)
         reference = self._poses[self._visited % len(self._poses)]
-        return estimate is not None and arrived(estimate.belief.mean, reference, self._task)
+        return estimate is not None and believed_to_arrive(estimate.belief.mean, reference, self._task)
 
 
 def _compose(origin: Pose, relative: Pose) -> Pose:

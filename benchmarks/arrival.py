@@ -1,0 +1,148 @@
+"""When a robot should believe that it has arrived: rules side by side, each on the same drives to a goal.
+
+The bearing law drives on to the goal's centre; each rule is asked at every step and counts at the first one that it holds in.
+Its arrival is false where the true pose is outside of the radius then. `make bench-arrival` runs it and writes `arrival.json`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich.table import Table
+from scipy.special import i0e
+
+from turtlebot_gym.tasks import NAV
+from turtlebot_gym_agents.commands.console import print_tables, progress
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.policies import BearingPolicy
+from turtlebot_gym_agents.provenance import settings_of, write_json
+
+RESULTS = Path(__file__).with_suffix(".json")
+NOISES = ("tutorial", "documented", "rough", "wheel")
+RADIUS, DT = NAV.radius, 0.1
+"""Of the navigation task, m; and the control interval, s."""
+
+
+class Told(NamedTuple):
+    """What is known of n drives at a step."""
+
+    believed: NDArray[np.float64]
+    """Believed distance to the goal, shape (n,), m."""
+    deviation: NDArray[np.float64]
+    """Stated standard deviation of the position, a root mean square over the two axes, shape (n,), m."""
+
+
+Rule = Callable[[list[Told]], NDArray[np.bool_]]
+
+
+def within(radius: float, times: int = 1) -> Rule:
+    """Return the rule that the belief is within a radius, so many times in a row."""
+    return lambda told: np.all([one.believed < radius for one in told[-times:]], axis=0) & (len(told) >= times)
+
+
+def likely(probability: float) -> Rule:
+    """Return the rule that the position is within the radius with a probability, as the filter says."""
+    return lambda told: inside(told[-1].believed, told[-1].deviation) >= probability
+
+
+def inside(distance: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the probability that a round Gaussian so far from the goal is within the radius, by Rice's distribution."""
+    middle = (np.arange(60) + 0.5) * (RADIUS / 60.0)
+    s, d = np.maximum(deviation, 1e-4)[:, None], distance[:, None]
+    density = middle / s**2 * np.exp(-((middle - d) ** 2) / (2.0 * s**2)) * i0e(middle * d / s**2)
+    return density.sum(axis=1) * (RADIUS / 60.0)
+
+
+RULES: dict[str, Rule] = {
+    "within 0.15 m": within(RADIUS),
+    "within 0.12 m": within(0.12),
+    "within 0.10 m: the margin": within(RADIUS - NAV.margin),
+    "within 0.08 m": within(0.08),
+    "0.15 m, three in a row": within(RADIUS, times=3),
+    "inside by 95 %": likely(0.95),
+    "inside by 99 %": likely(0.99),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Compare rules of arrival."""
+
+    drives: int = 4000
+    """Drives under each noise."""
+    seed: int = 0
+    """The first one's."""
+    steps: int = 400
+    """Length of a drive."""
+    json: Path | None = RESULTS
+    """Where the results go."""
+
+
+def compare(noise: str, config: Config) -> dict[str, Any]:
+    """Return for each rule how often its arrival is false, how long after the first rule it comes, and how often never."""
+    n, endless = config.drives, 1e-9  # so small a radius is never reached, and the robot drives on
+    task = replace(NAV, radius=endless)
+    envs = gym.make_vec(
+        "turtlebot_gym/TurtleBotNav-v0", num_envs=n, task=task, noise=noise, info="full", max_episode_steps=config.steps + 1
+    )
+    policy, told = BearingPolicy(), []
+    when = {name: np.full(n, np.nan) for name in RULES}
+    missed = {name: np.full(n, np.nan) for name in RULES}
+    observations, _ = envs.reset(seed=config.seed)
+    for step in range(config.steps):
+        observations, _, _, _, info = envs.step(policy(observations))
+        goal, P = info["reference"][:, :2], info["covariance"]
+        believed = np.hypot(*(info["estimate"][:, :2] - goal).T)
+        told = [*told[-2:], Told(believed, np.sqrt(0.5 * (P[:, 0, 0] + P[:, 1, 1])))]
+        away = np.hypot(*(info["true_state"][:, :2] - goal).T)
+        for name, rule in RULES.items():
+            now = rule(told) & np.isnan(when[name])
+            when[name][now], missed[name][now] = step * DT, away[now]
+    envs.close()
+    first = when[next(iter(RULES))]
+    return {
+        name: {
+            "false": metrics.share(missed[name][~np.isnan(when[name])] > RADIUS),
+            "later": metrics.mean((when[name] - first)[~np.isnan(when[name] - first)]),
+            "never": float(np.isnan(when[name]).mean()),
+        }
+        for name in RULES
+    }
+
+
+def table(noise: str, found: dict[str, Any]) -> Table:
+    """Return what was found under a noise."""
+    drawn = Table("rule", "false, %", "later, s", "never, %", title=noise)
+    for name, row in found.items():
+        false, later = row["false"], row["later"]
+        drawn.add_row(
+            name,
+            f"{100.0 * false.value:.1f} ({100.0 * false.low:.1f}, {100.0 * false.high:.1f})",
+            f"{later.value:.2f}",
+            f"{100.0 * row['never']:.1f}",
+        )
+    return drawn
+
+
+def main() -> None:
+    """Drive, print tables, and write."""
+    config = tyro.cli(Config, description=__doc__)
+    found = {}
+    with progress(len(NOISES)) as advance_to:
+        for number, noise in enumerate(NOISES, start=1):
+            found[noise] = compare(noise, config)
+            advance_to(number)
+    print_tables(*(table(noise, rows) for noise, rows in found.items()))
+    if config.json is not None:
+        write_json(config.json, {"radius": RADIUS, "rules": found}, config=settings_of(config))
+
+
+if __name__ == "__main__":
+    main()
