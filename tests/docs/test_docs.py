@@ -283,3 +283,18 @@ def test_the_table_of_filters_is_what_was_measured():
             assert number == f"{measured['value']:.{digits}f} ± {margin:.{digits}f}", line
         rows += 1
     assert rows == 11
+
+
+def test_the_table_of_arrivals_is_what_was_measured():
+    rules = json.loads((ROOT / "benchmarks" / "arrival.json").read_text(encoding="utf-8"))["rules"]
+    page, rows = (ROOT / "docs" / "concepts" / "tasks.md").read_text(encoding="utf-8"), 0
+    names, *lines = [line for line in page.partition("`make bench-arrival`")[2].splitlines() if line.startswith("|")]
+    noises = [cell.strip(" `") for cell in names.strip("|").split("|")[1:]]
+    for line in lines[1:]:
+        rule, *told = (cell.strip() for cell in line.strip("|").split("|"))
+        for noise, cell in zip(noises, told, strict=True):
+            row = rules[noise][rule]
+            never = f", never {100.0 * row['never']:.0f} %" if row["never"] else ""
+            assert cell == f"{100.0 * row['false']['value']:.1f} %, {row['later']['value']:.2f} s{never}", line
+        rows += 1
+    assert rows == 7
