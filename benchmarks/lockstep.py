@@ -75,6 +75,7 @@ class Drive(NamedTuple):
     robot: str = "tutorial"
     seed: int = 0
     filter: str = "matched"
+    fix: str = "none"
 
     @property
     def laps(self) -> int:
@@ -110,6 +111,7 @@ def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
         arrival="belief",
         noise=drive.noise,
         filter=drive.filter,
+        fix=None if drive.fix == "none" else drive.fix,
         robot=drive.robot,
         switch=drive.switch,
         laps=drive.laps,

@@ -8,8 +8,8 @@ from importlib.util import find_spec
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import read_parameters, write_parameters
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
-from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
+from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import Episode, Parameters, System, World, make_parameters
 from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
@@ -32,6 +32,7 @@ __all__ = [
     "Episode",
     "Estimate",
     "FilterTuning",
+    "FixNoise",
     "Noise",
     "Observation",
     "OdometryNoise",
@@ -45,6 +46,7 @@ __all__ = [
     "Task",
     "World",
     "make_filter",
+    "make_fix",
     "make_noise",
     "make_parameters",
     "make_robot",

@@ -1,6 +1,6 @@
-"""Noise models and robots in files, so that a robot of one's own needs no edit of the source, on the robot either.
+"""Noise models, robots and fixes in files, so that a robot of one's own needs no edit of the source, on the robot either.
 
-A file is YAML, with the fields of `turtlebot_gym.Noise` or `turtlebot_gym.Robot`; what is left out is at its default::
+A file is YAML, with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; what is left out is at its default::
 
     process: {alpha1: 0.01, alpha4: 0.02}
     odometry: {R: [0.0009, 0.0009, 0.0025], dropout_probability: 0.1}
@@ -13,14 +13,17 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
-from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import FixNoise, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import Robot
 
 SUFFIXES = (".yaml", ".yml")
 """What a file's name ends with."""
 _PARTS = {"process": ProcessNoise, "odometry": OdometryNoise}
 
-T = TypeVar("T", Noise, Robot)
+KINDS = {Robot: "robot", Noise: "noise", FixNoise: "fix"}
+"""What may be in a file, as messages call it."""
+
+T = TypeVar("T", Noise, Robot, FixNoise)
 
 
 def is_file(name: object) -> TypeGuard[str | Path]:
@@ -29,10 +32,10 @@ def is_file(name: object) -> TypeGuard[str | Path]:
 
 
 def read_parameters(kind: type[T], path: str | Path) -> T:
-    """Read a noise model or a robot.
+    """Read a noise model, a robot or a fix.
 
     Args:
-        kind: `turtlebot_gym.Noise` or `turtlebot_gym.Robot`.
+        kind: `turtlebot_gym.Noise`, `turtlebot_gym.Robot` or `turtlebot_gym.FixNoise`.
         path: The file.
 
     Raises:
@@ -40,11 +43,11 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
             file and field.
         ImportError: If PyYAML is not installed.
     """
-    return _made(kind, _read(Path(path), kind.__name__.lower()), str(path))
+    return _made(kind, _read(Path(path), KINDS[kind]), str(path))
 
 
-def write_parameters(value: Noise | Robot, path: Path, *, comment: str = "") -> None:
-    """Write a noise model or a robot, with a comment above; `read_parameters` returns the same again."""
+def write_parameters(value: Noise | Robot | FixNoise, path: Path, *, comment: str = "") -> None:
+    """Write a noise model, a robot or a fix, with a comment above; `read_parameters` returns the same again."""
     import yaml
 
     lines = [f"# {line}".rstrip() + "\n" for line in comment.splitlines()]

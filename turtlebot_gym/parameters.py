@@ -6,13 +6,18 @@ They are frozen dataclasses that check themselves: whoever holds one holds a val
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
+from numbers import Real
+from typing import Any
 
 from turtlebot_gym.validation import require, variances
 
 REFERENCE_PERIOD = 0.1
 """Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
+
+MAX_FIX_AGE = 0.5
+"""Greatest age with which a fix from outside counts, s."""
 
 KALMAN, GATED, MIXTURE, SLIP, SCALE = 0.0, 1.0, 2.0, 3.0, 4.0
 """Kinds of filters, see `estimation.interface`."""
@@ -89,6 +94,34 @@ class OdometryNoise:
         require(self, "finite", "bias")
         require(self, "non-negative", "spike", "quantization")
         require(self, "a probability", "spike_probability", "dropout_probability")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixNoise:
+    """What measures the pose from outside, now and then: localization in a map, markers on the walls, motion capture."""
+
+    R: tuple[float, ...]
+    """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Of x and y only, or with an infinite one of the
+    heading, where that is not measured."""
+    period: float = 0.5
+    """Time from one measurement to the next, s."""
+    delay: float = 0.0
+    """How late it comes, s; it says when it was measured."""
+    dropout_probability: float = 0.0
+    """Probability per measurement that it is lost."""
+
+    def __post_init__(self) -> None:
+        given: Any = self.R
+        R = tuple(given) if isinstance(given, Iterable) else ()
+        numbers = [isinstance(one, Real) and float(one) > 0.0 for one in R]
+        if len(R) not in (2, 3) or not all(numbers) or math.inf in R[:2]:
+            raise ValueError(f"FixNoise.R must be two or three positive variances, of x and y finite ones, got {given!r}.")
+        object.__setattr__(self, "R", tuple(map(float, (*R, math.inf)[:3])))
+        require(self, "positive", "period")
+        require(self, "finite", "period")
+        require(self, "a probability", "dropout_probability")
+        if not 0.0 <= self.delay <= MAX_FIX_AGE:
+            raise ValueError(f"FixNoise.delay must be in [0, {MAX_FIX_AGE}] s, got {self.delay!r}.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from turtlebot_gym.files import T, is_file, read_parameters
-from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.files import KINDS, T, is_file, read_parameters
+from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import choose
 
@@ -48,6 +48,16 @@ deviations; 5 % of the measurements are lost; half a second of slip now and then
 
 NOISES = {"clean": CLEAN, "tutorial": TUTORIAL, "documented": DOCUMENTED, "wheel": WHEEL, "rough": ROUGH}
 """Noise models by name."""
+
+FIXES = {
+    "beacons": FixNoise(R=(0.1**2, 0.1**2), period=0.5),
+    "late": FixNoise(R=(0.1**2, 0.1**2), period=0.5, delay=0.3, dropout_probability=0.3),
+    "localization": FixNoise(R=(0.05**2, 0.05**2, 0.05**2), period=0.5, delay=0.2),
+    "markers": FixNoise(R=(0.03**2, 0.03**2, 0.03**2), period=0.2, delay=0.1, dropout_probability=0.5),
+    "motion-capture": FixNoise(R=(0.002**2, 0.002**2, 0.005**2), period=0.1),
+}
+"""What measures the pose from outside, by name: a position by radio, in time, or late and lossy; localization in a map; markers
+on walls, seen half of the time; motion capture. Made up to tell them apart: put your own device's numbers into a file."""
 
 TUTORIAL_FILTER = FilterTuning(
     Q=(0.01, 0.01, 0.02, 0.1, 0.1),
@@ -126,7 +136,7 @@ def _found(kind: type[T], given: str | Path | T, known: Mapping[str, T]) -> T:
     """Return parameters as they are given, from a file, or by their name."""
     if isinstance(given, kind):
         return given
-    return read_parameters(kind, given) if is_file(given) else choose(kind.__name__.lower(), given, known)
+    return read_parameters(kind, given) if is_file(given) else choose(KINDS[kind], given, known)
 
 
 def make_robot(robot: str | Path | Robot) -> Robot:
@@ -145,6 +155,15 @@ def make_noise(noise: str | Path | Noise) -> Noise:
         ValueError: If there is none of that name, or the file holds none.
     """
     return _found(Noise, noise, NOISES)
+
+
+def make_fix(fix: str | Path | FixNoise) -> FixNoise:
+    """Return what measures the pose from outside, which may be given by a name in `FIXES`, or by a file.
+
+    Raises:
+        ValueError: If there is none of that name, or the file holds none.
+    """
+    return _found(FixNoise, fix, FIXES)
 
 
 def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:

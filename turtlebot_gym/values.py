@@ -50,6 +50,18 @@ class Senses(NamedTuple):
     """Whether a pose arrived in this step."""
 
 
+class Fix(NamedTuple):
+    """A pose that was measured from outside, which may come late."""
+
+    pose: Pose
+    R: tuple[float, float, float]
+    """Variances of x, y and heading; m^2, m^2, rad^2. Infinite for a heading that was not measured."""
+    age: float
+    """How long ago it was measured, s."""
+    arrived: bool
+    """Whether there is one in this step."""
+
+
 class Covariance(NamedTuple):
     """The 15 independent entries of the symmetric 5 x 5 covariance of a `State`, row by row from the diagonal on."""
 

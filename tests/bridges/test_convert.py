@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
 from turtlebot_gym_ros.node.convert import conversion, quaternion_of, register, yaw_of
 
 HEADER = Header(frame_id="odom")
@@ -66,6 +66,43 @@ def test_odometry_says_whether_it_was_measured_and_with_which_twist(measured):
     assert message.pose.covariance[0] == (0.0 if measured else -1.0)
     assert (message.twist.twist.linear.x, message.twist.twist.angular.z) == (0.1, -0.3)
     assert travel(senses) == senses
+
+
+@pytest.mark.parametrize("heading", [0.04, math.inf])
+def test_a_fix_states_its_variances_and_minus_one_for_a_heading_that_was_not_measured(heading):
+    fix = Fix(Pose(1.0, -2.0, 0.5 if heading < math.inf else 0.0), (0.01, 0.02, heading), 0.0, True)
+    message = conversion(Fix).write(fix, HEADER)
+    assert [message.pose.covariance[at] for at in (0, 7, 35)] == [0.01, 0.02, 0.04 if heading < math.inf else -1.0]
+    assert travel(fix) == fix
+    if heading == math.inf:
+        message.pose.pose.orientation.w = 0.0  # as who measures a position leaves it
+        assert conversion(Fix).read(message) == fix
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({0: 0.0}, "positive variances of x and y, got 0 and 0.02"),
+        ({7: -1.0}, "positive variances of x and y, got 0.01 and -1"),
+        ({7: math.inf}, "positive variances of x and y"),
+        ({0: math.nan}, "positive variances of x and y"),
+        ({35: 0.0}, "the heading's variance"),
+        ({35: math.nan}, "the heading's variance"),
+    ],
+)
+def test_a_fix_without_variances_is_refused(change, told):
+    message = conversion(Fix).write(Fix(Pose(1.0, 2.0, 0.5), (0.01, 0.02, 0.03), 0.0, True), HEADER)
+    for at, value in change.items():
+        message.pose.covariance[at] = value
+    with pytest.raises(ValueError, match=told):
+        conversion(Fix).read(message)
+
+
+def test_a_fix_that_is_nowhere_is_refused():
+    message = conversion(Fix).write(Fix(Pose(1.0, 2.0, 0.0), (0.01, 0.02, math.inf), 0.0, True), HEADER)
+    message.pose.pose.position.x = math.nan
+    with pytest.raises(ValueError, match="the pose must be finite"):
+        conversion(Fix).read(message)
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e-6, 100.0])

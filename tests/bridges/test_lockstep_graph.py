@@ -69,6 +69,15 @@ def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with
     assert max(compare.differences(compare.episode(drive, STEPS), matched).values()) > 0.01
 
 
+@pytest.mark.parametrize(("fix", "processes"), [("late", False), ("late", True), ("markers", False)])
+def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare, fix, processes):
+    drive = compare.Drive("bearing", "wheel", "arrival", "burger", 3, "matched", fix)
+    differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS, processes=processes))
+    assert max(differ.values()) <= LEAST, differ
+    without = compare.episode(drive._replace(fix="none"), STEPS)
+    assert max(compare.differences(compare.episode(drive, STEPS), without).values()) > 0.01
+
+
 def test_a_busy_machine_and_processes_change_no_byte(compare):
     drive = compare.Drive()
     alone = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]

@@ -48,6 +48,9 @@ CASES = {
     "truth shown": {"task": "nav", "noise": "clean", "observation": "truth", "integrator": "midpoint"},
 }
 KINDS = {kind: {"task": "nav", "noise": SHAKY, "filter": kind} for kind in ("gated", "mixture", "slip", "scale")}
+LATE = turtlebot_gym.FixNoise(R=(0.01, 0.02, 0.03), period=0.4, delay=0.2, dropout_probability=0.3)
+KINDS["wheels and late fixes"] = {"task": "nav", "noise": "wheel", "fix": LATE}
+KINDS["spikes and fixes in time"] = {"task": "nav", "noise": SHAKY, "filter": "mixture", "fix": "beacons"}
 CASES |= KINDS
 IDS = {
     "nav": "turtlebot_gym/TurtleBotNav-v0",

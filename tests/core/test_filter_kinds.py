@@ -109,7 +109,7 @@ def moments(parts):
 
 def ours(tuning, seed):
     """Yield our filter's belief at each step of a drive."""
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     estimate = before = None
     for command, z in drive(seed):
         if estimate is None:
@@ -221,7 +221,7 @@ def test_the_scale_is_a_sixth_state_of_the_textbooks_filter():
 def test_the_scale_is_found(scale):
     """80 m of a robot whose wheels are 4 % off, without any noise: the scale's variance says how well it is known."""
     tuning = make_filter("scale", replace(NOISE, odometry=OdometryNoise(R=(1e-4, 1e-4, 1e-4))))
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     pose, twist = [0.0, 0.0, 0.0], (0.0, 0.0)
     estimate = start(Pose(*pose), tuning)
     for k in range(400):
@@ -241,7 +241,7 @@ def test_the_scale_is_found(scale):
 def gated_step(heading, rejections=0.0, **changes):
     """Return prior position, measurement and what the gated filter makes of them, with a heading that is off by so much."""
     tuning = replace(make_filter("gated", NOISE), **changes)
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     first = start(Pose(1.0, 2.0, 0.5), tuning)._replace(rejections=rejections)
     senses = Senses(Pose(1.1, 2.05, 0.5 + heading), Command(0.1, 0.2), True)
     return step(first, senses, senses, tuning, DT, 0.0), tuning
@@ -278,7 +278,7 @@ def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
     With the better sensor the wrong explanations are less likely than any number can say.
     """
     tuning = replace(make_filter(kind, NOISE), R=(0.03**2, 0.02**2, deviation**2))
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     estimate = start(Pose(0.0, 0.0, 1.0 + spike), tuning)
     assert estimate.belief.mean.theta == pytest.approx(1.0 + spike)
     assert estimate.belief.covariance.tt == pytest.approx(deviation**2 + 0.1 * 0.4**2)
@@ -293,7 +293,7 @@ def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
 @pytest.mark.parametrize("kind", ["gated", "mixture", "slip", "scale"])
 def test_what_is_lost_only_moves_the_belief(kind):
     tuning = make_filter(kind, NOISE)
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     senses = Senses(Pose(5.0, 5.0, -1.0), Command(0.2, 0.1), False)
     before = start(Pose(0.0, 0.0, 0.0), tuning)
     after = step(step(before, senses, senses, tuning, DT, 0.0), senses, senses, tuning, DT, 0.0)
@@ -307,7 +307,7 @@ def test_the_object_runs_every_kind(kind):
     tuning = make_filter(kind, NOISE)
     kf = KalmanFilter(tuning, dt=DT)
     kf.start(Pose(0.1, 0.2, 0.3))
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     estimate = start(Pose(0.1, 0.2, 0.3), tuning)
     before = Senses(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True)
     for command, z in drive(3, steps=20):
@@ -385,7 +385,7 @@ def test_bad_tunings_are_refused(changes, told):
 def test_what_is_certain_stays_certain(kind):
     """Neither the measurement nor the motion has any noise: then nothing can be weighed, and nothing may break."""
     tuning = replace(make_filter(kind, NOISE), R=(0.0, 0.0, 0.0), Q=(0.0,) * 5, process=ProcessNoise(), spike=0.0)
-    start, step = filter_of(tuning)
+    start, step, _ = filter_of(tuning)
     estimate = start(Pose(0.1, 0.2, 0.3), tuning)
     for _ in range(20):
         senses = Senses(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True)

@@ -16,7 +16,7 @@ import pytest
 import turtlebot_gym
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, FilterTuning, OdometryNoise, ProcessNoise, Reward
+from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, FilterTuning, FixNoise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Episode, Parameters, make_parameters
@@ -43,6 +43,7 @@ TUNING = replace(
 )  # fmt: skip
 MIXED = replace(TUNING, kind=MIXTURE, spike_probability=0.1, spike=0.4)
 TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2.0, max_steps=200.0)
+FIX = FixNoise(R=(0.02, 0.03, 0.04), period=0.3, delay=0.2, dropout_probability=0.1)
 EASY = Task(random=False, radius=0.5)
 RANDOM = Task(radius=0.3)
 POSE = (Pose(0.6, 0.1, 0.2), Pose(0.7, 0.8, 1.5), Pose(0.0, 0.6, 3.0))
@@ -110,6 +111,7 @@ CHANGES = {
         "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
         "min_distance": (RANDOM, replace(RANDOM, min_distance=1.9)),
     },
+    FixNoise: {"R": (0.02, 0.03, 0.5), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
     Reward: {"progress": 2.0, "time": 0.2, "effort": 0.02, "success": 5.0},
 }
 IN_A_ROOM = "Open ground has nothing to collide with: see tests/rooms/test_rooms.py."
@@ -121,9 +123,18 @@ PLACES = {
     OdometryNoise: lambda p, value: p._replace(noise=replace(p.noise, odometry=value)),
     FilterTuning: lambda p, value: p._replace(tuning=value),
     Task: lambda p, value: p._replace(task=value),
+    FixNoise: lambda p, value: p._replace(fix=value),
     Reward: lambda p, value: p._replace(reward=value, task=EASY),
 }
-VALUES = {Robot: ROBOT, ProcessNoise: PROCESS, OdometryNoise: ODOMETRY, FilterTuning: TUNING, Task: TASK, Reward: Reward()}
+VALUES = {
+    Robot: ROBOT,
+    ProcessNoise: PROCESS,
+    OdometryNoise: ODOMETRY,
+    FilterTuning: TUNING,
+    Task: TASK,
+    FixNoise: FIX,
+    Reward: Reward(),
+}
 CASES = [(owner, item.name) for owner in CHANGES for item in fields(owner) if (owner, item.name) not in EXCEPTIONS]
 
 
@@ -163,7 +174,7 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room"}  # by their own fields; rooms in tests/rooms
+    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "fix"}  # by their own fields; rooms in tests/rooms
     assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
 
 
@@ -194,6 +205,7 @@ ARGUMENTS = {
     "waypoints": ({"task": "square"}, {"task": "square", "waypoints": [Pose(0.5, 0.0, 0.0), Pose(1.0, 0.5, 0.0)]}),
     "dt": ({}, {"dt": 0.2}),
     "delay": ({}, {"delay": 1}),
+    "fix": ({}, {"fix": "beacons"}),
     "max_episode_steps": ({}, {"max_episode_steps": 20}),
 }
 NO_ROLLOUT = {

@@ -22,7 +22,7 @@ from turtlebot_gym.envs.common import (
     observation_space,
 )
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, Noise, Reward
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
@@ -102,6 +102,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         waypoints: Poses to visit instead of the square.
         dt: Control interval, s.
         delay: Steps by which a command comes late, 0 to 3.
+        fix: What measures the pose from outside, now and then, for the filter: "beacons", "late", "localization", "markers",
+            "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for nothing.
         render_mode: None, "human" or "rgb_array".
 
     Raises:
@@ -131,6 +133,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         waypoints: Sequence[Pose] | None = None,
         dt: float = 0.1,
         delay: int = 0,
+        fix: str | FixNoise | None = None,
         render_mode: str | None = None,
     ) -> None:
         self._batch = make_batch(
@@ -149,6 +152,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             reward=reward,
             dt=dt,
             delay=delay,
+            fix=fix,
             room=self._room,
         )
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})

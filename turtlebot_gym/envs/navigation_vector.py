@@ -23,7 +23,7 @@ from turtlebot_gym.envs.common import (
     observation_space,
 )
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, Noise, Reward
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Outcome, Parameters
 from turtlebot_gym.tasks import Task
@@ -67,6 +67,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         waypoints: See there.
         dt: See there.
         delay: See there.
+        fix: See there.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
@@ -96,6 +97,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         waypoints: Sequence[Pose] | None = None,
         dt: float = 0.1,
         delay: int = 0,
+        fix: str | FixNoise | None = None,
     ) -> None:
         if not (isinstance(num_envs, (int, np.integer)) and num_envs > 0):
             raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}.")
@@ -120,6 +122,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             reward=reward,
             dt=dt,
             delay=delay,
+            fix=fix,
             room=self._room,
         )
         self._told = (ROOM_PARTS if self._batch.system.surroundings else {}) | (PARTS | NUMBERS if self._full else {})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.envs.common import PARTS, Room
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.parameters import FilterTuning, Noise, Reward
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import Lidar
@@ -82,6 +82,7 @@ class RoomsEnv(NavigationEnv):
         arrival: See there.
         dt: See there.
         delay: See there.
+        fix: See there.
         render_mode: See there.
 
     Raises:
@@ -106,6 +107,7 @@ class RoomsEnv(NavigationEnv):
         arrival: str = "truth",
         dt: float = 0.1,
         delay: int = 0,
+        fix: str | FixNoise | None = None,
         render_mode: str | None = None,
     ) -> None:
         self._room = self._own = Room(find_world(world), find_lidar(lidar))
@@ -121,6 +123,7 @@ class RoomsEnv(NavigationEnv):
             arrival=arrival,
             dt=dt,
             delay=delay,
+            fix=fix,
             render_mode=render_mode,
         )
 
@@ -184,6 +187,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         arrival: See there.
         dt: See there.
         delay: See there.
+        fix: See there.
 
     Raises:
         ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
@@ -208,6 +212,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         arrival: str = "truth",
         dt: float = 0.1,
         delay: int = 0,
+        fix: str | FixNoise | None = None,
     ) -> None:
         self._room = Room(find_world(world), find_lidar(lidar))
         super().__init__(
@@ -226,6 +231,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
             arrival=arrival,
             dt=dt,
             delay=delay,
+            fix=fix,
         )
 
     def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:

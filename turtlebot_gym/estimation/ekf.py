@@ -19,6 +19,8 @@ from turtlebot_gym.models.unicycle import execution_variances, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
+Variances = tuple[float, ...]
+
 
 class Estimate(NamedTuple):
     """All that the filter remembers from step to step."""
@@ -187,21 +189,20 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
 
 
 @kernel
-def correct_position(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, float, float, float]:
+def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float, float]:
     """Condition the belief on the position of a measured pose.
 
     Args:
         belief: Prior mean and covariance.
         z: Measured pose; m, m, rad.
-        tuning: Measurement variances, and whether the heading's innovation is wrapped.
+        R: Variances of the measured x, y and heading; m^2, m^2, rad^2.
+        turn: The heading's innovation, rad.
 
     Returns:
         The posterior, whose heading is not wrapped yet; the normalized innovation squared; the inverse of its covariance's
         determinant; and what is left of the heading's innovation: what x and y have already explained of the turn is taken off
         it, instead of wrapping a second time.
     """
-    R = tuning.R
-    turn = innovation(belief.mean, z, tuning).theta
     prior = belief.mean.theta
     h_x = of_x(belief.covariance)
     belief, nis_x = update(belief, h_x, z.x - belief.mean.x, R[0])
@@ -230,9 +231,29 @@ def correct(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, floa
     Returns:
         The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
     """
-    belief, nis, _, turn = correct_position(belief, z, tuning)
-    belief, nis_theta = update(belief, of_heading(belief.covariance), turn, tuning.R[2])
-    return wrapped(belief), nis + nis_theta
+    belief, nis, _ = correct_pose(belief, z, tuning.R, innovation(belief.mean, z, tuning).theta)
+    return belief, nis
+
+
+@kernel
+def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float]:
+    """Condition the belief on a pose, whose heading may have an infinite variance: it was then not measured.
+
+    Args:
+        belief: Prior mean and covariance.
+        z: Measured pose; m, m, rad.
+        R: Variances of the measured x, y and heading; m^2, m^2, rad^2.
+        turn: The heading's innovation, rad.
+
+    Returns:
+        The posterior, the normalized innovation squared, and the inverse of the determinant of its covariance, without the
+        heading's where that was not measured.
+    """
+    belief, nis, precision, turn = correct_position(belief, z, R, turn)
+    h = of_heading(belief.covariance)
+    belief, nis_theta = update(belief, h, turn, R[2])
+    inverse = inverse_of(h.variance + R[2])
+    return wrapped(belief), nis + nis_theta, precision * (inverse if inverse > 0.0 else 1.0)
 
 
 @kernel
@@ -248,6 +269,13 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
     prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
     posterior, nis = correct(prior, senses.odometry, tuning)
     return settle(estimate, prior, posterior, prior, nis, nis > tuning.gate, senses, tuning)
+
+
+@kernel
+def fix(estimate: Estimate, z: Pose, R: Variances) -> Estimate:
+    """Condition the belief on a pose that was measured from outside: see `interface.Filter`."""
+    belief, _, _ = correct_pose(estimate.belief, z, R, wrap(z.theta - estimate.belief.mean.theta))
+    return Estimate(belief, estimate.nis, estimate.rejections)
 
 
 @kernel

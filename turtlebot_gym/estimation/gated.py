@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from turtlebot_gym.estimation.ekf import Estimate, correct_position, of_heading, predict, settle, update, wrapped
+from turtlebot_gym.estimation.ekf import Estimate, correct_position, innovation, of_heading, predict, settle, update, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Senses
@@ -12,7 +12,8 @@ from turtlebot_gym.values import Senses
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
     """Predict, and correct by the position, and by the heading where it may be true: see `interface.Filter`."""
     prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
-    placed, nis, _, turn = correct_position(prior, senses.odometry, tuning)
+    turn = innovation(prior.mean, senses.odometry, tuning).theta
+    placed, nis, _, turn = correct_position(prior, senses.odometry, tuning.R, turn)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
     is_outlier = nis_theta > tuning.heading_gate
     return settle(estimate, prior, wrapped(turned), wrapped(placed), nis + nis_theta, is_outlier, senses, tuning)

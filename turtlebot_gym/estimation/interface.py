@@ -1,4 +1,4 @@
-"""What a filter is: two functions of one shape, chosen once from its tuning."""
+"""What a filter is: three functions of one shape, chosen once from its tuning."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation import dead_reckoning, ekf, gated, mixture, scale, slip
 from turtlebot_gym.parameters import GATED, KALMAN, MIXTURE, SCALE, SLIP, FilterTuning
-from turtlebot_gym.values import Pose, Senses
+from turtlebot_gym.values import Pose
 
 
 class Filter(NamedTuple):
@@ -16,24 +16,29 @@ class Filter(NamedTuple):
     start: Callable[[Pose, FilterTuning], Any]
     """``start(odometry, tuning)`` returns the estimate at the first measurement: all that the filter remembers, a NamedTuple
     with the belief and the NIS of the last measurement among it."""
-    step: Callable[[Any, Senses, Senses, FilterTuning, float, float], Any]
+    step: Callable[[Any, Any, Any, FilterTuning, float, float], Any]
     """``step(estimate, before, senses, tuning, dt, middle)`` returns the estimate after a control interval of dt, s.
 
-    ``before`` is what the odometry said at the start of the interval, ``senses`` what it says at its end; ``middle`` is the
-    integrator, a value of `models.unicycle.INTEGRATORS`.
+    ``before`` is what the odometry said at the start of the interval, `values.Senses`, ``senses`` what it says at its end;
+    ``middle`` is the integrator, a value of `models.unicycle.INTEGRATORS`.
+    """
+    fix: Callable[[Any, Pose, tuple[float, ...]], Any]
+    """``fix(estimate, z, R)`` returns the estimate once a pose from outside is taken in, which was measured at its very time.
+
+    R are the variances of x, y and heading; m^2, m^2, rad^2; infinite for a heading that was not measured.
     """
 
 
-EXTENDED_KALMAN = Filter(ekf.initialize, ekf.step)
+EXTENDED_KALMAN = Filter(ekf.initialize, ekf.step, ekf.fix)
 """Predicts with the executed twist and corrects by the measured pose."""
-DEAD_RECKONING = Filter(ekf.initialize, dead_reckoning.step)
+DEAD_RECKONING = Filter(ekf.initialize, dead_reckoning.step, ekf.fix)
 """Moves as the wheel odometry moves."""
 FILTERS = {
     KALMAN: EXTENDED_KALMAN,
-    GATED: Filter(ekf.initialize, gated.step),
-    MIXTURE: Filter(mixture.initialize, mixture.step),
-    SLIP: Filter(slip.initialize, slip.step),
-    SCALE: Filter(scale.initialize, scale.step),
+    GATED: Filter(ekf.initialize, gated.step, ekf.fix),
+    MIXTURE: Filter(mixture.initialize, mixture.step, mixture.fix),
+    SLIP: Filter(slip.initialize, slip.step, slip.fix),
+    SCALE: Filter(scale.initialize, scale.step, scale.fix),
 }
 """Those that are corrected by a measured pose, by kind."""
 

@@ -14,7 +14,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import absorb, correct_position, inverse_of, of_heading, predict, wrapped
+from turtlebot_gym.estimation.ekf import (
+    Variances,
+    absorb,
+    correct_pose,
+    correct_position,
+    innovation,
+    inverse_of,
+    of_heading,
+    predict,
+    wrapped,
+)
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
@@ -149,7 +159,8 @@ def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middl
     """Predict a hypothesis, and weigh a measurement that arrived by its three explanations."""
     R, share, spike, measured = tuning.R, tuning.spike_probability, tuning.spike, senses.measured
     prior = predict(belief, senses.twist, tuning, dt, middle)
-    placed, nis, precision, turn = correct_position(prior, senses.odometry, tuning)
+    turn = innovation(prior.mean, senses.odometry, tuning).theta
+    placed, nis, precision, turn = correct_position(prior, senses.odometry, R, turn)
     h = of_heading(placed.covariance)
     inverse = inverse_of(h.variance + R[2])
     high, low = turn - spike, turn + spike
@@ -185,6 +196,25 @@ def track_all(hypotheses: Hypotheses, senses: Senses, tuning: FilterTuning, dt: 
 
 
 @kernel
+def _fix_one(belief: Belief, z: Pose, R: Variances) -> Tracked:
+    """Condition a hypothesis on a pose that was measured from outside."""
+    posterior, nis, precision = correct_pose(belief, z, R, wrap(z.theta - belief.mean.theta))
+    return Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
+
+
+@kernel
+def fix_all(hypotheses: Hypotheses, z: Pose, R: Variances) -> Tracks:
+    """Condition all hypotheses on a pose that was measured from outside."""
+    return Tracks(_fix_one(hypotheses.true, z, R), _fix_one(hypotheses.high, z, R), _fix_one(hypotheses.low, z, R))
+
+
+@kernel
+def beliefs(tracks: Tracks) -> Hypotheses:
+    """Return the hypotheses as they are after a measurement."""
+    return Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
+
+
+@kernel
 def least_exponent(tracks: Tracks) -> float:
     """Return the exponent of the likeliest hypothesis, which is taken off all before they are weighed."""
     return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
@@ -217,5 +247,15 @@ def step(
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
-    hypotheses = Hypotheses(true.belief, high.belief, low.belief)
+    hypotheses = beliefs(tracks)
     return MixtureEstimate(merged(hypotheses, weights), nis if senses.measured else estimate.nis, hypotheses, weights)
+
+
+@kernel
+def fix(estimate: MixtureEstimate, z: Pose, R: Variances) -> MixtureEstimate:
+    """Condition all hypotheses on a pose that was measured from outside, and weigh them by it: see `interface.Filter`."""
+    tracks = fix_all(estimate.hypotheses, z, R)
+    likely = weigh(estimate.weights, tracks, least_exponent(tracks))
+    weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
+    hypotheses = beliefs(tracks)
+    return MixtureEstimate(merged(hypotheses, weights), estimate.nis, hypotheses, weights)

@@ -8,8 +8,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import Projection, innovation, inverse_of, of_heading, of_x, of_y, predict, update, wrapped
+from turtlebot_gym.estimation.ekf import (
+    Projection,
+    Variances,
+    innovation,
+    inverse_of,
+    of_heading,
+    of_x,
+    of_y,
+    predict,
+    update,
+    wrapped,
+)
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import motion
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
@@ -72,17 +84,28 @@ def _update(estimate: ScaleEstimate, h: Projection, across: float, innovation: f
 
 
 @kernel
-def step(
-    estimate: ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
-) -> ScaleEstimate:
-    """Predict with the executed share of the twist, and correct by the measured pose: see `interface.Filter`."""
-    z, R = senses.odometry, tuning.R
-    prior = _predict(estimate, senses.twist, tuning, dt, middle)
-    turn = innovation(prior.belief.mean, z, tuning).theta
+def _correct(prior: ScaleEstimate, z: Pose, R: Variances, turn: float) -> ScaleEstimate:
+    """Condition on a measured pose, whose heading's innovation is ``turn``."""
     now = ScaleEstimate(prior.belief, 0.0, prior.scale, prior.variance, prior.column)
     now = _update(now, of_x(now.belief.covariance), now.column.x, z.x - now.belief.mean.x, R[0])
     now = _update(now, of_y(now.belief.covariance), now.column.y, z.y - now.belief.mean.y, R[1])
     turn = turn - (now.belief.mean.theta - prior.belief.mean.theta)
     now = _update(now, of_heading(now.belief.covariance), now.column.theta, turn, R[2])
-    now = ScaleEstimate(wrapped(now.belief), now.nis, now.scale, now.variance, now.column)
+    return ScaleEstimate(wrapped(now.belief), now.nis, now.scale, now.variance, now.column)
+
+
+@kernel
+def step(
+    estimate: ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> ScaleEstimate:
+    """Predict with the executed share of the twist, and correct by the measured pose: see `interface.Filter`."""
+    prior = _predict(estimate, senses.twist, tuning, dt, middle)
+    now = _correct(prior, senses.odometry, tuning.R, innovation(prior.belief.mean, senses.odometry, tuning).theta)
     return now if senses.measured else prior
+
+
+@kernel
+def fix(estimate: ScaleEstimate, z: Pose, R: Variances) -> ScaleEstimate:
+    """Condition on a pose that was measured from outside: see `interface.Filter`."""
+    now = _correct(estimate, z, R, wrap(z.theta - estimate.belief.mean.theta))
+    return ScaleEstimate(now.belief, estimate.nis, now.scale, now.variance, now.column)

@@ -12,10 +12,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from turtlebot_gym.estimation.ekf import Variances
 from turtlebot_gym.estimation.mixture import (
     Hypotheses,
     Three,
+    Tracks,
     begin,
+    beliefs,
+    fix_all,
     least_exponent,
     merge,
     merged,
@@ -82,6 +86,24 @@ def _mix(
 
 
 @kernel
+def _weigh(estimate: SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Three, Three]:
+    """Return the weights of all hypotheses in both modes after a measurement."""
+    least = min(least_exponent(gripped), least_exponent(slipped))
+    grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
+    one = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
+    return scaled(grip, one), scaled(slip, one)
+
+
+@kernel
+def fix(estimate: SlipEstimate, z: Pose, R: Variances) -> SlipEstimate:
+    """Condition all on a pose that was measured from outside, and weigh them by it: see `interface.Filter`."""
+    gripped, slipped = fix_all(estimate.gripping, z, R), fix_all(estimate.slipping, z, R)
+    grip, slip = _weigh(estimate, gripped, slipped)
+    gripping, slipping = beliefs(gripped), beliefs(slipped)
+    return SlipEstimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
+
+
+@kernel
 def step(
     estimate: SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> SlipEstimate:
@@ -89,10 +111,7 @@ def step(
     twist = senses.twist
     gripped = track_all(estimate.gripping, senses, tuning, dt, middle)
     slipped = track_all(estimate.slipping, senses, tuning, dt, middle)
-    least = min(least_exponent(gripped), least_exponent(slipped))
-    grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
-    one = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
-    grip, slip = scaled(grip, one), scaled(slip, one)
+    grip, slip = _weigh(estimate, gripped, slipped)
     nis = (
         grip[0] * gripped.true.nis + grip[1] * gripped.high.nis + grip[2] * gripped.low.nis
         + slip[0] * slipped.true.nis + slip[1] * slipped.high.nis + slip[2] * slipped.low.nis

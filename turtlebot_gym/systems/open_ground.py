@@ -134,7 +134,7 @@ def look(world, p):
 @cache
 def open_ground(filter: Filter) -> System:
     """Return the system of open ground with a filter."""
-    begin, step = filter
+    begin, step = filter.start, filter.step
 
     @kernel
     def first_estimate(senses, p):

@@ -6,8 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, Reward
-from turtlebot_gym.presets import make_filter, make_noise, make_robot
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
+from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import NAV, Task
 from turtlebot_gym.validation import choose
@@ -38,6 +38,8 @@ class Parameters(NamedTuple):
     """Steps by which a command comes late, a whole number from 0 to `MAX_DELAY`."""
     room: Any = ()
     """What a room is like: nothing on open ground, `systems.rooms.RoomParameters` in a room."""
+    fix: Any = ()
+    """What measures the pose from outside, a `FixNoise`; nothing where nothing does."""
 
 
 def make_parameters(
@@ -51,6 +53,7 @@ def make_parameters(
     reward: Reward | None = None,
     dt: float = REFERENCE_PERIOD,
     delay: int = 0,
+    fix: str | FixNoise | None = None,
 ) -> Parameters:
     """Return the parameters of an environment, checked, from presets' names or values.
 
@@ -64,6 +67,7 @@ def make_parameters(
         reward: Weights; None for the default ones.
         dt: Control interval, s.
         delay: Steps by which a command comes late, 0 to 3.
+        fix: What measures the pose from outside, now and then: a name in `presets.FIXES`, or its noise; None for nothing.
 
     Raises:
         ValueError: If a name is unknown, dt is not positive, or the delay is out of its range.
@@ -83,4 +87,5 @@ def make_parameters(
         choose("integrator", integrator, INTEGRATORS),
         choose("observation", observation, OBSERVED),
         float(delay),
+        fix=() if fix is None else make_fix(fix),
     )

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
+from turtlebot_gym.estimation.fixes import depth_of, with_fixes
 from turtlebot_gym.estimation.interface import Filter, filter_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
@@ -20,6 +21,7 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
+from turtlebot_gym.systems.fixes import seeing_fixes
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import Parameters, make_parameters
 from turtlebot_gym.systems.system import Surroundings, System
@@ -192,6 +194,10 @@ def rooms(filter: Filter) -> System:
 
 
 def system_of(parameters: Parameters) -> System:
-    """Return the system that parameters are for: rooms where they say what a room is like, else open ground."""
-    filter = filter_of(parameters.tuning)
-    return rooms(filter) if parameters.room else open_ground(filter)
+    """Return the system that parameters are for: rooms where they say what a room is like, else open ground; with fixes, or
+    without."""
+    filter, fix = filter_of(parameters.tuning), parameters.fix
+    depth = depth_of(parameters.dt, fix.delay) if fix else 0
+    filter = with_fixes(filter, depth) if fix else filter
+    system = rooms(filter) if parameters.room else open_ground(filter)
+    return seeing_fixes(system, depth) if fix else system

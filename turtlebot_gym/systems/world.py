@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from turtlebot_gym.values import Command, Pose, Senses, State
+from turtlebot_gym.values import Command, Pose, State
 
 
 class Body(NamedTuple):
@@ -35,7 +35,8 @@ class World(NamedTuple):
     """All that an environment remembers."""
 
     body: Body
-    senses: Senses
+    senses: Any
+    """What the sensors say: `values.Senses`, or with fixes `systems.fixes.TrackedSenses`."""
     estimate: Any
     """What the filter remembers: `estimation.ekf.Estimate`, or another filter's."""
     course: Course

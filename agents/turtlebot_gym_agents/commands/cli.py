@@ -49,7 +49,7 @@ class _Driven(Setting):
         given = {name: value for name in ("switch", "laps") if (value := getattr(self, name)) is not None}
         if self.env == ROOMS and given:
             raise ValueError(f"switch and laps are for tasks with given waypoints, not for {ROOMS}.")
-        return {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay")} | self.room() | given
+        return {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay")} | self.given() | given
 
 
 @dataclass(frozen=True, kw_only=True)

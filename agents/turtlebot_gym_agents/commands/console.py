@@ -38,21 +38,24 @@ class Setting:
     """Rooms only: clutter, dense, corridor, office, cellular, crowd, a Gazebo world (FILE.world) or a map (FILE.yaml)."""
     lidar: str | None = None
     """Rooms only: lds01, lds02, a1 or ideal."""
+    fix: str | None = None
+    """What measures the pose from outside, now and then: beacons, late, localization, markers, motion-capture, or a file of
+    your own (FILE.yaml)."""
     arrival: str = "truth"
     """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
     seed: int = 0
     """The first seed."""
 
-    def room(self) -> dict[str, str]:
-        """Return the keyword arguments that only rooms take.
+    def given(self) -> dict[str, str]:
+        """Return the keyword arguments that an environment need not be given.
 
         Raises:
-            ValueError: If some are given for another environment.
+            ValueError: If some that only rooms take are given for another environment.
         """
         given = {name: value for name in ("world", "lidar") if (value := getattr(self, name)) is not None}
         if given and self.env != ROOMS:
             raise ValueError(f"world and lidar are for {ROOMS}, not for {self.env}.")
-        return given
+        return given | ({} if self.fix is None else {"fix": self.fix})
 
 
 @contextmanager

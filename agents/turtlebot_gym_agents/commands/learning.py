@@ -46,7 +46,7 @@ class _Learned(Setting):
         """Return the configuration of a training."""
         from turtlebot_gym_agents.training.train import TrainingConfig
 
-        self.room()
+        self.given()
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Learned)}
         return TrainingConfig(**{name: getattr(self, name) for name in names} | changes)
 

@@ -56,7 +56,7 @@ class TuneBaseline(Setting):
                 seed=self.seed,
                 progress=advance_to,
                 **{name: getattr(self, name) for name in names},
-                **self.room(),
+                **self.given(),
             )
         table = Table("try", "time, s", "success, %", "numbers", title=f"{self.env}, {self.policy}: the best of {len(tries)}")
         ranked = sorted(range(len(tries)), key=lambda at: tries[at].time)

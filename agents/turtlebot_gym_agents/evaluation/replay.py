@@ -185,7 +185,7 @@ def replay(
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
     due = np.diff(ticks, prepend=-1.0) > 0.0
 
-    filter_start, filter_step = filter_of(tuning)
+    filter_start, filter_step, _ = filter_of(tuning)
     senses = sense(true[0], wheels[0], commands[0], Senses(true[0], commands[0], True), in_force.odometry, key, 0)
     estimate = filter_start(senses.odometry, tuning)
     estimate = _moving(estimate, commands[0])

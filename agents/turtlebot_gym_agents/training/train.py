@@ -67,6 +67,8 @@ class TrainingConfig:
     """Who says that the robot has arrived: truth or belief."""
     delay: int = 0
     """Steps by which commands come late."""
+    fix: str | None = None
+    """What measures the pose from outside; None for nothing."""
     world: str | None = None
     """In rooms: the world; None for the environment's own."""
     lidar: str | None = None
@@ -97,7 +99,7 @@ class TrainingConfig:
 
     def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
         """Return environments; randomized ones differ from each other."""
-        names = ("robot", "noise", "filter", "observation", "arrival", "delay", "world", "lidar")
+        names = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
         envs = gym.make_vec(
             self.env,
             num_envs=num_envs,

@@ -67,12 +67,12 @@ def test_an_answer_that_is_no_action_is_an_error(answer):
 
 def test_at_the_last_waypoint_it_is_done_until_there_is_another():
     node = controller(ahead)
-    assert node.step(0.1, at(1.8, 0.0), REFERENCE, REFERENCE)
-    assert node.step(0.1, at(1.9, 0.0), REFERENCE, REFERENCE) == {}
+    assert node.step(0.1, at(1.89, 0.0), REFERENCE, REFERENCE)  # within 0.15 m, but not by the margin
+    assert node.step(0.1, at(1.91, 0.0), REFERENCE, REFERENCE) == {}
     assert node.step(0.1, at(1.7, 0.0), REFERENCE, REFERENCE) == {}  # noise does not wake it
-    assert node.step(0.1, at(1.9, 0.0), REFERENCE, Pose(0.0, 0.0, 0.0))  # not the last one
-    assert node.step(0.1, at(1.9, 0.0), REFERENCE, None) == {}
-    assert node.step(0.1, at(1.9, 0.0), Pose(0.0, 0.0, 0.0), None)
+    assert node.step(0.1, at(1.91, 0.0), REFERENCE, Pose(0.0, 0.0, 0.0))  # not the last one
+    assert node.step(0.1, at(1.91, 0.0), REFERENCE, None) == {}
+    assert node.step(0.1, at(1.91, 0.0), Pose(0.0, 0.0, 0.0), None)
 
 
 def test_it_is_never_done_where_the_tolerance_is_zero():

@@ -1,6 +1,7 @@
 """The estimator is the environment's filter, run by the odometry, drop-outs included."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ import pytest
 from turtlebot_gym import write_parameters
 from turtlebot_gym.estimation.ekf import initialize
 from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.presets import FILTERS, NOISES, make_filter
+from turtlebot_gym.presets import FILTERS, FIXES, NOISES, make_filter
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
+from turtlebot_gym_ros.node.block import Aged
 
 COMMAND = Command(0.15, 0.4)
 
@@ -35,6 +37,48 @@ def test_its_estimates_are_the_environments(noise, filter):
     for _ in range(300):
         episode.step(COMMAND)
         assert node.step(0.1, plant.step(0.1, COMMAND)["odometry"])["estimate"] == episode.world.estimate
+
+
+@pytest.mark.parametrize("fix", FIXES)
+@pytest.mark.parametrize("filter", ["matched", "slip"])
+def test_with_fixes_too_its_estimates_are_the_environments(filter, fix):
+    """To the bit, though it remembers more steps; and a fix that is heard twice, or goes on being heard, counts once."""
+    plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise="wheel", seed=3, fix=fix))
+    node, still = estimator(noise="wheel", filter=filter, takes_fixes=True), replace(NAV, random=False)
+    episode = Episode(make_parameters(still, noise="wheel", filter=filter, fix=fix), (Pose(0.0, 0.0, 0.0),), seed=3)
+    said, heard, count = plant.step(0.1, None), None, 0
+    node.step(0.0, said["odometry"])
+    for _ in range(100):
+        episode.step(COMMAND)
+        said = plant.step(0.1, COMMAND)
+        heard = said.get("fix", heard and heard._replace(age=heard.age + 0.1))
+        count += "fix" in said
+        assert node.step(0.1, said["odometry"], fix=heard)["estimate"].belief == episode.world.estimate.belief
+    assert count > 10
+
+
+@pytest.mark.parametrize(
+    ("age", "counts"), [(0.0, True), (0.5, True), (0.6, False), (60.0, False), (-0.05, True), (-0.2, False)]
+)
+def test_a_fix_of_long_ago_or_from_the_future_is_left_aside_and_noticed(age, counts):
+    nodes = [estimator(noise="wheel", takes_fixes=True) for _ in range(2)]
+    for node in nodes:
+        node.step(0.0, seen(0.0, 0.0, 0.0))
+        for k in range(1, 9):
+            node.step(0.1, seen(0.02 * k, 0.0, 0.0, COMMAND))
+    fix = Fix(Pose(0.1, 0.2, 0.0), (0.01, 0.01, math.inf), 0.0, True)
+    last = seen(0.18, 0.0, 0.0, COMMAND)
+    with_fix, without = nodes[0].step(0.1, last, fix=Aged(fix, age)), nodes[1].step(0.1, last)
+    assert (with_fix["estimate"].belief != without["estimate"].belief) is counts
+    assert (nodes[0].notice is None) is counts
+    nodes[0].reset()
+    assert nodes[0].notice is None
+
+
+def test_a_fix_is_heard_only_where_it_is_asked_for():
+    assert set(estimator().inputs) == {"odometry"}
+    assert estimator(takes_fixes=True).inputs["fix"].topic == "pose_fix"
+    assert "fix" not in TurtlebotSimulator(TurtlebotSimulator.Params()).outputs
 
 
 def test_messages_that_are_lost_on_their_way_are_predicted_period_by_period():

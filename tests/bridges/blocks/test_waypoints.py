@@ -33,9 +33,9 @@ def test_waypoints_are_taken_in_order_on_arrival():
     node = generator()
     reference(node, at(SQUARE_WAYPOINTS[0].x, SQUARE_WAYPOINTS[0].y))  # an episode's first estimate is not judged
     for here, there in zip(SQUARE_WAYPOINTS, [*SQUARE_WAYPOINTS[1:], SQUARE_WAYPOINTS[-1]], strict=True):
-        assert reference(node, at(here.x + 0.31, here.y)) == here
+        assert reference(node, at(here.x + 0.26, here.y)) == here
         assert reference(node) == here  # without an estimate nothing is reached
-        assert reference(node, at(here.x + 0.29, here.y)) == there
+        assert reference(node, at(here.x + 0.24, here.y)) == there
     assert node.step(0.1, at(0.0, 0.0), None)["following"] == SQUARE_WAYPOINTS[-1]  # the last one stays
 
 

@@ -6,12 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.estimation.fixes import FixedSenses, depth_of, no_fix, with_fixes
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
+from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import STOP, Command, Pose, Senses
-from turtlebot_gym_ros.node.block import Input, On, Output, ranged
+from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses
+from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
+
+REMEMBERED = depth_of(0.01)
+"""Steps that are remembered for late fixes: half a second of odometry at 100 Hz, and longer of slower."""
 
 
 class KalmanFilter:
@@ -22,8 +27,10 @@ class KalmanFilter:
     it predicts period by period, and after ``max_gap`` it begins again. Nothing is published without odometry, so dead odometry
     shows.
 
-    Inputs: ``odometry`` (`Senses`, on ``odom``, every message), and where ``twist`` is "commanded", ``command`` (`Command`, on
-    ``cmd_vel``; optional, the last value holds).
+    With ``takes_fixes`` it takes in poses that are measured from outside, each at its own stamp, up to 0.5 s late.
+
+    Inputs: ``odometry`` (`Senses`, on ``odom``, every message); where ``twist`` is "commanded", ``command`` (`Command`, on
+    ``cmd_vel``; optional, the last value holds); and with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional).
     Outputs: ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp and in its frame.
     Parameters: those of `Params`.
     """
@@ -44,6 +51,9 @@ class KalmanFilter:
         """What it predicts with: "executed", the twist in ``/odom``, or "commanded", the last ``/cmd_vel``. Nothing ties a
         command to a step: on a busy machine the filter used another one than the robot in 109 of 402 steps, and its error rose
         from 0.038 m to as much as 0.113 m. For odometry without a twist; not for lock-step."""
+        takes_fixes: bool = False
+        """Whether it also takes in poses that something outside measures, such as localization in a map or motion capture, on
+        ``pose_fix``: in its own frame, with their variances; a heading whose variance is negative is left aside."""
         period: float = ranged(0.1, 0.0, 60.0, "positive, at most max_gap")
         """Longest interval that is predicted in one go, s."""
         max_gap: float = ranged(1.0, 0.0, 60.0, "at least the period, below 60 s")
@@ -69,6 +79,12 @@ class KalmanFilter:
             command = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="refused")
             self.inputs = {**self.inputs, "command": command}
             self._executed = lambda odometry, command: limit(command or STOP, self._robot)
+        if params.takes_fixes:
+            self._filter = with_fixes(self._filter, REMEMBERED)
+            fix = Input(topic="pose_fix", type=Fix, required=False, lock_step="newest", aged=True, reliable=False)
+            self.inputs = {**self.inputs, "fix": fix}
+        self.notice: str | None = None
+        """The last fix that came too late, in words."""
         self.reset()
 
     @staticmethod
@@ -79,17 +95,21 @@ class KalmanFilter:
     def reset(self) -> None:
         """Begin again with the next odometry."""
         self._estimate: Estimate | None = None
-        self._senses = Senses(Pose(0.0, 0.0, 0.0), STOP, False)
+        self._senses = FixedSenses(Pose(0.0, 0.0, 0.0), STOP, False, no_fix())
+        self._time = 0.0
+        self._last_fix: tuple[Fix, float] | None = None
+        self.notice = None
 
-    def step(self, dt: float, odometry: Senses, command: Command | None = None) -> dict[str, Any]:
+    def step(self, dt: float, odometry: Senses, command: Command | None = None, fix: Aged | None = None) -> dict[str, Any]:
         """Return the estimate after an odometry message that came ``dt`` after the one before."""
+        self._time += dt
         z, _, measured = odometry
-        senses = Senses(z, self._executed(odometry, command), measured)
+        senses = FixedSenses(z, self._executed(odometry, command), measured, self._new(fix))
         if self._estimate is None or dt <= 0.0:  # the first message, or the first after a pause
             estimate = self._filter.start(z, self._tuning)
         else:
             estimate, before = self._estimate, self._senses
-            nothing = Senses(before.odometry, senses.twist, False)
+            nothing = FixedSenses(before.odometry, senses.twist, False, no_fix())
             n = max(1, round(dt / self._period))
             share = round(dt / n, 9)  # stamps are whole nanoseconds, and so 0.3 s are three times exactly 0.1 s
             for _ in range(n - 1):
@@ -97,3 +117,16 @@ class KalmanFilter:
             estimate = self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
         self._estimate, self._senses = estimate, senses
         return {"estimate": estimate}
+
+    def _new(self, fix: Aged | None) -> Fix:
+        """Return a fix with its age, if it is another one than the last, and recent."""
+        if fix is None:
+            return no_fix()
+        stamp = self._time - fix.age
+        last, self._last_fix = self._last_fix, (fix.value, stamp)
+        if last is not None and last[0] == fix.value and abs(last[1] - stamp) < 1e-6:
+            return no_fix()
+        if not -self._period <= fix.age <= MAX_FIX_AGE + 1e-6:
+            self.notice = f"a fix was {fix.age:.2f} s old: steps are remembered for {MAX_FIX_AGE} s."
+            return no_fix()
+        return fix.value._replace(age=max(fix.age, 0.0))

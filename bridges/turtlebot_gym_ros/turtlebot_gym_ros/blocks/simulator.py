@@ -15,11 +15,14 @@ from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
 from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
-from turtlebot_gym.values import STOP, Command, Pose, Senses, State
+from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses, State
 from turtlebot_gym_ros.node.block import Aged, Every, Input, Output, ranged
 
 THROUGH = {"estimate": Estimate, "reference": Pose, "next_reference": Pose}
 """Topics over which a step's odometry leads to the command that answers it, in their order."""
+NO_FIX = ("none", "")
+FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
+"""What is said besides where something measures the pose from outside."""
 ROOM_OUTPUTS = {
     "scan": Output(topic="scan", type=Scan, newest=True, reliable=False),
     "goal": Output(topic="room_goal", type=Pose),
@@ -43,7 +46,8 @@ class TurtlebotSimulator:
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
-    out, with the twist that the wheels executed), both in the world frame. In a room also ``scan`` (`Scan`, on ``scan``, each
+    out, with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
+    with the stamp at which it was measured). In a room also ``scan`` (`Scan`, on ``scan``, each
     when it is complete, with the LiDAR's stamps), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
     ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and where the
     world is a map, ``map`` (`GridMap`, on ``map``), once. Parameters: those of `Params`. A reset begins the next episode.
@@ -57,6 +61,9 @@ class TurtlebotSimulator:
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
         """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
+        fix: str = "none"
+        """What measures the pose from outside, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a
+        FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
@@ -96,7 +103,11 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
-        p = make_parameters(task, robot=params.robot, noise=params.noise, integrator=params.integrator, dt=params.period)
+        options = {"robot": params.robot, "noise": params.noise, "fix": None if params.fix in NO_FIX else params.fix}
+        p = make_parameters(task, integrator=params.integrator, dt=params.period, **options)
+        self._sees_fixes = bool(p.fix)
+        if self._sees_fixes:
+            self.outputs = {**self.outputs, **FIX_OUTPUTS}
         self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
         plan, self._lidar = None, None
         if params.in_room:
@@ -125,7 +136,10 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
-        said: dict[str, Any] = {"truth": world.body.true_state, "odometry": world.senses}
+        odometry = Senses(world.senses.odometry, world.senses.twist, world.senses.measured)
+        said: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
+        if self._sees_fixes and world.senses.fix.arrived:
+            said["fix"] = Aged(world.senses.fix, world.senses.fix.age)
         if self._map:
             said["map"], self._map = self._map, None
         return said if self._lidar is None else {**said, **self._look_round(self._lidar)}

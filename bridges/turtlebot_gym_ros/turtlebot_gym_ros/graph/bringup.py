@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.plotting import tutorial_figure
-from turtlebot_gym.presets import NOISES
+from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.tasks import ROOM, arrived
@@ -105,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml (default burger)")
     parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default tutorial)")
     parser.add_argument("--filter", help="matched (default), tutorial, gated, mixture, slip or scale")
+    parser.add_argument("--fix", help=f"what measures the pose from outside: {', '.join(FIXES)}, or FILE.yaml (default none)")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"

@@ -20,7 +20,7 @@ from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
-from turtlebot_gym_ros.blocks.simulator import OPEN_GROUND
+from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.discovery import SETTLE
 from turtlebot_gym_ros.node.parameters import Common
@@ -80,6 +80,8 @@ class Graph:
         pace = float(speed or (0.0 if self._autonomous else 1.0))
         if self._autonomous:
             parameters = fit_room(parameters)
+        if parameters.get("fix", "none") not in NO_FIX:
+            parameters = {"takes_fixes": True, **parameters}
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
         unknown = set(parameters) - {key for each in self._parameters.values() for key in each}
         if unknown:

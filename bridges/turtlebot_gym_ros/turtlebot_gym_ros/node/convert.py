@@ -7,6 +7,8 @@ a ``ValueError`` that says why, in both directions.
 repeats the last one and says so by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for what is not known.
 The twist is valid in either case. A robot's own odometry, with zeros or variances in the covariance, counts as measured.
 
+A `Fix` states its variances; -1 for the heading's says that it was not measured. Terms off the diagonal are not used.
+
 Headings survive their quaternion to the bit, see `quaternion_of`.
 
 An `Odometry` message has no place for the normalized innovation squared, which a policy observes. It travels where a planar
@@ -25,7 +27,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Header
@@ -34,7 +36,7 @@ from visualization_msgs.msg import MarkerArray
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
 from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
 from turtlebot_gym_ros.node.scans import read_clearance, read_scan, write_clearance, write_scan
 
@@ -223,6 +225,27 @@ def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
     return message
 
 
+def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
+    covariance = message.pose.covariance
+    x, y, heading = (float(covariance[at]) for at in (0, 7, 35))
+    if not (0.0 < x < math.inf and 0.0 < y < math.inf):
+        raise ValueError(f"a fix must state positive variances of x and y, got {x:g} and {y:g}")
+    if heading == 0.0 or math.isnan(heading):
+        raise ValueError(f"a fix must state the heading's variance, or -1 where it was not measured, got {heading:g}")
+    measured, position = heading > 0.0, message.pose.pose.position
+    pose = _read_pose(message.pose.pose) if measured else Pose(position.x, position.y, 0.0)
+    _finite("the pose", pose)
+    return Fix(pose, (x, y, heading if measured else math.inf), 0.0, True)
+
+
+def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped(header=header)
+    _write_pose(message.pose.pose, fix.pose)
+    covariance, (x, y, heading) = message.pose.covariance, fix.R
+    covariance[0], covariance[7], covariance[35] = x, y, heading if heading < math.inf else _NOT_MEASURED
+    return message
+
+
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
     message = TwistStamped(header=header)
     _write_twist(message.twist, *command)
@@ -266,6 +289,7 @@ register(
     lambda belief, header: _estimate_to_message(Estimate(belief, 0.0, 0.0), header),
     in_world=True,
 )
+register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
 register(Scan, LaserScan, read_scan, write_scan)
 register(Obstacles, MarkerArray, read_obstacles, write_obstacles, in_world=True)
 register(Clearance, Range, read_clearance, write_clearance)

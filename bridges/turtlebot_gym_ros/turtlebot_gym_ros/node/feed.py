@@ -32,7 +32,7 @@ class Feed:
         self._lock_step = lock_step
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
-        self._newest: tuple[int, int] | None = None  # a step, and the stamp of the newest value there was by then
+        self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value, if any, by then
         self.conversion = conversion
         self.refusal: str | None = None
         self._refused = self._received = 0
@@ -50,7 +50,8 @@ class Feed:
         if self._lock_step and self.declared.lock_step == "newest":
 
             def tell(message: TimeReference) -> None:
-                self._newest = Time.from_msg(message.header.stamp).nanoseconds, Time.from_msg(message.time_ref).nanoseconds
+                newest = Time.from_msg(message.time_ref).nanoseconds
+                self._newest = Time.from_msg(message.header.stamp).nanoseconds, newest or None
                 told()
 
             topic = f"{self.declared.topic}/newest"

@@ -94,11 +94,11 @@ class Outputs:
         self._tell_newest()
 
     def _tell_newest(self) -> None:
-        """Publish which messages are the newest ones of the outputs that do not come in every step."""
+        """Publish which messages are the newest ones of the outputs that do not come in every step; 0 where there is none."""
         for key, teller in self._tellers.items():
-            if key in self._last:
-                header = Header(stamp=Time(nanoseconds=self._step).to_msg())
-                teller.publish(TimeReference(header=header, time_ref=self._last[key].header.stamp))
+            header = Header(stamp=Time(nanoseconds=self._step).to_msg())
+            newest = self._last[key].header.stamp if key in self._last else Time().to_msg()
+            teller.publish(TimeReference(header=header, time_ref=newest))
 
     def publish_again(self, stamp: int | None = None) -> None:
         """Publish the last answer again, under another stamp, ns, where one is given."""
