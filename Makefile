@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival faults study study-rooms docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix faults study study-rooms docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -78,6 +78,9 @@ bench-estimation: $(READY)  ## filters beside the bound that no filter can pass,
 
 bench-arrival: $(READY)  ## when a robot should believe that it has arrived: rules side by side (2 minutes)
 	$(RUN)python benchmarks/arrival.py
+
+bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, and late but taken for new (5 minutes)
+	$(RUN)python benchmarks/fix.py
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

@@ -1,0 +1,133 @@
+"""What a fix is worth to a robot with wheel odometry, and what a late one costs: put in at its stamp, or taken for one of now.
+
+Long drives with commands that are drawn, the same for all. `make bench-fix` runs it and writes `fix.json`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich.table import Table
+
+from turtlebot_gym import FixNoise, make_parameters
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.envs.common import matrices
+from turtlebot_gym.estimation.consistency import difference, nees
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.presets import FIXES
+from turtlebot_gym.systems import Parameters, System, system_of
+from turtlebot_gym.systems.fixes import TrackedSenses
+from turtlebot_gym.tasks import SQUARE
+from turtlebot_gym.values import Fix, Pose
+from turtlebot_gym_agents.commands.console import print_tables, progress
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.provenance import settings_of, write_json
+
+RESULTS = Path(__file__).with_suffix(".json")
+DT, HOLD = 0.1, 10
+"""Control interval, s, and steps for which a command is held."""
+FORWARD, TURN = (0.3, 1.0), (-0.35, 0.35)
+"""Ranges of the actions that are drawn, shares of the robot's limits."""
+LATE_POSE = FixNoise(R=(0.1**2, 0.1**2, 0.05**2), period=0.5, delay=0.3, dropout_probability=0.3)
+CASES: dict[str, tuple[FixNoise | None, bool]] = {
+    "none": (None, False),
+    "2 Hz (x, y) of 0.1 m": (FIXES["beacons"], False),
+    "0.3 s late, 30 % lost": (FIXES["late"], False),
+    "the same, taken for one of now": (FIXES["late"], True),
+    "with heading of 0.05 rad, 0.3 s late, 30 % lost": (LATE_POSE, False),
+    "with heading, taken for one of now": (LATE_POSE, True),
+    "1 Hz (x, y) of 0.1 m": (replace(FIXES["beacons"], period=1.0), False),
+}
+"""What measures the pose from outside, and whether its age is passed over."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Drive with wheel odometry and fixes."""
+
+    runs: int = 150
+    """Drives in each case."""
+    seconds: float = 300.0
+    """Their length."""
+    seed: int = 0
+    """The first one's."""
+    json: Path | None = RESULTS
+    """Where the results go."""
+
+
+def naive(system: System) -> System:
+    """Return a system with fixes of which each passes for one of the very step in which it comes."""
+    sense = system.sense
+
+    @kernel
+    def sense_now(body, before, key, at, p):
+        told = sense(body, before, key, at, p)
+        fix = Fix(told.fix.pose, told.fix.R, 0.0, told.fix.arrived)
+        return TrackedSenses(told.odometry, told.twist, told.measured, fix, told.passed)
+
+    return system._replace(sense=sense_now)
+
+
+def drive(p: Parameters, system: System, config: Config, done: Callable[[int], None]) -> dict[str, Any]:
+    """Return errors and consistency, each a mean over a drive, and what a step costs."""
+    n, steps = config.runs, round(config.seconds / DT)
+    batch = Batch(n, p, (Pose(0.0, 0.0, 0.0),), system=system)
+    batch.seeds[:] = config.seed + np.arange(n)
+    batch.reset(np.ones(n, np.bool_), *batch.empty())
+    random = np.random.default_rng(config.seed)
+    position, heading, consistent, cpu = (np.zeros((steps, n)), np.zeros((steps, n)), np.zeros((steps, n)), 0.0)
+    for step in range(steps):
+        if step % HOLD == 0:
+            actions = np.stack([random.uniform(*FORWARD, n), random.uniform(*TURN, n)], axis=1).astype(np.float32)
+        began = time.process_time()
+        batch.step(actions)
+        cpu += time.process_time() - began if step else 0.0  # the first one compiles
+        mean, truth = batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state")
+        error = difference(mean[:, :3], truth[:, :3])
+        position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+        consistent[step] = nees(mean, truth, matrices(batch.numbers("estimate.belief.covariance")), components=3)
+        done(step + 1)
+    return {
+        "position": metrics.mean(position.mean(axis=0)),
+        "position_rms": metrics.mean(np.sqrt((position**2).mean(axis=0))),
+        "position_at_end": metrics.mean(position[-1]),
+        "heading": metrics.mean(heading.mean(axis=0)),
+        "nees": metrics.mean(consistent.mean(axis=0)),
+        "cpu_microseconds": 1e6 * cpu / (n * (steps - 1)),
+    }
+
+
+def told(interval: Any, digits: int) -> str:
+    """Return an interval for the table."""
+    return f"{interval.value:.{digits}f} ± {0.5 * (interval.high - interval.low):.{digits}f}"
+
+
+def main() -> None:
+    """Drive, print a table, and write."""
+    config = tyro.cli(Config, description=__doc__)
+    task, found = replace(SQUARE, switch_period=1e9, max_steps=1e9), {}
+    table = Table(
+        "fix", "position, m", "rms, m", "at the end, m", "heading, rad", "NEES of the pose", "µs a step",
+        title=f"wheel odometry, {config.runs} drives of {config.seconds:g} s, means and 95 % intervals",
+    )  # fmt: skip
+    for name, (fix, is_naive) in CASES.items():
+        p = make_parameters(task, noise="wheel", fix=fix)
+        system = naive(system_of(p)) if is_naive else system_of(p)
+        with progress(round(config.seconds / DT)) as done:
+            row = found[name] = drive(p, system, config, done)
+        numbers = [told(row[key], 4) for key in ("position", "position_rms", "position_at_end", "heading")]
+        table.add_row(name, *numbers, told(row["nees"], 2), f"{row['cpu_microseconds']:.2f}")
+    print_tables(table)
+    if config.json is not None:
+        write_json(config.json, {"cases": found}, config=settings_of(config))
+
+
+if __name__ == "__main__":
+    main()
