@@ -1,6 +1,6 @@
 """What a fix is worth to a robot with wheel odometry, and what a late one costs: put in at its stamp, or taken for one of now.
 
-Long drives with commands that are drawn, the same for all. `make bench-fix` runs it and writes `fix.json`.
+Long drives, most with commands that are drawn, the same for all. `make bench-fix` runs it and writes `fix.json`.
 """
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from rich.table import Table
 
 from turtlebot_gym import FixNoise, make_parameters
@@ -24,28 +23,42 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.presets import FIXES
 from turtlebot_gym.systems import Parameters, System, system_of
 from turtlebot_gym.systems.fixes import TrackedSenses
-from turtlebot_gym.tasks import SQUARE
+from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import Fix, Pose
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.policies import BearingPolicy
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
 DT, HOLD = 0.1, 10
 """Control interval, s, and steps for which a command is held."""
-FORWARD, TURN = (0.3, 1.0), (-0.35, 0.35)
-"""Ranges of the actions that are drawn, shares of the robot's limits."""
+FORWARD, TURN = (0.0, 1.0), (-0.3, 0.3)
+"""Ranges of the actions that are drawn, shares of the robot's limits: without a fix they lead 0.8 m astray in five minutes."""
 LATE_POSE = FixNoise(R=(0.1**2, 0.1**2, 0.05**2), period=0.5, delay=0.3, dropout_probability=0.3)
-CASES: dict[str, tuple[FixNoise | None, bool]] = {
-    "none": (None, False),
-    "2 Hz (x, y) of 0.1 m": (FIXES["beacons"], False),
-    "0.3 s late, 30 % lost": (FIXES["late"], False),
-    "the same, taken for one of now": (FIXES["late"], True),
-    "with heading of 0.05 rad, 0.3 s late, 30 % lost": (LATE_POSE, False),
-    "with heading, taken for one of now": (LATE_POSE, True),
-    "1 Hz (x, y) of 0.1 m": (replace(FIXES["beacons"], period=1.0), False),
+
+
+class Case(NamedTuple):
+    """What measures the pose, and how the robot drives."""
+
+    fix: FixNoise | None
+    is_naive: bool = False
+    """Whether a fix's age is passed over."""
+    on_square: bool = False
+    """Whether the bearing law drives round the square, instead of commands that are drawn."""
+
+
+CASES = {
+    "none": Case(None),
+    "2 Hz (x, y) of 0.1 m": Case(FIXES["beacons"]),
+    "0.3 s late, 30 % lost": Case(FIXES["late"]),
+    "the same, taken for one of now": Case(FIXES["late"], is_naive=True),
+    "with heading of 0.05 rad, 0.3 s late, 30 % lost": Case(LATE_POSE),
+    "with heading, taken for one of now": Case(LATE_POSE, is_naive=True),
+    "1 Hz (x, y) of 0.1 m": Case(replace(FIXES["beacons"], period=1.0)),
+    "round the square: 2 Hz (x, y) of 0.1 m": Case(FIXES["beacons"], on_square=True),
+    "round the square: 0.3 s late, 30 % lost": Case(FIXES["late"], on_square=True),
 }
-"""What measures the pose from outside, and whether its age is passed over."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,19 +88,22 @@ def naive(system: System) -> System:
     return system._replace(sense=sense_now)
 
 
-def drive(p: Parameters, system: System, config: Config, done: Callable[[int], None]) -> dict[str, Any]:
+def drive(p: Parameters, system: System, on_square: bool, config: Config, done: Callable[[int], None]) -> dict[str, Any]:
     """Return errors and consistency, each a mean over a drive, and what a step costs."""
     n, steps = config.runs, round(config.seconds / DT)
-    batch = Batch(n, p, (Pose(0.0, 0.0, 0.0),), system=system)
+    batch, policy = Batch(n, p, SQUARE_WAYPOINTS, system=system), BearingPolicy()
     batch.seeds[:] = config.seed + np.arange(n)
-    batch.reset(np.ones(n, np.bool_), *batch.empty())
+    observations, outcomes = batch.empty()
+    batch.reset(np.ones(n, np.bool_), observations, outcomes)
     random = np.random.default_rng(config.seed)
     position, heading, consistent, cpu = (np.zeros((steps, n)), np.zeros((steps, n)), np.zeros((steps, n)), 0.0)
     for step in range(steps):
-        if step % HOLD == 0:
+        if on_square:
+            actions = np.asarray(policy(observations), np.float32)
+        elif step % HOLD == 0:
             actions = np.stack([random.uniform(*FORWARD, n), random.uniform(*TURN, n)], axis=1).astype(np.float32)
         began = time.process_time()
-        batch.step(actions)
+        observations, _ = batch.step(actions)
         cpu += time.process_time() - began if step else 0.0  # the first one compiles
         mean, truth = batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state")
         error = difference(mean[:, :3], truth[:, :3])
@@ -112,16 +128,16 @@ def told(interval: Any, digits: int) -> str:
 def main() -> None:
     """Drive, print a table, and write."""
     config = tyro.cli(Config, description=__doc__)
-    task, found = replace(SQUARE, switch_period=1e9, max_steps=1e9), {}
+    task, found = replace(SQUARE, laps=1e6, max_steps=1e9), {}
     table = Table(
         "fix", "position, m", "rms, m", "at the end, m", "heading, rad", "NEES of the pose", "µs a step",
         title=f"wheel odometry, {config.runs} drives of {config.seconds:g} s, means and 95 % intervals",
     )  # fmt: skip
-    for name, (fix, is_naive) in CASES.items():
+    for name, (fix, is_naive, on_square) in CASES.items():
         p = make_parameters(task, noise="wheel", fix=fix)
         system = naive(system_of(p)) if is_naive else system_of(p)
         with progress(round(config.seconds / DT)) as done:
-            row = found[name] = drive(p, system, config, done)
+            row = found[name] = drive(p, system, on_square, config, done)
         numbers = [told(row[key], 4) for key in ("position", "position_rms", "position_at_end", "heading")]
         table.add_row(name, *numbers, told(row["nees"], 2), f"{row['cpu_microseconds']:.2f}")
     print_tables(table)

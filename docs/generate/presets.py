@@ -48,6 +48,10 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
     table("name", "what it is", "parameters")
     for name, noise in presets.NOISES.items():
         print(f"| `{name}` | {said(f'presets.{name.upper()}')} | {', '.join(differences(noise))} |", file=page)
+    print("\n## Fixes\n", said("presets.FIXES"), file=page)
+    table("name", "parameters")
+    for name, fix in presets.FIXES.items():
+        print(f"| `{name}` | {', '.join(differences(fix))} |", file=page)
     print(f"\n## Filters\n\n`matched` follows from the noise in force: {said('presets.matched').partition('. ')[2]}", file=page)
     print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}\n", file=page)
     for name in ("gated", "mixture", "slip", "scale"):

@@ -146,6 +146,7 @@ def test_the_scripted_person_drives(launch, peer, wait_for):
         launch(*node("simulated_teleop", "use_sim_time:=true"))
         wait_for(lambda: states and states[-1].data == "silent: done")
         commands = graph.trajectory().command
+        commands = commands[np.isfinite(commands).all(axis=1)]  # in real time, a busy machine may lose a message
         # 0.15 m/s with 0.8 rad/s is beyond a wheel's limit: 0.15 + 0.8 * 0.08 = 0.214 m/s, of 0.2097.
         executed = {(0.15, 0.0), (0.147, 0.7839), (0.147, -0.7839), (0.0, 1.5), (0.0, 0.0)}
         assert executed == set(map(tuple, np.round(commands, 4).tolist()))

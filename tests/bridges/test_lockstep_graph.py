@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from turtlebot_gym import NOISES, write_parameters
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.values import STOP, Belief, Covariance, Pose, Senses, State
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, Senses, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.answering import AsPlant
@@ -265,3 +265,22 @@ def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
             np.testing.assert_array_equal(recorder.trajectory().time, [0.0, 1.0])
     finally:
         recorder.close()
+
+
+@pytest.mark.parametrize("lost", ["true_state", "odom", "estimate", "reference"])
+def test_what_a_recorder_did_not_hear_in_real_time_is_nan_in_its_row(runner, lost):
+    recorder = Recorder(runner.context)
+    try:
+        state = State(1.0, 2.0, 0.3, 0.1, 0.2)
+        values = {"true_state": state, "odom": Senses(Pose(1.0, 2.0, 0.3), Command(0.1, 0.2), True)}
+        values |= {"estimate": Estimate(Belief(state, Covariance(*[1.0] * 15)), 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
+        for k in range(3):
+            recorder._rows[k * 10**8] = {topic: value for topic, value in values.items() if k != 1 or topic != lost}
+        drive = recorder.trajectory()
+    finally:
+        recorder.close()
+    parts = {"true_state": ("true_state",), "odom": ("odometry", "command"), "estimate": ("estimate", "covariance")}
+    for name in ("true_state", "odometry", "command", "estimate", "covariance", "reference"):
+        rows = np.isnan(getattr(drive, name)).reshape(3, -1)
+        assert rows.any(axis=1).tolist() == [False, name in parts.get(lost, (lost,)), False]
+        assert rows.all(axis=1).tolist() == rows.any(axis=1).tolist()

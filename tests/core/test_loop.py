@@ -68,7 +68,7 @@ def test_parameters_may_be_changed_on_the_way():
     assert (np.abs(batch.numbers("senses.odometry")).max(axis=1) > 0.0).tolist() == [False, False, True]
     with pytest.raises(ValueError, match="parameters must be one or 3, got 2"):
         batch.set_parameters([calm, calm])
-    with pytest.raises(ValueError, match="odometry_input must be the same in all"):
+    with pytest.raises(ValueError, match="the kind of filter must be the same in all"):
         batch.set_parameters([calm, calm, make_parameters(SQUARE, noise="wheel")])
     assert batch.parameters == [calm, calm, shaky]
 

@@ -202,11 +202,10 @@ class Recorder:
             RuntimeError: If in lock-step a step before that one was not heard as a whole.
         """
         rows = self._collect()
-        nothing = {"true_state": 5, "odom": 5, "estimate": 5, "reference": 3}
 
-        def column(topic: str, pick: Callable[[Any], Any] = tuple) -> Any:
-            gap = (np.nan,) * nothing[topic]
-            return np.array([pick(row[topic]) if topic in row else gap for _, row in rows], float).reshape(len(rows), -1)
+        def column(topic: str, size: int, pick: Callable[[Any], Any] = tuple) -> NDArray[np.float64]:
+            gap = (np.nan,) * size
+            return np.array([pick(row[topic]) if topic in row else gap for _, row in rows], float).reshape(len(rows), size)
 
         covariance = np.full((len(rows), 5, 5), np.nan)
         for k, (_, row) in enumerate(rows):
@@ -214,12 +213,12 @@ class Recorder:
                 covariance[k] = matrix(row["estimate"].belief.covariance)
         return Trajectory(
             time=self._time_of([stamp for stamp, _ in rows]),
-            true_state=column("true_state"),
-            odometry=column("odom", lambda senses: senses.odometry)[:, :3],
-            estimate=column("estimate", lambda estimate: estimate.belief.mean),
+            true_state=column("true_state", 5),
+            odometry=column("odom", 3, lambda senses: senses.odometry),
+            estimate=column("estimate", 5, lambda estimate: estimate.belief.mean),
             covariance=covariance,
-            reference=column("reference"),
-            command=column("odom", lambda senses: senses.twist)[:, :2],
+            reference=column("reference", 3),
+            command=column("odom", 2, lambda senses: senses.twist),
         )
 
     def _time_of(self, stamps: list[int]) -> Any:
