@@ -24,7 +24,7 @@ from turtlebot_gym.presets import FIXES
 from turtlebot_gym.systems import Parameters, System, system_of
 from turtlebot_gym.systems.fixes import TrackedSenses
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
-from turtlebot_gym.values import Fix, Pose
+from turtlebot_gym.values import Fix
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.policies import BearingPolicy
@@ -96,6 +96,7 @@ def drive(p: Parameters, system: System, on_square: bool, config: Config, done: 
     observations, outcomes = batch.empty()
     batch.reset(np.ones(n, np.bool_), observations, outcomes)
     random = np.random.default_rng(config.seed)
+    actions = np.zeros((n, 2), np.float32)
     position, heading, consistent, cpu = (np.zeros((steps, n)), np.zeros((steps, n)), np.zeros((steps, n)), 0.0)
     for step in range(steps):
         if on_square:

@@ -285,6 +285,18 @@ def test_the_table_of_filters_is_what_was_measured():
     assert rows == 11
 
 
+def test_the_table_of_fixes_is_what_was_measured():
+    cases = json.loads((ROOT / "benchmarks" / "fix.json").read_text(encoding="utf-8"))["cases"]
+    page = (ROOT / "docs" / "howto" / "fix.md").read_text(encoding="utf-8")
+    lines = [line for line in page.partition("## What it is worth")[2].splitlines() if line.startswith("|")][2:]
+    for line in lines:
+        name, *told = (cell.strip() for cell in line.strip("|").split("|"))
+        position, nees = cases[name]["position"], cases[name]["nees"]
+        margins = [(each["high"] - each["low"]) / 2.0 for each in (position, nees)]
+        assert told == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], line
+    assert len(lines) == len(cases)
+
+
 def test_the_table_of_arrivals_is_what_was_measured():
     rules = json.loads((ROOT / "benchmarks" / "arrival.json").read_text(encoding="utf-8"))["rules"]
     page, rows = (ROOT / "docs" / "concepts" / "tasks.md").read_text(encoding="utf-8"), 0
