@@ -92,6 +92,6 @@ def _false_arrivals(rows: Sequence[Mapping[str, Any]], config: Mapping[str, Any]
         for row in rows
     )
     return [
-        f"* **Where the episode ends on belief**, the robot is not within the 0.15 m in which it believes it is in {shares} "
-        f"(the bearing law, {config['episodes']} episodes each). Neither reward nor policy mends that; a smaller radius would."
+        f"* **Where the episode ends on belief**, which must be inside by a margin, the robot is not within 0.15 m in {shares} "
+        f"(the bearing law, {config['episodes']} episodes each)."
     ]

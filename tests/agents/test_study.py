@@ -62,9 +62,8 @@ def test_what_learning_loses_is_said_first():
         "Nav, raw odometry, tutorial (16.50 s instead of 12.16 s).",
         "* **What the filter buys**, from raw odometry to its estimate: "
         "`tutorial` 12.16 s to 10.30 s for geometry, 12.18 s to 10.45 s for PPO.",
-        "* **Where the episode ends on belief**, the robot is not within the 0.15 m in which it believes it is "
-        "in 39.0 % (37.0 to 41.1) under `tutorial` (the bearing law, 2000 episodes each). "
-        "Neither reward nor policy mends that; a smaller radius would.",
+        "* **Where the episode ends on belief**, which must be inside by a margin, the robot is not within 0.15 m "
+        "in 39.0 % (37.0 to 41.1) under `tutorial` (the bearing law, 2000 episodes each).",
     ]  # fmt: skip
     assert "5 trainings (seeds 0 to 4) and 2000 paired episodes (seeds from 1,000,000)" in text.conditions(RESULTS)
     assert "Holm's correction for 3 scenarios" in text.conditions(RESULTS)
