@@ -23,6 +23,7 @@ from turtlebot_gym.envs.common import (
 )
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, Noise, Reward
+from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
@@ -102,10 +103,14 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         waypoints: Poses to visit instead of the square.
         dt: Control interval, s.
         delay: Steps by which a command comes late, 0 to 3.
+        plant: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`: what moves the robot. In MuJoCo its wheels creep
+            and slip by themselves, instead of the noise of execution, and odometry comes from their angles; it needs the
+            extra [mujoco], and a step takes a hundred times as long.
         render_mode: None, "human" or "rgb_array".
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
+        ImportError: If the plant needs an engine that is not installed.
 
     ## Version History
 
@@ -131,6 +136,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         waypoints: Sequence[Pose] | None = None,
         dt: float = 0.1,
         delay: int = 0,
+        plant: str | MujocoBurger = "unicycle",
         render_mode: str | None = None,
     ) -> None:
         self._batch = make_batch(
@@ -149,6 +155,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             reward=reward,
             dt=dt,
             delay=delay,
+            plant=plant,
             room=self._room,
         )
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})

@@ -22,6 +22,7 @@ from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import Parameters, make_parameters
+from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Outcome, World
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
@@ -192,6 +193,11 @@ def rooms(filter: Filter) -> System:
 
 
 def system_of(parameters: Parameters) -> System:
-    """Return the system that parameters are for: rooms where they say what a room is like, else open ground."""
+    """Return the system that parameters are for: rooms where they say what a room is like, else open ground; with their plant.
+
+    Raises:
+        ImportError: If the plant needs an engine that is not installed.
+    """
     filter = filter_of(parameters.tuning)
-    return rooms(filter) if parameters.room else open_ground(filter)
+    system = rooms(filter) if parameters.room else open_ground(filter)
+    return physical(system, parameters.plant) if parameters.plant else system
