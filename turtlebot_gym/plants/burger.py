@@ -54,7 +54,7 @@ class MujocoBurger:
     caster_radius: float = 0.005
     """m. The SDF's; its centre is 1 mm lower than there, so that the caster touches the floor."""
     motor_gain: float = 0.3
-    """Torque per error of the wheel's speed, N m s. Chosen: a wheel follows its set speed with a time constant of about 10 ms."""
+    """Torque per error of the wheel's speed, N m s. Chosen: a wheel follows its set speed within about 10 ms."""
     motor_torque: float = 1.4
     """Greatest torque of a motor, N m. The e-Manual's stall torque at 11.1 V, the battery's voltage."""
     armature: float = 0.002

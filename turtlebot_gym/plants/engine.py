@@ -1,7 +1,7 @@
 """A TurtleBot3 Burger in MuJoCo, as a function: the state of the physics goes in, and comes out a control interval later.
 
-All that the engine knows of a robot is in a tuple of numbers, which an environment keeps like everything else that it remembers.
-So results depend on the seed alone, whatever was driven before, and one engine serves any number of environments.
+All that the engine knows of a robot is a tuple of numbers, which an environment keeps like everything else that it remembers.
+So its results depend on the seed alone, whatever was driven before, and one engine serves any number of environments.
 
 References:
     Todorov, Erez, Tassa, "MuJoCo: A physics engine for model-based control", *IROS* (2012).
@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from importlib import import_module
 from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
@@ -91,7 +91,7 @@ class Engine:
 
     def __init__(self, burger: MujocoBurger) -> None:
         try:
-            import mujoco
+            mujoco: Any = import_module("mujoco")  # large, and few need it
         except ImportError as error:
             raise ImportError("The plant 'mujoco' needs MuJoCo: pip install \"turtlebot-gym[mujoco]\".") from error
         self._burger, self._mujoco = burger, mujoco
