@@ -162,7 +162,7 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room"}  # by their own fields; rooms in tests/rooms
+    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "plant"}  # by their own fields; two in folders
     assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
 
 
@@ -193,6 +193,7 @@ ARGUMENTS = {
     "waypoints": ({"task": "square"}, {"task": "square", "waypoints": [Pose(0.5, 0.0, 0.0), Pose(1.0, 0.5, 0.0)]}),
     "dt": ({}, {"dt": 0.2}),
     "delay": ({}, {"delay": 1}),
+    "plant": ({}, {"plant": "mujoco"}),
     "max_episode_steps": ({}, {"max_episode_steps": 20}),
 }
 NO_ROLLOUT = {
@@ -223,6 +224,11 @@ def environment_rollout(make, **options):
     return log
 
 
+def need_engine(name):
+    if name == "plant":
+        pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
+
+
 def scalar(max_episode_steps=None, **options):
     env = NavigationEnv(**options)
     return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
@@ -234,12 +240,14 @@ def vector(**options):
 
 @pytest.mark.parametrize("name", arguments_of(NavigationEnv))
 def test_each_argument_of_the_scalar_environment_changes_a_rollout(name):
+    need_engine(name)
     before, after = ARGUMENTS[name]
     assert environment_rollout(scalar, **before) != environment_rollout(scalar, **after)
 
 
 @pytest.mark.parametrize("name", arguments_of(NavigationVectorEnv))
 def test_each_argument_of_the_vector_environment_changes_a_rollout(name):
+    need_engine(name)
     before, after = ARGUMENTS[name]
     assert environment_rollout(vector, **before) != environment_rollout(vector, **after)
 
