@@ -21,12 +21,14 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich.table import Table
-from scenarios import NAV, POSE, SQUARE, results_folder, run_all, slug
+from scenarios import NAV, POSE, SQUARE, results_folder, run_all, slug, trained
 
 from turtlebot_gym import FilterTuning, make_filter, make_noise
 from turtlebot_gym.estimation.consistency import difference, nees
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, command_of
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.plants import make_plant
@@ -54,6 +56,9 @@ POLICIES = {
 NOISES = ("tutorial", "documented", "wheel")
 MEASURED = ("tutorial", "documented")
 """Those under which there is something to filter."""
+SPEED_ERRORS = (0.02, 0.15)
+"""Greatest errors of the executed speed in trainings: that of the policies that come with the package, and one that covers what
+a slippery floor costs."""
 BY_NAME = ("matched", "gated", "mixture", "slip", "scale")
 """Filters by name that know the noise in force."""
 CREEP = 0.3
@@ -71,6 +76,8 @@ class Config:
     """Of each policy on each floor."""
     drives: int = 50
     """Of all filters on each floor."""
+    trainings: int = 3
+    """Of each task and range of the speed's error."""
     seconds: float = 60.0
     """Length of such a drive."""
     first_seed: int = 2_000_000
@@ -153,9 +160,10 @@ def filtered(drives: Sequence[Drive], tuning: FilterTuning, dt: float = 0.1) -> 
     return np.array(errors), np.array(consistency)
 
 
-def filter_rows(noise: str, floor: str, drives: Sequence[Drive]) -> list[dict[str, Any]]:
+def filter_rows(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
     """Return how each filter did on the same drives."""
     rows: list[dict[str, Any]] = []
+    drives = recorded(folder, noise, floor, config)
     reference = np.zeros(len(drives))
     for name, tuning in tunings(noise).items():
         errors, consistency = filtered(drives, tuning)
@@ -182,21 +190,15 @@ def drift(floor: str, drives: Sequence[Drive]) -> dict[str, Any]:
     """Return by how much odometry is off after each metre of the way, seen from where the metre began; m, rad."""
     found = []
     for truth, senses in drives:
-        odometry = np.array([one.odometry for one in senses])
         way = np.concatenate([[0.0], np.hypot(*np.diff(truth[:, :2], axis=0).T).cumsum()])
         ends = np.searchsorted(way, np.arange(0.0, way[-1], 1.0))
         for begin, end in pairwise(ends.tolist()):
-            true, told = (seen_from(Pose(*poses[begin, :3]), Pose(*poses[end, :3])) for poses in (truth, odometry))
-            off = difference(np.array(told), np.array(true))
+            start, before, after = Pose(*truth[begin, :3].tolist()), senses[begin].odometry, senses[end].odometry
+            told = increment(start, before, after, sincos(start.theta - before.theta))
+            off = difference(np.array(told), truth[end, :3])
             found.append((math.hypot(off[0], off[1]), abs(off[2])))
     position, heading = np.array(found).T
     return {"floor": floor, "metres": len(found), "position": root(position**2), "heading": root(heading**2)}
-
-
-def seen_from(start: Pose, end: Pose) -> Pose:
-    """Return a pose in the frame of another."""
-    c, s, dx, dy = math.cos(start.theta), math.sin(start.theta), end.x - start.x, end.y - start.y
-    return Pose(c * dx + s * dy, c * dy - s * dx, end.theta - start.theta)
 
 
 def policy_row(env: str, policy: str, noise: str, floor: str, one: Evaluation, unicycle: Evaluation) -> dict[str, Any]:
@@ -212,37 +214,64 @@ def policy_row(env: str, policy: str, noise: str, floor: str, one: Evaluation, u
     }  # fmt: skip
 
 
+def evaluated(folder: Path, env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
+    """Return a policy's episodes on a floor, which are driven where they are missing."""
+    name = Path(policy).parent.name if policy.endswith(".onnx") else policy
+    told = slug(env=env, policy=name, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed)
+    return kept(folder, told, driven, env, policy, noise, floor, config)
+
+
+def recorded(folder: Path, noise: str, floor: str, config: Config) -> list[Drive]:
+    """Return the drives for filters on a floor, which are driven where they are missing."""
+    told = slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
+    return kept(folder, told, record, noise, floor, config)
+
+
+def judged(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
+    """Return how filters did on a floor, who are run where that is missing."""
+    told = slug(filters=f"filters {noise}", floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
+    return kept(folder, told, filter_rows, folder, noise, floor, config)
+
+
+def trained_policy(folder: Path, env: str, error: float, seed: int) -> str:
+    """Return the bundle of a policy that was trained with errors of the speed, which is made where it is missing."""
+    return str(trained(folder, seed, None, env=env, randomize=True, speed_error=error) / "policy.onnx")
+
+
 def study(config: Config, folder: Path) -> dict[str, Any]:
     """Drive what was not driven yet, and return the rows."""
+
+    def run(function: Any, cases: Sequence[tuple[Any, ...]], label: str, *last: Any) -> dict[tuple[Any, ...], Any]:
+        jobs = [(function, (folder, *case, *last)) for case in cases]
+        return dict(zip(cases, run_all(jobs, label, config.processes), strict=True))
+
+    learned = [(env, error, seed) for env in (NAV, SQUARE) for error in SPEED_ERRORS for seed in range(config.trainings)]
+    bundles = run(trained_policy, learned, "trainings")
     cases = [(env, policy, noise) for env, names in POLICIES.items() for policy in names for noise in NOISES]
-    jobs = [
-        (kept, (folder, slug(env=env, policy=policy, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed),
-                driven, env, policy, noise, floor, config))
-        for env, policy, noise in cases for floor in FLOORS
-    ]  # fmt: skip
-    jobs += [
-        (kept, (folder, slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed),
-                record, noise, floor, config))
-        for noise in NOISES for floor in FLOORS
-    ]  # fmt: skip
-    found = iter(run_all(jobs, "drives", config.processes))
-    evaluations: Mapping[tuple[str, ...], Evaluation] = {(*case, floor): next(found) for case in cases for floor in FLOORS}
-    drives = {(noise, floor): next(found) for noise in NOISES for floor in FLOORS}
+    ours = [(env, bundles[env, error, seed], MEASURED[0]) for env, error, seed in learned]
+    on_floors = [(*case, floor) for case in (*cases, *ours) for floor in FLOORS]
+    evaluations = run(evaluated, on_floors, "policies", config)
+    drives = run(recorded, [(noise, floor) for noise in NOISES for floor in FLOORS], "drives", config)
+    filters = run(judged, [(noise, floor) for noise in MEASURED for floor in FLOORS], "filters", config)
+
+    def row(case: tuple[str, ...], floor: str, **names: Any) -> dict[str, Any]:
+        return policy_row(*case, floor, evaluations[(*case, floor)], evaluations[(*case, UNICYCLE)]) | names
+
     return {
-        "policies": [
-            policy_row(*case, floor, evaluations[(*case, floor)], evaluations[(*case, UNICYCLE)])
-            for case in cases
-            for floor in FLOORS
+        "policies": [row(case, floor) for case in cases for floor in FLOORS],
+        "trained": [
+            row(case, floor, policy=f"ppo, error {error:g}, seed {seed}")
+            for case, (_, error, seed) in zip(ours, learned, strict=True) for floor in FLOORS
         ],
-        "filters": [row for noise in MEASURED for floor in FLOORS for row in filter_rows(noise, floor, drives[noise, floor])],
+        "filters": [one for rows in filters.values() for one in rows],
         "drift": [drift(floor, drives["wheel", floor]) for floor in FLOORS],
-    }
+    }  # fmt: skip
 
 
 def tables(found: Mapping[str, Any]) -> list[Table]:
     """Return the study's tables."""
     policies = Table("task", "policy", "noise", *(f"{floor}, of n" for floor in FLOORS), "time, grip", "time, slippery")
-    rows = found["policies"]
+    rows = [*found["policies"], *found["trained"]]
     for at in range(0, len(rows), len(FLOORS)):
         several = rows[at : at + len(FLOORS)]
         counts = [f"{row['succeeded']} of {row['of']}" for row in several]
