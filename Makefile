@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix faults study study-rooms docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix faults study study-rooms study-transfer docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -90,6 +90,9 @@ study: $(READY)  ## what learning is worth: train and tune it all, ship the poli
 study-rooms: $(READY)  ## who finds the way through rooms: train ppo-rooms, drive all policies, ship it (two hours; resumes)
 	$(RUN)python benchmarks/rooms_study.py
 	$(RUN)python benchmarks/publish.py
+
+study-transfer: $(READY)  ## what carries over from the unicycle to MuJoCo: policies and filters, with grip and without (20 minutes; resumes)
+	$(RUN)python benchmarks/transfer.py
 
 faults: $(READY)  ## 1000 faults injected into live guards, with an independent listener (15 minutes)
 	@mkdir -p $(OUT)

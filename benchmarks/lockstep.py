@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 import turtlebot_gym  # noqa: F401  # registers the environments
+from turtlebot_gym.plants import make_plant
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_agents.provenance import write_json
@@ -76,6 +77,8 @@ class Drive(NamedTuple):
     seed: int = 0
     filter: str = "matched"
     fix: str = "none"
+    plant: str = "unicycle"
+    friction: float = 1.0
 
     @property
     def laps(self) -> int:
@@ -112,6 +115,7 @@ def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
         noise=drive.noise,
         filter=drive.filter,
         fix=None if drive.fix == "none" else drive.fix,
+        plant=make_plant(drive.plant, friction=drive.friction) if drive.plant != "unicycle" else drive.plant,
         robot=drive.robot,
         switch=drive.switch,
         laps=drive.laps,

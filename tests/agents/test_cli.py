@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
@@ -132,3 +133,45 @@ def test_a_policy_of_ones_own_is_found_where_one_is(tmp_path):
     done = subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "mine:drive" in done.stdout
+
+
+def test_evaluate_drives_in_mujoco_on_a_floor_of_ones_own(tmp_path, capsys):
+    pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
+    path = tmp_path / "slippery.json"
+    floor = ["--plant", "mujoco", "--friction", "0.5", "--caster-friction", "0.3"]
+    assert main(["evaluate", "--policy", "bearing", "--episodes", "3", *floor, "--json", str(path)]) == 0
+    content = json.loads(path.read_text())
+    assert content["config"].items() >= {"plant": "mujoco", "friction": 0.5, "caster_friction": 0.3}.items()
+    (run,) = content["runs"]
+    burger = MujocoBurger(friction=0.5, caster_friction=0.3)
+    expected = evaluate("bearing", episodes=3, noise="tutorial", plant=burger).episodes
+    np.testing.assert_allclose(run["episodes"]["path"], expected.path, rtol=1e-6)
+    assert "MujocoBurger(friction=0.5, caster_friction=0.3" in run["config"]["plant"]
+    assert (expected.path != evaluate("bearing", episodes=3, noise="tutorial").episodes.path).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--plant", "gazebo"], "plant must be one of 'unicycle', 'mujoco', got 'gazebo'."),
+        (["--friction", "0.5"], "friction and caster_friction are for the plant 'mujoco', not for 'unicycle'."),
+        (["--plant", "mujoco", "--friction", "-1"], "MujocoBurger.friction must be non-negative, got -1.0."),
+        (
+            ["--plant", "mujoco", "--env", "turtlebot_gym/TurtleBotRooms-v0"],
+            "plant must be 'unicycle' for turtlebot_gym/TurtleBotR",
+        ),
+        (["--plant", "mujoco", "--robot", "waffle"], "plant is a robot with a track of 0.16 m, so robot must be 'burger'"),
+    ],
+)
+def test_a_plant_that_cannot_be_is_refused_in_one_line(arguments, said, capsys):
+    assert main(["evaluate", "--policy", "bearing", "--episodes", "2", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    floor = ["--plant", "mujoco", "--friction", "0.77"]  # another engine than those that other tests have made
+    assert main(["evaluate", "--policy", "bearing", "--episodes", "2", *floor]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "turtlebot-gym: The plant 'mujoco' needs MuJoCo: pip install \"turtlebot-gym[mujoco]\"."

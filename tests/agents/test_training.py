@@ -150,6 +150,13 @@ def test_randomized_environments_differ(small):
     assert len({p.noise.process.scale for p in parameters}) == 16
 
 
+def test_the_speeds_error_is_as_great_as_asked_for(small):
+    """Of 64 uniform numbers the greatest is below 0.8 of the range once in a million."""
+    for error in (0.02, 0.15):
+        parameters = replace(small, randomize=True, speed_error=error).make(64, randomize=True).unwrapped.parameters
+        assert 0.8 * error < max(abs(p.noise.process.scale - 1.0) for p in parameters) < error
+
+
 def test_options_reach_the_bundle(small, tmp_path):
     config = replace(small, robot=ROBOTS["waffle"], noise="rough", observation="odometry", delay=1, steps=1024)
     train(config, tmp_path / "run", progress=False)
@@ -159,7 +166,16 @@ def test_options_reach_the_bundle(small, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"steps": 0}, {"episodes": 0}, {"evaluations": -1}, {"seed": -1}, {"algo": "dreamer"}, {"noise": "x"}]
+    "change",
+    [
+        {"steps": 0},
+        {"episodes": 0},
+        {"evaluations": -1},
+        {"seed": -1},
+        {"algo": "dreamer"},
+        {"speed_error": 1.0},
+        {"noise": "x"},
+    ],
 )
 def test_refuses_what_is_out_of_range(change, tmp_path):
     with pytest.raises(ValueError, match=next(iter(change))):

@@ -78,6 +78,18 @@ def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare
     assert max(compare.differences(compare.episode(drive, STEPS), without).values()) > 0.01
 
 
+@pytest.mark.parametrize(("noise", "policy", "friction"), [("tutorial", "bearing", 1.0), ("wheel", "ppo-square", 0.5)])
+def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction):
+    pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
+    drive = compare.Drive(policy, noise, "arrival", "burger", 3, plant="mujoco", friction=friction)
+    told, live = compare.episode(drive, 150), compare.live(drive, 150)
+    np.testing.assert_array_equal(live.command, live.estimate[:, 3:])  # as the wheels have told it, which is not what was asked
+    differ = compare.differences(told, live._replace(command=told.command))
+    assert max(differ.values()) <= LEAST, differ
+    unicycle = compare.episode(compare.Drive(policy, noise, "arrival", "burger", 3), 150)
+    assert max(compare.differences(told, unicycle).values()) > 0.01
+
+
 def test_a_busy_machine_and_processes_change_no_byte(compare):
     drive = compare.Drive()
     alone = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]

@@ -23,6 +23,8 @@ PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
 SOURCES = PACKAGE / "turtlebot_gym_ros"
 CONFIGS = sorted((PACKAGE / "config").glob("*.yaml"))
 LAUNCHES = sorted((PACKAGE / "launch").glob("*.launch.xml"))
+IN_GAZEBO = PACKAGE / "launch" / "gazebo.launch.xml"
+"""It starts no node of its own, and includes the robot's."""
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
 SHELLS = {name: load(name) for name in BLOCKS}
 ROS_OWN = {"use_sim_time", "start_type_description_service"}
@@ -67,7 +69,7 @@ def test_on_a_robot_nothing_moves_before_it_is_enabled():
     assert config["velocity_controller"]["ros__parameters"]["start_enabled"] is False
 
 
-@pytest.fixture(params=LAUNCHES, ids=lambda path: path.stem)
+@pytest.fixture(params=[path for path in LAUNCHES if path != IN_GAZEBO], ids=lambda path: path.stem)
 def launch_file(request):
     return ElementTree.parse(request.param).getroot()
 
@@ -131,6 +133,35 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
     (wheels,) = (node for node in launch_file.iter("node") if node.get("name") == "cmd_vel_guard")
     assert wheels.get("respawn") == "true"
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
+
+
+def test_in_gazebo_the_robots_loop_runs_on_gazebos_clock():
+    gazebo, robot = (
+        ElementTree.parse(PACKAGE / "launch" / name).getroot() for name in ("gazebo.launch.xml", "robot.launch.xml")
+    )
+    assert "NEVER RUN" in IN_GAZEBO.read_text()
+    world, loop = (each.get("file") for each in gazebo.iter("include"))
+    assert world == "$(find-pkg-share turtlebot3_gazebo)/launch/$(var world).launch.py"
+    assert loop == "$(find-pkg-share turtlebot_gym_ros)/launch/robot.launch.xml"
+    # What is set counts for what is started after it.
+    order = [each.tag for each in gazebo]
+    assert max(at for at, tag in enumerate(order) if tag.startswith("set_")) < order.index("include")
+    (clock,) = gazebo.iter("set_parameter")
+    assert (clock.get("name"), clock.get("value")) == ("use_sim_time", "true")
+    assert all("use_sim_time" not in node["ros__parameters"] for node in configured(PACKAGE / "config" / "robot.yaml").values())
+    # Arguments exist there, have the same defaults, and all of them are used.
+    known = {each.get("name"): each.get("default") for each in robot.iter("arg")}
+    declared = {each.get("name"): each.get("default") for each in gazebo.findall("arg")}
+    (given,) = (
+        {each.get("name"): each.get("value") for each in each.findall("arg")} for each in gazebo.iter("include") if len(each)
+    )
+    assert set(given) <= set(known)
+    assert {name: value for name, value in given.items() if value != f"$(var {name})"} == {"enable_stamped_cmd_vel": "true"}
+    assert {name: declared[name] for name in declared if name != "world"} == {
+        name: known[name] for name in given if name in declared
+    }
+    text = ElementTree.tostring(gazebo, encoding="unicode")
+    assert {*re.findall(r"\$\(var (\w+)\)", text)} == set(declared)
 
 
 def test_setup_knows_all_nodes_and_the_version():

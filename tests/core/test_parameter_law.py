@@ -174,7 +174,7 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "fix"}  # by their own fields; rooms in tests/rooms
+    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "fix", "plant"}  # by their own fields; two in folders
     assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
 
 
@@ -206,6 +206,7 @@ ARGUMENTS = {
     "dt": ({}, {"dt": 0.2}),
     "delay": ({}, {"delay": 1}),
     "fix": ({}, {"fix": "beacons"}),
+    "plant": ({}, {"plant": "mujoco"}),
     "max_episode_steps": ({}, {"max_episode_steps": 20}),
 }
 NO_ROLLOUT = {
@@ -236,6 +237,11 @@ def environment_rollout(make, **options):
     return log
 
 
+def need_engine(name):
+    if name == "plant":
+        pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
+
+
 def scalar(max_episode_steps=None, **options):
     env = NavigationEnv(**options)
     return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
@@ -247,12 +253,14 @@ def vector(**options):
 
 @pytest.mark.parametrize("name", arguments_of(NavigationEnv))
 def test_each_argument_of_the_scalar_environment_changes_a_rollout(name):
+    need_engine(name)
     before, after = ARGUMENTS[name]
     assert environment_rollout(scalar, **before) != environment_rollout(scalar, **after)
 
 
 @pytest.mark.parametrize("name", arguments_of(NavigationVectorEnv))
 def test_each_argument_of_the_vector_environment_changes_a_rollout(name):
+    need_engine(name)
     before, after = ARGUMENTS[name]
     assert environment_rollout(vector, **before) != environment_rollout(vector, **after)
 

@@ -67,7 +67,8 @@ class Batch:
         rows = [parameters] * TILE if same else list(parameters)
         if self._by_parameters and any(system_of(row) != self.system for row in rows):
             raise ValueError(
-                "parameters must be for one system: the kind of filter must be the same in all, rooms and fixes in all or none."
+                "parameters must be for one system: the kind of filter must be the same in all, and so must the plant; "
+                "rooms and fixes must be in all or none."
             )
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")

@@ -237,8 +237,12 @@ def _reset_rows(identity: str) -> Callable[..., None]:
     return reset_rows
 
 
-def _loop(make: Callable[[str], Callable[..., None]], work: Callable[..., None], *, parallel: bool) -> Callable[..., None]:
-    """Return a loop around a kernel, to be compiled at its first call."""
+def _loop(
+    make: Callable[[str], Callable[..., None]], work: Callable[..., None], *, system: System, parallel: bool
+) -> Callable[..., None]:
+    """Return a loop around a kernel, to be compiled at its first call if the system can be."""
+    if not system.compiled:
+        return bind(make(""), _work=work)
     identity = f"{fingerprint(make(''), work)} parallel={parallel}"
     return compiled(bind(make(identity), _work=work), parallel=parallel)
 
@@ -249,8 +253,8 @@ def loops_of(system: System) -> Loops:
     step_tile, reset_lane = _step_tile_of(system), _reset_lane_of(system)
     return Loops(
         layout_of(system),
-        _loop(_step_rows, step_tile, parallel=False),
-        _loop(_step_rows, step_tile, parallel=True),
-        _loop(_reset_rows, reset_lane, parallel=False),
-        _loop(_reset_rows, reset_lane, parallel=True),
+        _loop(_step_rows, step_tile, system=system, parallel=False),
+        _loop(_step_rows, step_tile, system=system, parallel=True),
+        _loop(_reset_rows, reset_lane, system=system, parallel=False),
+        _loop(_reset_rows, reset_lane, system=system, parallel=True),
     )

@@ -23,6 +23,7 @@ from turtlebot_gym.envs.common import (
 )
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
+from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
@@ -104,10 +105,14 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         delay: Steps by which a command comes late, 0 to 3.
         fix: What measures the pose from outside, now and then, for the filter: "beacons", "late", "localization", "markers",
             "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for nothing.
+        plant: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`: what moves the robot. In MuJoCo its wheels creep
+            and slip by themselves, instead of the noise of execution, and odometry comes from their angles; it needs the
+            extra [mujoco], and a step takes a hundred times as long.
         render_mode: None, "human" or "rgb_array".
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
+        ImportError: If the plant needs an engine that is not installed.
 
     ## Version History
 
@@ -134,6 +139,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         dt: float = 0.1,
         delay: int = 0,
         fix: str | FixNoise | None = None,
+        plant: str | MujocoBurger = "unicycle",
         render_mode: str | None = None,
     ) -> None:
         self._batch = make_batch(
@@ -153,6 +159,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             dt=dt,
             delay=delay,
             fix=fix,
+            plant=plant,
             room=self._room,
         )
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})

@@ -24,6 +24,7 @@ from turtlebot_gym.envs.common import (
 )
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
+from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Outcome, Parameters
 from turtlebot_gym.tasks import Task
@@ -68,9 +69,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         dt: See there.
         delay: See there.
         fix: See there.
+        plant: See there. With "mujoco" the rows are advanced one after the other, in plain Python.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
+        ImportError: If the plant needs an engine that is not installed.
     """
 
     _room: Room | None = None
@@ -98,6 +101,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         dt: float = 0.1,
         delay: int = 0,
         fix: str | FixNoise | None = None,
+        plant: str | MujocoBurger = "unicycle",
     ) -> None:
         if not (isinstance(num_envs, (int, np.integer)) and num_envs > 0):
             raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}.")
@@ -123,6 +127,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             dt=dt,
             delay=delay,
             fix=fix,
+            plant=plant,
             room=self._room,
         )
         self._told = (ROOM_PARTS if self._batch.system.surroundings else {}) | (PARTS | NUMBERS if self._full else {})

@@ -49,17 +49,23 @@ def start(pose):
 
 
 @kernel
-def move(body, command, key, at, p):
-    """Return the body after an interval: the pose moves with the twist in force, and then the twist follows the command.
+def obey(body, command, p):
+    """Return the command that is in force after an interval.
 
     Commands that come late are taken from those asked before; then they are brought within the robot's limits.
     """
-    dt, noise = p.dt, p.noise.process
     first, second, third = body.asked
     late = third if p.delay >= 3.0 else (second if p.delay >= 2.0 else first)
     due_command = Command(late.v if p.delay >= 1.0 else command.v, late.omega if p.delay >= 1.0 else command.omega)
-    now = accelerate(body.command, limit(due_command, p.robot), p.robot, dt)
+    return accelerate(body.command, limit(due_command, p.robot), p.robot, p.dt)
 
+
+@kernel
+def move(body, command, key, at, p):
+    """Return the body after an interval: the pose moves with the twist in force, and then the twist follows the command."""
+    dt, noise = p.dt, p.noise.process
+    first, second, _ = body.asked
+    now = obey(body, command, p)
     truth = body.true_state
     pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.middle)
     wheels = advance(body.wheels, body.command.v, body.command.omega, dt, p.middle)

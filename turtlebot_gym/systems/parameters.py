@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
+from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import NAV, Task
@@ -40,6 +41,8 @@ class Parameters(NamedTuple):
     """What a room is like: nothing on open ground, `systems.rooms.RoomParameters` in a room."""
     fix: Any = ()
     """What measures the pose from outside, a `FixNoise`; nothing where nothing does."""
+    plant: Any = ()
+    """What moves the robot: nothing is the unicycle, a `turtlebot_gym.plants.MujocoBurger` is that in MuJoCo."""
 
 
 def make_parameters(
@@ -54,6 +57,7 @@ def make_parameters(
     dt: float = REFERENCE_PERIOD,
     delay: int = 0,
     fix: str | FixNoise | None = None,
+    plant: str | MujocoBurger = "unicycle",
 ) -> Parameters:
     """Return the parameters of an environment, checked, from presets' names or values.
 
@@ -68,17 +72,26 @@ def make_parameters(
         dt: Control interval, s.
         delay: Steps by which a command comes late, 0 to 3.
         fix: What measures the pose from outside, now and then: a name in `presets.FIXES`, or its noise; None for nothing.
+        plant: A name in `turtlebot_gym.plants.PLANTS`, or a Burger for MuJoCo.
 
     Raises:
-        ValueError: If a name is unknown, dt is not positive, or the delay is out of its range.
+        ValueError: If a name is unknown, dt is not positive, the delay is out of its range, or the plant is not this robot or
+            has steps that do not fit into dt.
     """
     if delay not in range(MAX_DELAY + 1):
         raise ValueError(f"delay must be a whole number from 0 to {MAX_DELAY}, got {delay!r}.")
     if not 0.0 < dt < math.inf:
         raise ValueError(f"dt must be positive and finite, got {dt!r}.")
-    model = make_noise(noise)
+    model, body, physics = make_noise(noise), make_robot(robot), make_plant(plant)
+    if physics:
+        physics.steps(dt)
+        if body.wheel_separation != physics.wheel_separation:
+            raise ValueError(
+                f"plant is a robot with a track of {physics.wheel_separation:g} m, so robot must be 'burger', 'tutorial' or "
+                f"another one with that track, got {body.wheel_separation:g} m."
+            )
     return Parameters(
-        make_robot(robot),
+        body,
         model,
         make_filter(filter, model),
         task,
@@ -88,4 +101,5 @@ def make_parameters(
         choose("observation", observation, OBSERVED),
         float(delay),
         fix=() if fix is None else make_fix(fix),
+        plant=physics,
     )

@@ -24,6 +24,7 @@ from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.fixes import seeing_fixes
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import Parameters, make_parameters
+from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Outcome, World
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
@@ -195,9 +196,14 @@ def rooms(filter: Filter) -> System:
 
 def system_of(parameters: Parameters) -> System:
     """Return the system that parameters are for: rooms where they say what a room is like, else open ground; with fixes, or
-    without."""
+    without; and with their plant.
+
+    Raises:
+        ImportError: If the plant needs an engine that is not installed.
+    """
     filter, fix = filter_of(parameters.tuning), parameters.fix
     depth = depth_of(parameters.dt, fix.delay) if fix else 0
     filter = with_fixes(filter, depth) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
-    return seeing_fixes(system, depth) if fix else system
+    system = seeing_fixes(system, depth) if fix else system
+    return physical(system, parameters.plant) if parameters.plant else system

@@ -72,6 +72,8 @@ class System(NamedTuple):
     """Parameters of the types that the kernels take."""
     surroundings: Surroundings | None = None
     """What lies around the robot; None on open ground, where a scene is an empty tuple."""
+    compiled: bool = True
+    """Whether its parts are kernels; where one is not, as a physics engine, its loop too runs as plain Python."""
 
 
 class Step(NamedTuple):

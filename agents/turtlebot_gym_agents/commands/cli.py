@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
+from turtlebot_gym.plants import make_plant
 from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
@@ -43,12 +44,23 @@ class _Driven(Setting):
     """Square only: how often it is driven."""
     delay: int = 0
     """Steps by which commands come late."""
+    plant: str = "unicycle"
+    """What moves the robot: unicycle, or mujoco, a Burger with wheels that creep and slip, which needs the extra [mujoco]."""
+    friction: float | None = None
+    """With the plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
+    caster_friction: float | None = None
+    """Likewise, between caster and floor; by default 0.05. A slippery floor is --friction 0.5 --caster-friction 0.3."""
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""
-        given = {name: value for name in ("switch", "laps") if (value := getattr(self, name)) is not None}
+        given: dict[str, Any] = {name: value for name in ("switch", "laps") if (value := getattr(self, name)) is not None}
         if self.env == ROOMS and given:
             raise ValueError(f"switch and laps are for tasks with given waypoints, not for {ROOMS}.")
+        plant = make_plant(self.plant, friction=self.friction, caster_friction=self.caster_friction)
+        if plant:
+            if self.env == ROOMS:
+                raise ValueError(f"plant must be 'unicycle' for {ROOMS}: in MuJoCo there is open ground alone.")
+            given["plant"] = plant
         return {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay")} | self.given() | given
 
 

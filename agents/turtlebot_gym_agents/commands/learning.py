@@ -35,6 +35,9 @@ class _Learned(Setting):
     randomize: bool = False
     """Let noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment; those given are
     then the evaluation's."""
+    speed_error: float = 0.02
+    """With --randomize: greatest error of the executed speed, as a share of it; the filter does not know it. On a
+    slippery floor wheels lose a tenth."""
     config: File = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; without it, those that come with the package."""
     steps: int | None = None

@@ -16,7 +16,7 @@ PRESETS = ("clean", "tutorial", "documented", "rough")
 """Noise models that are drawn from; `wheel` is another kind of odometry."""
 NOISE_SCALE = (0.5, 1.5)
 """Range of the factor on the odometry's standard deviations."""
-SPEED_SCALE = 0.02
+SPEED_ERROR = 0.02
 """Greatest error of the executed speed, as a share of it; the filter does not know it."""
 DELAYS = (0, 1)
 """Steps by which commands come late."""
@@ -24,7 +24,9 @@ WORLDS = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "
 """In rooms: worlds that are drawn from, with their weights."""
 
 
-def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str] = PRESETS) -> list[Parameters]:
+def randomized(
+    base: Parameters, count: int, *, seed: int, presets: Sequence[str] = PRESETS, speed_error: float = SPEED_ERROR
+) -> list[Parameters]:
     """Draw parameters for each environment of a batch: noise model, its size, the speed's scale, and a delay; in rooms, a world
     and a LiDAR as well.
 
@@ -35,6 +37,8 @@ def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str
         count: How many environments.
         seed: Of the draws.
         presets: Noise models to draw from.
+        speed_error: Greatest error of the executed speed and turning rate, as a share of them. Wheels that creep on a slippery
+            floor lose a tenth.
     """
     random = np.random.default_rng(seed)
 
@@ -46,7 +50,7 @@ def randomized(base: Parameters, count: int, *, seed: int, presets: Sequence[str
     def draw() -> Parameters:
         noise = NOISES[presets[int(random.integers(len(presets)))]]
         size = random.uniform(*NOISE_SCALE) ** 2
-        scale = 1.0 + random.uniform(-SPEED_SCALE, SPEED_SCALE)
+        scale = 1.0 + random.uniform(-speed_error, speed_error)
         model = Noise(
             process=replace(noise.process, scale=scale),
             odometry=replace(noise.odometry, R=tuple(size * variance for variance in noise.odometry.R)),

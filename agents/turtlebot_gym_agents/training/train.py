@@ -34,7 +34,7 @@ from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters, normalization
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
 from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.randomization import randomized
+from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
@@ -76,6 +76,8 @@ class TrainingConfig:
     randomize: bool = False
     """Whether noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment, see
     `randomization`; ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
+    speed_error: float = SPEED_ERROR
+    """With ``randomize``: greatest error of the executed speed, as a share of it."""
     steps: int | None = None
     """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
     config: Path | None = None
@@ -94,6 +96,8 @@ class TrainingConfig:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ValueError(f"{name} must be positive, got {value!r}.")
+        if not 0.0 <= self.speed_error < 1.0:
+            raise ValueError(f"speed_error must be at least 0 and less than 1, got {self.speed_error!r}.")
         if not 0 <= self.seed < 2**20:
             raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
 
@@ -109,7 +113,7 @@ class TrainingConfig:
         )
         if randomize:
             bare: Any = envs.unwrapped
-            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed))
+            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed, speed_error=self.speed_error))
         return envs
 
 

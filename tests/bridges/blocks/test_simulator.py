@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters
@@ -87,6 +88,23 @@ def test_it_starts_where_the_navigation_task_draws_it():
     assert Pose(*start[:3]) != Pose(0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("noise", ["rough", "wheel"])
+def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
+    pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
+    plant = simulator(noise=noise, seed=7, plant="mujoco", friction=0.5, caster_friction=0.3)
+    plant.reset()  # the second episode
+    burger = MujocoBurger(friction=0.5, caster_friction=0.3)
+    p = make_parameters(replace(NAV, random=False), noise=noise, plant=burger)
+    episode = Episode(p, [Pose(0.0, 0.0, 0.0)], seed=7)
+    episode.reset()
+    plant.step(0.1, None)
+    for command in COMMANDS[:50]:
+        episode.step(command)
+        world, out = episode.world, plant.step(0.1, command)
+        assert out == {"truth": world.body.true_state, "odometry": world.senses}
+    assert world.senses.twist != world.body.command  # it is what the wheels tell
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -97,6 +115,11 @@ def test_it_starts_where_the_navigation_task_draws_it():
         ({"period": math.nan}, "dt must be positive"),
         ({"speed": -1.0}, "speed must be positive"),
         ({"seed": -1}, "seed must be in"),
+        ({"plant": "gazebo"}, "plant must be one of 'unicycle', 'mujoco'"),
+        ({"plant": "mujoco", "friction": -1.0}, "friction must be non-negative"),
+        ({"plant": "mujoco", "robot": "waffle"}, "robot must be 'burger'"),
+        ({"friction": 0.5}, "friction and caster_friction are for the plant 'mujoco'"),
+        ({"plant": "mujoco", "world": "dense"}, "plant must be 'unicycle' in a world"),
     ],
 )
 def test_wrong_parameters_are_refused(wrong, said):

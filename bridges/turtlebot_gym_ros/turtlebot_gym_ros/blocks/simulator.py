@@ -9,6 +9,7 @@ from typing import Any
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
@@ -34,6 +35,7 @@ MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 """What is said besides of a map, once."""
 OPEN_GROUND = ("open", "")
 """Worlds without a room."""
+_BURGER = MujocoBurger()
 SHOWN_EVERY = 5
 """Steps from one picture of the obstacles to the next."""
 
@@ -41,8 +43,9 @@ SHOWN_EVERY = 5
 class TurtlebotSimulator:
     """Simulate a TurtleBot: each step is the environment's, with the noise that it would have for the same seed and episode.
 
-    In a ``world`` it stands in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a LiDAR. Contact is
-    judged as there, but nothing is solid: an episode's first contact is reported, and the robot goes on.
+    With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, on a floor with ``friction``, and its odometry
+    comes from its wheels. In a ``world`` it stands in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a
+    LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot goes on.
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
@@ -83,8 +86,17 @@ class TurtlebotSimulator:
         of a map's YAML file."""
         lidar: str = "lds01"
         """In a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
+        plant: str = "unicycle"
+        """What moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
+        friction: float = ranged(_BURGER.friction, 0.0, 10.0, "at least 0")
+        """With the plant "mujoco", coefficient of friction between wheels and floor; 0.5 is slippery."""
+        caster_friction: float = ranged(_BURGER.caster_friction, 0.0, 10.0, "at least 0")
+        """Likewise, between caster and floor; 0.3 is a clogged one."""
 
         def __post_init__(self) -> None:
+            if self.in_room and self.plant != "unicycle":
+                raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo has open ground alone.")
+            self.physics()
             if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
             if not 0 <= self.seed <= MAX_SEED:
@@ -95,6 +107,16 @@ class TurtlebotSimulator:
             """Whether there is a room around it."""
             return self.world not in OPEN_GROUND
 
+        def physics(self) -> MujocoBurger | tuple[()]:
+            """Return the plant with its friction.
+
+            Raises:
+                ValueError: If there is none of that name, or a friction is given for the unicycle.
+            """
+            named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
+            given = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
+            return make_plant(self.plant, **given)
+
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
         "truth": Output(topic="true_state", type=State),
@@ -103,8 +125,15 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
-        options = {"robot": params.robot, "noise": params.noise, "fix": None if params.fix in NO_FIX else params.fix}
-        p = make_parameters(task, integrator=params.integrator, dt=params.period, **options)
+        p = make_parameters(
+            task,
+            robot=params.robot,
+            noise=params.noise,
+            integrator=params.integrator,
+            dt=params.period,
+            fix=None if params.fix in NO_FIX else params.fix,
+            plant=params.physics() or "unicycle",
+        )
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}

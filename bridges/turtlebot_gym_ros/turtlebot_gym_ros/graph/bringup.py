@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -111,6 +112,9 @@ def _parser() -> argparse.ArgumentParser:
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
     )
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
+    parser.add_argument("--plant", choices=list(PLANTS), help="what moves the robot (default unicycle); mujoco needs MuJoCo")
+    parser.add_argument("--friction", type=float, help="with --plant mujoco, between wheels and floor (default 1)")
+    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, between caster and floor (default 0.05)")
     parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
     parser.add_argument("--seed", type=int, help="of the noise, and of the room")
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
@@ -137,7 +141,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             latest = dict(graph.latest)
     except KeyboardInterrupt:
         return 0
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, ImportError) as error:
         return refuse(error)
     if len(trajectory.time) < 2:
         return 0

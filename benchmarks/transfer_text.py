@@ -1,0 +1,90 @@
+"""The tables of the study of transfer, from `transfer.json` into the page on it: ``python benchmarks/transfer_text.py``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+FLOORS = ("unicycle", "grip", "slippery")
+RESULTS = Path(__file__).with_name("transfer.json")
+PAGE = Path(__file__).parents[1] / "docs" / "concepts" / "transfer.md"
+MARK = "<!-- {}, by benchmarks/transfer_text.py -->"
+END = "<!-- The end of it -->"
+
+
+def grouped(rows: list[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], ...]]:
+    """Yield the rows of the three floors together."""
+    for at in range(0, len(rows), len(FLOORS)):
+        yield tuple(rows[at : at + len(FLOORS)])
+
+
+def policies(rows: list[Mapping[str, Any]]) -> str:
+    """Return a table of successes, and of times over those on the unicycle where both succeed."""
+    lines = [
+        "| task | policy | noise | unicycle | grip | slippery | time, grip | time, slippery |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for several in grouped(rows):
+        first = several[0]
+        counts = [str(one["succeeded"]) for one in several]
+        ratios = [one["where_both_succeed"]["ratio"] for one in several[1:]]
+        times = [
+            f"{ratio:.3f}" if ratio and one["where_both_succeed"]["n"] > 4 else ""
+            for ratio, one in zip(ratios, several[1:], strict=True)
+        ]
+        task = first["env"].removeprefix("turtlebot_gym/TurtleBot").removesuffix("-v0")
+        lines.append("| " + " | ".join([task, first["policy"], first["noise"], *counts, *times]) + " |")
+    return "\n".join(lines)
+
+
+def filters(rows: list[Mapping[str, Any]]) -> str:
+    """Return a table of each filter's error on each floor, and its NEES."""
+    lines = ["| noise | filter | unicycle | grip | slippery | over matched, slippery |", "|---|---|---|---|---|---|"]
+    names = dict.fromkeys((row["noise"], row["filter"]) for row in rows)
+    for noise, name in names:
+        cells, over = [], ""
+        for floor in FLOORS:
+            (one,) = (row for row in rows if (row["noise"], row["floor"], row["filter"]) == (noise, floor, name))
+            cells.append(f"{one['position']['value']:.3f} m, {one['nees']['value']:.1f}")
+            over = "{value:.2f} ({low:.2f}, {high:.2f})".format(**one["over_matched"])
+        lines.append(f"| {noise} | {name} | {' | '.join(cells)} | {over} |")
+    return "\n".join(lines)
+
+
+def drifts(rows: list[Mapping[str, Any]]) -> str:
+    """Return a table of wheel odometry's drift."""
+    lines = ["| | m per metre | rad per metre |", "|---|---|---|"]
+    for row in rows:
+        cells = ["{value:.4f} ({low:.4f}, {high:.4f})".format(**row[key]) for key in ("position", "heading")]
+        what = "unicycle, noise `wheel`" if row["floor"] == "unicycle" else f"MuJoCo, {row['floor']}"
+        lines.append(f"| {what} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def texts(found: Mapping[str, Any]) -> dict[str, str]:
+    """Return all tables by name."""
+    return {
+        "Policies": policies(found["policies"]),
+        "Filters": filters(found["filters"]),
+        "Drift": drifts(found["drift"]),
+        "Trainings": policies(found["trained"]),
+    }
+
+
+def written(page: str, found: Mapping[str, Any]) -> str:
+    """Return the page with the tables in their places."""
+    for name, text in texts(found).items():
+        before, mark, rest = page.partition(MARK.format(name))
+        _, end, after = rest.partition(END)
+        if not (mark and end):
+            raise ValueError(f"{PAGE.name} has no place for {name!r}.")
+        page = f"{before}{mark}\n\n{text}\n\n{end}{after}"
+    return page
+
+
+if __name__ == "__main__":
+    PAGE.write_text(
+        written(PAGE.read_text(encoding="utf-8"), json.loads(RESULTS.read_text(encoding="utf-8"))), encoding="utf-8"
+    )

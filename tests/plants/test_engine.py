@@ -1,0 +1,180 @@
+"""The laws of the Burger in MuJoCo: what follows from Newton, Coulomb and symmetry, in numbers worked out by hand."""
+
+from __future__ import annotations
+
+import math
+import sys
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.plants import MujocoBurger
+from turtlebot_gym.plants.engine import Engine, engine_of, model_of
+from turtlebot_gym.values import STOP, Command, Pose
+
+mujoco = pytest.importorskip("mujoco")
+
+ORIGIN = Pose(0.0, 0.0, 0.0)
+GRIP = MujocoBurger()
+SLIPPERY = MujocoBurger(friction=0.5, caster_friction=0.3)
+VX, LEFT, RIGHT = 9, 7, 8
+"""Places in the physics: positions (7 of the base, 2 wheels) come before speeds."""
+
+
+def drive(burger, command, seconds, *, start=ORIGIN, first=None):
+    """Drive with one command, and return what has come of it."""
+    engine = engine_of(burger)
+    physics, wheels = engine.start(start) if first is None else first, start
+    for _ in range(round(seconds / 0.1)):
+        driven = engine.drive(physics, wheels, (command, command), 0.1)
+        physics, wheels = driven.physics, driven.wheels
+    return driven
+
+
+def test_it_stands_still_where_it_is_not_driven():
+    driven = drive(SLIPPERY, STOP, 30.0, start=Pose(1.0, -2.0, 0.7))
+    np.testing.assert_allclose(driven.truth, (1.0, -2.0, 0.7, 0.0, 0.0), atol=2e-5)
+    np.testing.assert_allclose(driven.wheels, (1.0, -2.0, 0.7), atol=2e-5)
+
+
+def test_it_drives_its_distance_and_turns_its_angle():
+    """0.2 m/s for 20 s, and 1 rad/s for 3 s: within 1 %, and the wheels know it to 0.3 %."""
+    line, turn = drive(GRIP, Command(0.2, 0.0), 20.0), drive(GRIP, Command(0.0, 1.0), 3.0)
+    assert line.truth.x == pytest.approx(4.0, rel=0.01)
+    assert line.wheels.x == pytest.approx(line.truth.x, rel=0.003)
+    assert abs(line.truth.y) < 1e-4
+    assert turn.truth.theta == pytest.approx(3.0, rel=0.01)
+    assert turn.wheels.theta == pytest.approx(turn.truth.theta, rel=0.003)
+    assert math.hypot(*turn.truth[:2]) < 1e-3
+
+
+def test_on_a_slippery_floor_it_falls_behind_its_wheels():
+    """A tenth is lost: far beyond what is lost where it grips."""
+    line = drive(SLIPPERY, Command(0.2, 0.0), 20.0)
+    assert 0.05 < 1.0 - line.truth.x / line.wheels.x < 0.15
+    assert line.wheels.x == pytest.approx(4.0, rel=0.02)
+
+
+def test_without_friction_its_wheels_turn_and_it_does_not_move():
+    driven = drive(MujocoBurger(friction=0.0), Command(0.2, 0.5), 10.0)
+    assert math.hypot(*driven.truth[:2]) < 1e-3
+    assert driven.wheels.theta == pytest.approx(5.0 - 2.0 * math.pi, rel=0.01)
+    assert driven.twist == pytest.approx((0.2, 0.5), rel=0.01)
+
+
+@pytest.mark.parametrize("friction", [0.02, 0.05, 0.1])
+def test_with_locked_wheels_it_slides_as_far_as_coulomb_says(friction):
+    """v^2 / (2 mu g): with one coefficient everywhere the loads do not matter. It starts at 0.2 m/s with wheels at rest."""
+    burger = MujocoBurger(friction=friction, caster_friction=friction)
+    at_rest = engine_of(burger).start(ORIGIN)
+    driven = drive(burger, STOP, 3.0, first=(*at_rest[:VX], 0.2, *at_rest[VX + 1 :]))
+    assert driven.truth.x == pytest.approx(0.2**2 / (2.0 * friction * 9.81), rel=0.03)
+
+
+@pytest.mark.parametrize("burger", [GRIP, SLIPPERY], ids=["grip", "slippery"])
+def test_left_and_right_are_mirror_images(burger):
+    left, right = (drive(burger, Command(0.15, sign * 0.8), 6.0) for sign in (1.0, -1.0))
+    mirror = np.array([1.0, -1.0, -1.0, 1.0, -1.0])
+    np.testing.assert_allclose(np.array(left.truth) * mirror, right.truth, atol=1e-5)
+    np.testing.assert_allclose(np.array(left.wheels) * mirror[:3], right.wheels, atol=1e-5)
+
+
+def test_where_it_starts_does_not_matter():
+    start = Pose(3.0, -1.0, 2.0)
+    here, there = (drive(GRIP, Command(0.15, 0.3), 5.0, start=pose) for pose in (ORIGIN, start))
+    c, s = math.cos(start.theta), math.sin(start.theta)
+    for one, other in ((here.truth, there.truth), (here.wheels, there.wheels)):
+        x, y = start.x + c * one[0] - s * one[1], start.y + s * one[0] + c * one[1]
+        np.testing.assert_allclose(other[:2], (x, y), atol=1e-5)
+        assert math.remainder(other[2] - one[2] - start.theta, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-5)
+
+
+def test_its_odometry_is_what_its_wheels_have_rolled():
+    """Over a whole drive the heading is the difference of the angles times 0.033 / 0.16, and the way their mean times 0.033."""
+    turn, line = drive(SLIPPERY, Command(0.1, 0.7), 4.0), drive(SLIPPERY, Command(-0.2, 0.0), 4.0)
+    begin = engine_of(SLIPPERY).start(ORIGIN)
+    assert turn.wheels.theta == pytest.approx(
+        (turn.physics[RIGHT] - begin[RIGHT] - turn.physics[LEFT] + begin[LEFT]) * 0.033 / 0.16, abs=1e-9
+    )
+    rolled = 0.5 * (line.physics[RIGHT] - begin[RIGHT] + line.physics[LEFT] - begin[LEFT]) * 0.033
+    assert line.wheels.x == pytest.approx(rolled, abs=1e-6)
+    assert turn.twist == pytest.approx((0.1, 0.7), rel=0.03)
+
+
+def test_the_caster_carries_what_the_lever_says():
+    """0.8257 kg and 0.114 kg at -0.032 m and 0.005 kg at -0.081 m, of 1.0017 kg, on a lever of 0.081 m: 3.69 N of 9.83 N."""
+    model = mujoco.MjModel.from_xml_string(model_of(GRIP))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 2000)
+    force, loads = np.zeros(6), {}
+    for at in range(data.ncon):
+        mujoco.mj_contactForce(model, data, at, force)
+        loads[model.geom(max(data.contact[at].geom)).name] = force[0]
+    assert model.body_mass.sum() == pytest.approx(1.00173, abs=1e-4)
+    assert loads["left"] == pytest.approx(loads["right"], rel=1e-3)
+    assert loads["caster"] == pytest.approx(3.69, rel=0.01)
+    assert sum(loads.values()) == pytest.approx(9.827, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "share"), [({}, 0.005), ({"friction": 0.5, "caster_friction": 0.3}, 0.015)], ids=["grip", "slippery"]
+)
+def test_half_the_time_step_gives_nearly_the_same_drive(options, share):
+    one, other = (drive(MujocoBurger(**options, step=step), Command(0.15, 0.4), 8.0).truth for step in (0.002, 0.001))
+    assert math.dist(one[:2], other[:2]) < share * 0.15 * 8.0
+
+
+def test_wheels_that_spin_push_as_newton_and_coulomb_say():
+    """The centre of mass is 0.0304 m behind the axle and 0.0885 m high, the caster 0.081 m behind. With an acceleration a the
+    caster carries, for each kg, n = (9.81 * 0.0304 + 0.0885 a) / 0.081, the wheels 9.81 - n, and a = 0.1 (9.81 - n) - 0.02 n:
+    a = 0.477 m/s^2. The wheels spin from some 10 ms on until the robot is as fast as they are, after 0.42 s,
+    and it rocks meanwhile. If the loads did not shift, it would be 0.54 m/s^2."""
+    engine, command = engine_of(MujocoBurger(friction=0.1, caster_friction=0.02)), Command(0.2, 0.0)
+    first = engine.drive(engine.start(ORIGIN), ORIGIN, (command, command), 0.06)
+    second = engine.drive(first.physics, first.wheels, (command, command), 0.3)
+    assert first.twist.v == pytest.approx(0.2, rel=0.05)
+    assert (second.truth.v - first.truth.v) / 0.3 == pytest.approx(0.477, rel=0.05)
+
+
+def test_cylinders_scrub_in_a_turn_and_ellipsoids_do_not():
+    """Why the wheels are ellipsoids: an arc of 3 m with its odometry, in the share of the turn that is lost."""
+    lost = {}
+    for cylinders in (False, True):
+        driven = drive(MujocoBurger(cylinders=cylinders), Command(0.12, 0.2), 25.0)
+        lost[cylinders] = 1.0 - math.remainder(driven.truth.theta - 5.0, 2.0 * math.pi) / 5.0 - 1.0
+    assert abs(lost[False]) < 0.01 < 0.05 < abs(lost[True])
+
+
+def test_what_was_driven_before_or_beside_does_not_matter():
+    engine, alone = engine_of(SLIPPERY), drive(SLIPPERY, Command(0.2, 0.7), 3.0)
+    physics, wheels, found = engine.start(ORIGIN), ORIGIN, []
+
+    def disturb():
+        for k in range(30):
+            found.append(drive(SLIPPERY, Command(-0.1, 0.1 * k), 0.2))
+
+    other = Thread(target=disturb)
+    other.start()
+    for _ in range(30):
+        driven = engine.drive(physics, wheels, (Command(0.2, 0.7),) * 2, 0.1)
+        physics, wheels = driven.physics, driven.wheels
+    other.join()
+    assert len(found) == 30
+    assert driven == alone
+
+
+def test_a_command_reaches_the_motors_before_the_intervals_end():
+    """40 ms before: the wheels then have it, and the robot is on its way."""
+    engine = engine_of(GRIP)
+    driven = engine.drive(engine.start(ORIGIN), ORIGIN, (STOP, Command(0.2, 0.0)), 0.1)
+    assert driven.twist.v == pytest.approx(0.2, rel=0.1)
+    assert 0.001 < driven.truth.x < 0.04 * 0.2
+    late = engine_of(MujocoBurger(lead=0.0))
+    assert abs(late.drive(late.start(ORIGIN), ORIGIN, (STOP, Command(0.2, 0.0)), 0.1).truth.x) < 1e-6
+
+
+def test_without_mujoco_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r'The plant \'mujoco\' needs MuJoCo: pip install "turtlebot-gym\[mujoco\]"\.'):
+        Engine(GRIP)
