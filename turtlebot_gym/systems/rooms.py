@@ -196,7 +196,7 @@ def rooms(filter: Filter) -> System:
 
 def system_of(parameters: Parameters) -> System:
     """Return the system that parameters are for: rooms where they say what a room is like, else open ground; with fixes, or
-    without; and with their plant.
+    without; with their plant.
 
     Raises:
         ImportError: If the plant needs an engine that is not installed.
@@ -205,5 +205,5 @@ def system_of(parameters: Parameters) -> System:
     depth = depth_of(parameters.dt, fix.delay) if fix else 0
     filter = with_fixes(filter, depth) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
-    system = seeing_fixes(system, depth) if fix else system
-    return physical(system, parameters.plant) if parameters.plant else system
+    system = physical(system, parameters.plant) if parameters.plant else system
+    return seeing_fixes(system, depth) if fix else system
