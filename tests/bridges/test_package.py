@@ -28,8 +28,14 @@ SHELLS = {name: load(name) for name in BLOCKS}
 ROS_OWN = {"use_sim_time", "start_type_description_service"}
 
 
+ANYWHERE = "/**/"
+"""Stands before a node's name in a configuration, so that it counts in any namespace."""
+
+
 def configured(path):
-    return yaml.safe_load(path.read_text())
+    content = yaml.safe_load(path.read_text())
+    assert all(key.startswith(ANYWHERE) for key in content)
+    return {key.removeprefix(ANYWHERE): parameters for key, parameters in content.items()}
 
 
 def declared(name, context, config):

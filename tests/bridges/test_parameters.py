@@ -72,7 +72,7 @@ def test_given_values_are_taken_and_an_integer_will_do_for_a_float(node_with):
     ("given", "said"),
     [
         ({"gian": 2.0}, "no parameter 'gian': did you mean gain"),
-        ({"frequency_of_everything": 2.0}, "there are body_frame, enable_stamped_cmd_vel, frame, gain"),
+        ({"frequency_of_everything": 2.0}, "there are body_frame, enable_stamped_cmd_vel, frame, frame_prefix, gain"),
         ({"gain": "high"}, "gain must be of type float, got 'high'"),
         ({"gain": True}, "gain must be of type float, got True"),
         ({"steps": 2.5}, "steps must be of type int, got 2.5"),

@@ -12,6 +12,7 @@ from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import STOP, Command, Pose, Senses
 from turtlebot_gym_ros.node.block import Input, On, Output, ranged
+from turtlebot_gym_ros.node.values import Nis
 
 
 class KalmanFilter:
@@ -24,7 +25,8 @@ class KalmanFilter:
 
     Inputs: ``odometry`` (`Senses`, on ``odom``, every message), and where ``twist`` is "commanded", ``command`` (`Command`, on
     ``cmd_vel``; optional, the last value holds).
-    Outputs: ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp and in its frame.
+    Outputs: ``nis`` (`Nis`, on ``nis``), how surprising the measurement was, and ``estimate`` (`Estimate`, on ``estimate``), at
+    odometry's stamp and in its frame.
     Parameters: those of `Params`.
     """
 
@@ -56,7 +58,7 @@ class KalmanFilter:
                 )
 
     inputs = {"odometry": Input(topic="odom", type=Senses, reliable=False)}
-    outputs = {"estimate": Output(topic="estimate", type=Estimate)}
+    outputs = {"nis": Output(topic="nis", type=Nis), "estimate": Output(topic="estimate", type=Estimate)}
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("odometry", max_gap=params.max_gap)
@@ -96,4 +98,4 @@ class KalmanFilter:
                 estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
             estimate = self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
         self._estimate, self._senses = estimate, senses
-        return {"estimate": estimate}
+        return {"nis": Nis(estimate.nis), "estimate": estimate}

@@ -16,9 +16,11 @@ from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
 from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Pose, Senses, State
+from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 from turtlebot_gym_ros.node.block import Aged, Every, Input, Output, ranged
+from turtlebot_gym_ros.node.values import Nis
 
-THROUGH = {"estimate": Estimate, "reference": Pose, "next_reference": Pose}
+THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
 """Topics over which a step's odometry leads to the command that answers it, in their order."""
 ROOM_OUTPUTS = {
     "scan": Output(topic="scan", type=Scan, newest=True, reliable=False),
@@ -62,7 +64,7 @@ class TurtlebotSimulator:
         period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of the odometry and of the simulation, s."""
         speed: float = ranged(1.0, 0.0, 1000.0, "positive, below 1000")
-        """How many times faster than real time it runs; other than at 1 it sets ``/clock``. In lock-step this is the upper
+        """How many times faster than real time it runs; other than at 1 it sets ``clock``. In lock-step this is the upper
         limit, and 0 is as fast as the nodes answer."""
         seed: int = ranged(0, 0, MAX_SEED, "at least 0")
         """Seed of the noise."""
@@ -109,6 +111,9 @@ class TurtlebotSimulator:
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # the waypoints are others' business
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
+        self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
+        stated = replace(self.outputs["odometry"], covariance=self._uncertainty.covariance)
+        self.outputs = {**self.outputs, "odometry": stated}
         self._begun = False
         self.notice: str | None = None
         """The first contact of the episode, in words."""
@@ -116,6 +121,7 @@ class TurtlebotSimulator:
     def reset(self) -> None:
         """Begin the next episode."""
         self._episode.reset()
+        self._uncertainty.reset()
         self._begun = False
         self.notice = None
 
@@ -125,6 +131,7 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
+        self._uncertainty.hear(world.senses)
         said: dict[str, Any] = {"truth": world.body.true_state, "odometry": world.senses}
         if self._map:
             said["map"], self._map = self._map, None

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.node.block import Aged, Output
-from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.convert import conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
 from turtlebot_gym_ros.node.parameters import Common
 from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
@@ -71,12 +71,14 @@ class Outputs:
         if isinstance(value, Aged):
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, is_command = self._ways[key], self._declared[key].type is Command
-        frame = self._common.frame if way.in_world else self._common.body_frame
+        frame = self._common.world if way.in_world else self._common.body
         now = is_command and not self._common.lock_step
         at = Time(nanoseconds=self._time() if now else stamp).to_msg()
         message = way.write(value, Header(stamp=at, frame_id=frame))
         if hasattr(message, "child_frame_id"):
-            message.child_frame_id = self._common.body_frame
+            message.child_frame_id = self._common.body
+        if (covariance := self._declared[key].covariance) is not None:
+            state_covariance(message, covariance())
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:
