@@ -91,8 +91,10 @@ faults: $(READY)  ## 1000 faults injected into live guards, with an independent 
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet
-	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt dist/*.whl
+	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt "$$(ls dist/*.whl)[gym]"
 	cd dist && try/bin/turtlebot-gym evaluate --episodes 20
+	$(PYTHON) -m venv dist/thin && dist/thin/bin/pip install --quiet --constraint constraints.txt dist/*.whl
+	cd dist && thin/bin/python ../tests/bridges/thin.py
 
 clean:  ## remove the virtual environment and all output
 	rm -rf $(VENV) $(OUT) dist build

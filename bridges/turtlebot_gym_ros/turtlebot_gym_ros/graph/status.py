@@ -6,9 +6,6 @@ import argparse
 import time
 from collections.abc import Sequence
 
-from rich.console import Console
-from rich.table import Table
-
 from turtlebot_gym_ros.graph.namespace import absolute, remapping
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.runner import Runner, refuse
@@ -39,9 +36,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     reports = dict(recorder.reports)
     runner.close()
     start = "".join(f" {word}" for word in remapping(namespace))
-    table = Table("node", "level", "says")
-    for name in (*expected, *sorted(set(reports) - set(expected))):
+    names = (*expected, *sorted(set(reports) - set(expected)))
+    width = max(map(len, names))
+    print(f"{'node':<{width}}  level    says")
+    for name in names:
         level, text = reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}"))
-        table.add_row(name, LEVELS[level], text)
-    Console().print(table)
+        print(f"{name:<{width}}  {LEVELS[level]:<7}  {text}")
     return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1
