@@ -7,6 +7,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from turtlebot_gym_ros.blocks import (
+    CalibrationDrive,
     KalmanFilter,
     SimulatedTeleop,
     TurtlebotSimulator,
@@ -100,7 +101,7 @@ def test_parameters_of_ros_itself_are_left_to_it(node_with):
     assert node.get_parameter("use_sim_time").value
 
 
-NODES = (KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator, SimulatedTeleop, Visualization)
+NODES = (CalibrationDrive, KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator, SimulatedTeleop, Visualization)
 
 
 @pytest.mark.parametrize("block", NODES, ids=lambda block: block.__name__)
