@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
@@ -51,6 +51,10 @@ class KalmanFilter:
         max_gap: float = ranged(1.0, 0.0, 60.0, "at least the period, below 60 s")
         """Gap in the odometry from which on the filter begins again, s."""
 
+        publish_tf: bool = False
+        """Whether the estimate is published on ``/tf`` too, from the world frame to the robot's. That transform has one owner:
+        only where the robot's bring-up does not publish it. Needs a ROS installation."""
+
         def __post_init__(self) -> None:
             if not 0.0 < self.period <= self.max_gap < 60.0:
                 raise ValueError(
@@ -62,6 +66,8 @@ class KalmanFilter:
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("odometry", max_gap=params.max_gap)
+        if params.publish_tf:
+            self.outputs = {**self.outputs, "estimate": replace(self.outputs["estimate"], transform=True)}
         self._period = params.period
         self._robot = make_robot(params.robot)
         self._tuning = make_filter(params.filter, make_noise(params.noise))

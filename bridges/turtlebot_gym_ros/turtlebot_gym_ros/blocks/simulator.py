@@ -71,6 +71,8 @@ class TurtlebotSimulator:
         witness: bool = False
         """Whether in lock-step time also waits for the recorder of a `Graph`, which says on ``recorded`` how far it has
         heard."""
+        publish_tf: bool = False
+        """Whether the odometry's pose is published on ``/tf`` too, as a robot's bring-up does; needs a ROS installation."""
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
         world: str = "open"
@@ -112,7 +114,9 @@ class TurtlebotSimulator:
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
-        stated = replace(self.outputs["odometry"], covariance=self._uncertainty.covariance)
+        stated = replace(
+            self.outputs["odometry"], covariance=self._uncertainty.covariance, transform=params.publish_tf
+        )
         self.outputs = {**self.outputs, "odometry": stated}
         self._begun = False
         self.notice: str | None = None

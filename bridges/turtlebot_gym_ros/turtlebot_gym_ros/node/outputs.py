@@ -18,6 +18,7 @@ from turtlebot_gym_ros.node.convert import conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
 from turtlebot_gym_ros.node.parameters import Common
 from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node.transforms import Transforms
 from turtlebot_gym_ros.node.triggers import SECOND
 
 
@@ -46,6 +47,8 @@ class Outputs:
         }
         newest = {key: f"{each.topic}/newest" for key, each in declared.items() if lock_step and each.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
+        transformed = {key for key, each in declared.items() if each.transform}
+        self._transforms = dict.fromkeys(transformed, Transforms(node)) if transformed else {}
         self.moving = [key for key, each in declared.items() if each.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
@@ -93,6 +96,8 @@ class Outputs:
         steps = {key: message for key, message in messages.items() if not self._declared[key].latched}
         self._last, self._step = {**held, **steps}, stamp
         self.publish(messages)
+        for key in self._transforms.keys() & messages.keys():
+            self._transforms[key].publish(messages[key])
         self._tell_newest()
 
     def _tell_newest(self) -> None:
