@@ -110,9 +110,7 @@ def test_frames_parameters_and_diagnostics_of_two_robots_are_told_apart(compare,
 def test_what_a_parameter_means_can_be_asked_for_below_a_namespace(compare, drives, start, peer):
     start(drives["robot1"], "robot1")
     asked = DescribeParameters.Request(names=["period", "policy", "frame_prefix"])
-    period, policy, prefix = peer.ask(
-        "/robot1/velocity_controller/describe_parameters", DescribeParameters, asked
-    ).descriptors
+    period, policy, prefix = peer.ask("/robot1/velocity_controller/describe_parameters", DescribeParameters, asked).descriptors
     (told,) = period.floating_point_range
     assert (told.from_value, told.to_value) == (0.001, 10.0)
     assert period.additional_constraints == "in [0.001, 10] s"

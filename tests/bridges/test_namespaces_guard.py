@@ -1,4 +1,4 @@
-"""The guards of two robots in one graph: a button, an enable and a command are one robot's, unless a topic is shared on purpose."""
+"""The guards of two robots in one graph: button, enabling and commands are one robot's, unless a topic is shared on purpose."""
 
 import signal
 import sys
@@ -43,7 +43,6 @@ class Robot:
     def until_reported(self, text):
         self._reports.clear()
         name = f"/{self.name}/cmd_vel_guard"
-
 
         def find():
             statuses = (each for message in list(self._reports) for each in message.status if each.name == name)
@@ -140,7 +139,9 @@ def test_with_a_prefix_the_guard_sees_by_its_own_lidar_only():
                 points_of(scan(frame), monitor._body, monitor._limits, monitor._reach)
 
 
-def test_a_recorder_takes_its_own_robots_topics_and_those_that_all_share(launch, peer, wait_for, tmp_path, monkeypatch, read_bag):
+def test_a_recorder_takes_its_own_robots_topics_and_those_that_all_share(
+    launch, peer, wait_for, tmp_path, monkeypatch, read_bag
+):
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     words = ("-r", "__ns:=/robot1")
     process = launch("-m", "turtlebot_gym_ros", "data_logger", "--ros-args", *words)

@@ -101,7 +101,15 @@ def test_parameters_of_ros_itself_are_left_to_it(node_with):
     assert node.get_parameter("use_sim_time").value
 
 
-NODES = (CalibrationDrive, KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator, SimulatedTeleop, Visualization)
+NODES = (
+    CalibrationDrive,
+    KalmanFilter,
+    TurtlebotSimulator,
+    VelocityController,
+    WaypointGenerator,
+    SimulatedTeleop,
+    Visualization,
+)
 
 
 @pytest.mark.parametrize("block", NODES, ids=lambda block: block.__name__)

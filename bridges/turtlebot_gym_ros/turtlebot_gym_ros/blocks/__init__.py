@@ -7,4 +7,11 @@ from turtlebot_gym_ros.blocks.simulator import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.teleop import SimulatedTeleop
 from turtlebot_gym_ros.blocks.waypoints import WaypointGenerator
 
-__all__ = ["CalibrationDrive", "KalmanFilter", "SimulatedTeleop", "TurtlebotSimulator", "VelocityController", "WaypointGenerator"]
+__all__ = [
+    "CalibrationDrive",
+    "KalmanFilter",
+    "SimulatedTeleop",
+    "TurtlebotSimulator",
+    "VelocityController",
+    "WaypointGenerator",
+]

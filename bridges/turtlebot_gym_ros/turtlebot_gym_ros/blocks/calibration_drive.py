@@ -41,8 +41,8 @@ class Leg(NamedTuple):
 def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[Leg]:
     """Yield one round of the drive, which would end where it began if the robot did just what it is told.
 
-    On each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and one
-    to the right, each after a stop.
+    On each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
+    circle to the right, with a stop after each.
 
     Args:
         robot: Its limits hold, with the curvature that is asked for.

@@ -33,9 +33,8 @@ class VelocityController:
     robot is stopped and left to others, until the reference changes.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
-    ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: of a filter
-    that does not say it, it counts as 0); for a policy of layout 2 also ``scan``
-    (`Scan`, on ``scan``, of a whole turn).
+    ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0
+    of a filter that does not say it); for a policy of layout 2 also ``scan`` (`Scan`, on ``scan``, of a whole turn).
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
     Parameters: those of `Params`.
     """

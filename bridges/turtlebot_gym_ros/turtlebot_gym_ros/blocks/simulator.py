@@ -114,9 +114,7 @@ class TurtlebotSimulator:
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
-        stated = replace(
-            self.outputs["odometry"], covariance=self._uncertainty.covariance, transform=params.publish_tf
-        )
+        stated = replace(self.outputs["odometry"], covariance=self._uncertainty.covariance, transform=params.publish_tf)
         self.outputs = {**self.outputs, "odometry": stated}
         self._begun = False
         self.notice: str | None = None

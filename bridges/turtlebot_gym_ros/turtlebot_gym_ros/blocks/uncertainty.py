@@ -15,7 +15,7 @@ class OdometryUncertainty:
 
     A measured pose has the variances of its noise, spikes and quantization; a bias is in no covariance. Integrated wheels begin
     without an error, which then grows with the drift of the noise model, and its axes are correlated. The twist is what the
-    wheels did: its variance is that of what the robot made of it. Nothing is certain: the floors are those of `presets.matched`.
+    wheels did: its variance is that of what the robot made of it. Nothing is certain: the floors are `presets.matched`'s.
 
     Args:
         noise: The noise in force.

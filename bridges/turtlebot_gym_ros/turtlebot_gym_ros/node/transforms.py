@@ -1,4 +1,4 @@
-"""A pose on ``/tf``, where that can exist: its message, `tf2_msgs/TFMessage`, comes with a ROS installation and is not on PyPI."""
+"""A pose on ``/tf``, where that can exist: its message, `tf2_msgs/TFMessage`, comes with a ROS installation, not from PyPI."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
 
-It subscribes to whatever is published, as it appears, and needs nobody's consent. In a namespace it records the topics below that
-and those of the root, such as ``/tf``, which robots share: another robot's are left to its own recorder. A ``kill -9`` loses at most the last second,
-see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+It subscribes to whatever is published, as it appears, and needs nobody's consent. In a namespace it records the topics below it
+and those of the root, such as ``/tf``, which robots share: another robot's are left to its own recorder. A ``kill -9`` loses at
+most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
 
 Parameters: see `Parameters`. Publishes nothing.
 """

@@ -50,7 +50,7 @@ class Body(NamedTuple):
     scan_yaw: float
     """Direction of the angle 0 of its scans, rad."""
     scan_frame: str
-    """Frame of its scans, without a namespace."""
+    """Frame of its scans, with the prefix of the robot's frames where it has one."""
 
 
 MOUNTS = {
