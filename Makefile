@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix faults study study-rooms study-transfer docs notebooks build clean
+.PHONY: help demo test test-kilted test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix faults study study-rooms study-transfer docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -37,6 +37,16 @@ test: $(READY)  ## all tests but the slow ones
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
+
+KILTED := .venv-kilted
+
+test-kilted:  ## the ROS nodes on ROS 2 Kilted, in an environment of their own
+	$(PYTHON) -m venv $(KILTED)
+	grep -v '^ros-' constraints.txt > $(KILTED)/constraints.txt
+	$(KILTED)/bin/python -m pip install --quiet --disable-pip-version-check --constraint $(KILTED)/constraints.txt \
+		--editable '.[ros-kilted,deploy,dev]'
+	$(KILTED)/bin/python -m pytest -m "not slow" tests/bridges/test_guard.py tests/bridges/test_lockstep_graph.py \
+		tests/bridges/test_namespaces.py tests/bridges/test_discovery.py tests/bridges/test_convert.py
 
 check: $(READY)  ## style, types and the direction of imports
 	$(RUN)ruff check
@@ -100,8 +110,10 @@ faults: $(READY)  ## 1000 faults injected into live guards, with an independent 
 
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet
-	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt dist/*.whl
+	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt "$$(ls dist/*.whl)[gym]"
 	cd dist && try/bin/turtlebot-gym evaluate --episodes 20
+	$(PYTHON) -m venv dist/thin && dist/thin/bin/pip install --quiet --constraint constraints.txt dist/*.whl
+	cd dist && thin/bin/python ../tests/bridges/thin.py
 
 clean:  ## remove the virtual environment and all output
-	rm -rf $(VENV) $(OUT) dist build
+	rm -rf $(VENV) $(KILTED) $(OUT) dist build

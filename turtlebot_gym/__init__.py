@@ -1,7 +1,7 @@
 """A TurtleBot that navigates on what a Kalman filter believes: Gymnasium environments, filter and odometry models.
 
-Importing this package registers the environments' ids where gymnasium and numba are installed. Without them, as on a robot,
-the filter, the models and the tasks still work.
+Importing this package registers the environments' ids where gymnasium is installed: ``pip install "turtlebot-gym[gym]"``.
+Without it and numba, as on a robot, the filter, the models and the tasks still work.
 """
 
 from importlib.util import find_spec

@@ -5,14 +5,18 @@ from array import array
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from scipy import stats
 from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
 from turtlebot_gym_ros.node.convert import conversion, quaternion_of, register, yaw_of
+from turtlebot_gym_ros.node.innovation import SURPRISING
+from turtlebot_gym_ros.node.values import Nis
 
 HEADER = Header(frame_id="odom")
 
@@ -121,9 +125,9 @@ def test_all_but_the_heading_survives_to_the_bit():
         assert (state.x, state.y, state.v, state.omega) == (x, y, v, omega)
         assert travel(Command(v, omega)) == Command(v, omega)
         P = a_covariance(rng)
-        estimate = travel(Estimate(Belief(State(x, y, theta, v, omega), P), 3.5, 0.0))
+        estimate = travel(Estimate(Belief(State(x, y, theta, v, omega), P), 0.0, 0.0))
         kept = {"xx", "xy", "xt", "yy", "yt", "tt", "vv", "vw", "ww"}
-        assert estimate.nis == 3.5
+        assert travel(Nis(P.xx)) == Nis(P.xx)
         assert estimate.belief.covariance == Covariance(
             *(value if name in kept else 0.0 for name, value in zip(P._fields, P, strict=True))
         )
@@ -142,13 +146,31 @@ def test_covariances_are_symmetric_and_lie_where_ros_looks_for_them():
     assert message.twist.twist.linear.x == 0.1  # forward speed, in the body frame
 
 
-def test_the_innovation_is_read_from_our_own_messages_only():
+def test_the_innovation_is_no_variance_and_has_a_message_of_its_own():
     estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.1] * 15)), 4.0, 0.0)
     message = conversion(Estimate).write(estimate, HEADER)
-    assert conversion(Estimate).read(message).nis == 4.0
-    message.twist.covariance[21] = 1e6  # as drivers write it that know nothing of roll
-    message.twist.covariance[14] = 1e6
+    assert 4.0 not in {*message.pose.covariance, *message.twist.covariance}
     assert conversion(Estimate).read(message).nis == 0.0
+    message = conversion(Nis).write(Nis(4.0), HEADER)
+    assert (message.header, message.status[0].hardware_id, message.status[0].level) == (HEADER, "odom", DiagnosticStatus.OK)
+    assert conversion(Nis).write(Nis(30.0), HEADER).status[0].level == DiagnosticStatus.WARN
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "", "much"])
+def test_an_innovation_that_is_no_number_is_refused(text):
+    message = conversion(Nis).write(Nis(1.0), HEADER)
+    message.status[0].values[0].value = text
+    with pytest.raises(ValueError, match="the NIS must be a finite number"):
+        conversion(Nis).read(message)
+    message.status[0].values.clear()
+    with pytest.raises(ValueError, match="one value named 'nis', but has 0"):
+        conversion(Nis).read(message)
+    with pytest.raises(ValueError, match="the NIS must be finite, got nan"):
+        conversion(Nis).write(Nis(math.nan), HEADER)
+
+
+def test_a_warning_comes_once_in_a_thousand_measurements():
+    assert stats.chi2.sf(SURPRISING, 3) == pytest.approx(1e-3, rel=0.01)
 
 
 @pytest.mark.parametrize(

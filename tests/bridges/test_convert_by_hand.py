@@ -10,8 +10,8 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
-from turtlebot_gym_ros.node.convert import conversion, quaternion_of, yaw_of
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym_ros.node.convert import conversion, quaternion_of, state_covariance, yaw_of
 
 HEADER = Header(frame_id="odom")
 X, Y, Z, ROLL, PITCH, YAW = range(6)
@@ -74,6 +74,9 @@ def test_the_covariances_of_a_message_place_by_place(value):
     pose[Y, YAW] = pose[YAW, Y] = 0.23
     twist[X, X], twist[YAW, YAW] = 0.44, 0.55
     twist[X, YAW] = twist[YAW, X] = 0.45
+    for part, unknown in ((pose, (Z, ROLL, PITCH)), (twist, (Y, Z, ROLL, PITCH))):
+        for at in unknown:
+            part[at, at] = -1.0  # not known, instead of 0, which would be certain
     np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), pose)
     np.testing.assert_array_equal(np.reshape(message.twist.covariance, (6, 6)), twist)
 
@@ -88,11 +91,25 @@ def test_a_message_is_read_place_by_place():
     assert (estimate.belief, estimate.rejections) == (got, 0.0)
 
 
-@pytest.mark.parametrize("place", ["pose_14", "pose_21", "pose_28", "twist_7", "twist_21", "twist_28"])
-def test_one_place_that_a_planar_robot_leaves_empty_marks_another_filters_message(place):
-    estimate = Estimate(BELIEF, 2.5, 0.0)
-    assert conversion(Estimate).read(write(estimate)).nis == 2.5
-    assert conversion(Estimate).read(filled(write(estimate), **{place: 1e-9})).nis == 0.0
+@pytest.mark.parametrize("place", ["pose_14", "pose_21", "pose_28", "twist_7", "twist_14", "twist_21", "twist_28"])
+@pytest.mark.parametrize("number", [0.0, 1e6])
+def test_what_another_filter_says_of_what_a_planar_robot_does_not_know_changes_nothing(place, number):
+    got, other = (conversion(Estimate).read(each) for each in (write(BELIEF), filled(write(BELIEF), **{place: number})))
+    assert got == other
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_covariance_that_is_stated_beside_a_value_place_by_place(measured):
+    message = conversion(Senses).write(Senses(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), measured), HEADER)
+    state_covariance(message, P)
+    pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (message.pose, message.twist))
+    assert np.diag(twist).tolist() == [0.44, -1.0, -1.0, -1.0, -1.0, 0.55]
+    if measured:
+        assert np.diag(pose).tolist() == [0.11, 0.22, -1.0, -1.0, -1.0, 0.33]
+        assert (pose[X, Y], pose[YAW, X], pose[Y, YAW]) == (0.12, 0.13, 0.23)
+    else:
+        np.testing.assert_array_equal(pose, -np.eye(6))
+    assert conversion(Senses).read(message).measured is measured
 
 
 @pytest.mark.parametrize("place", ["pose_0", "pose_7", "pose_35", "twist_0", "twist_35"])
@@ -120,7 +137,7 @@ def test_the_refusal_says_what_was_got():
     with pytest.raises(ValueError, match="the covariance must be finite"):
         write(Belief(BELIEF.mean, P._replace(vw=math.nan)))
     with pytest.raises(ValueError, match="the covariance must be finite"):
-        write(Estimate(BELIEF, math.nan, 0.0))
+        write(Estimate(BELIEF._replace(covariance=P._replace(xx=math.inf)), 0.0, 0.0))
     with pytest.raises(ValueError, match=r"No message is known for values of type int: call register\(\.\.\.\) first\."):
         conversion(int)
     with pytest.raises(ValueError, match=re.escape("the quaternion (0.0, 0.5, 0.0, 0.0) has norm 0.5 instead of 1")):

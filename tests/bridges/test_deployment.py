@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import make_task
+from turtlebot_gym.tasks import Observation, make_task
 from turtlebot_gym.values import STOP, Command, Pose, Senses
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
@@ -23,6 +23,7 @@ from turtlebot_gym_ros.node.convert import conversion
 STEPS = 150
 SEED = 11
 GOAL = Pose(1.5, -1.0, 2.0)
+NIS = Observation._fields.index("nis")
 ENVIRONMENTS = [("tutorial", "burger", "matched"), ("rough", "burger", "matched"), ("documented", "waffle", "tutorial")]
 
 
@@ -52,8 +53,9 @@ def drive(noise, robot, filter, carry=lambda value: value):
     for k in range(STEPS):
         dt = 0.1 if k else 0.0
         odometry = plant.step(0.1, command)["odometry"]
-        estimate = estimator.step(dt, carry(odometry))["estimate"]
-        command = controller.step(dt, carry(estimate), carry(GOAL), None)["command"]
+        said = estimator.step(dt, carry(odometry))
+        estimate, nis = said["estimate"], carry(said["nis"])
+        command = controller.step(dt, carry(estimate), carry(GOAL), None, nis=nis)["command"]
         rows.append((odometry, command, estimate, controller.observation, controller.action))
     return rows
 
@@ -79,9 +81,11 @@ def test_the_blocks_are_the_compiled_environment(environment):
 
 def test_the_way_over_a_topic_costs_nothing():
     plain, carried = drive(*ENVIRONMENTS[1]), drive(*ENVIRONMENTS[1], carry=travel)
-    for (_, u, estimate, _, _), (_, u_carried, estimate_carried, _, _) in zip(plain, carried, strict=True):
+    for (_, u, estimate, seen, _), (_, u_carried, estimate_carried, seen_carried, _) in zip(plain, carried, strict=True):
         assert estimate.belief.mean == estimate_carried.belief.mean
         assert u == u_carried
+        np.testing.assert_array_equal(seen, seen_carried)
+    assert len({float(seen[NIS]) for *_, seen, _ in carried}) > 0.8 * STEPS  # it arrives, and is not one number
 
 
 class Loop:

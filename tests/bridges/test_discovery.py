@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from std_msgs.msg import Empty
 
-from turtlebot_gym_ros.node.discovery import PROFILE, prepare
+from turtlebot_gym_ros.node.discovery import PROFILE, prepare, profiles_variable
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
@@ -43,7 +43,8 @@ def test_the_guard_serves_the_network(environment):
 
 def test_the_profile_announces_five_times_a_second(environment):
     prepare()
-    assert environment["FASTDDS_DEFAULT_PROFILES_FILE"] == str(PROFILE)
+    assert environment[profiles_variable()] == str(PROFILE)
+    assert sum("DEFAULT_PROFILES_FILE" in name for name in environment) == 1  # Kilted complains of the old name
     root = ElementTree.parse(PROFILE).getroot()
     space = {"dds": root.tag.partition("}")[0].strip("{")}
     assert root.find(".//dds:initialAnnouncements/dds:period/dds:nanosec", space).text == "200000000"
@@ -57,10 +58,11 @@ def test_a_profile_of_ones_own_stays(environment):
 
 
 def test_fast_dds_takes_the_profile():
-    """It says nothing of a profile that it can read, and complains of one that it cannot."""
+    """It says nothing of a profile that it can read, and complains of one that it cannot: it reads this variable."""
     code = "import rclpy; rclpy.init(); rclpy.create_node('node').destroy_node(); rclpy.shutdown()"
     for profile, complains in ((str(PROFILE), False), (__file__, True)):
-        environment = {**os.environ, "FASTDDS_DEFAULT_PROFILES_FILE": profile, "FASTRTPS_DEFAULT_PROFILES_FILE": profile}
+        bare = {name: value for name, value in os.environ.items() if "DEFAULT_PROFILES_FILE" not in name}
+        environment = {**bare, profiles_variable(): profile}
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
         assert ("Error" in done.stdout + done.stderr) == complains, done
 
@@ -89,7 +91,7 @@ def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wa
     process = launch("-m", "turtlebot_gym_ros", name)
     wait_for(lambda: name in peer.node.get_node_names())
     held = {os.path.realpath(link) for link in Path(f"/proc/{process.pid}/fd").iterdir()}
-    (lock,) = [each for each in held if re.fullmatch(r"/dev/shm/fastrtps_[0-9a-f]{16}_el", each)]
+    (lock,) = [each for each in held if re.fullmatch(r"/dev/shm/fast(?:rtps|dds)_[0-9a-f]{16}_el", each)]
     assert Path(lock.removesuffix("_el")).stat().st_size > 100_000
     process.terminate()
     assert process.wait(30) == 0

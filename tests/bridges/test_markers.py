@@ -173,4 +173,6 @@ def test_the_disc_is_the_one_in_which_the_generator_sees_an_arrival():
     assert Visualization.Params().radius == WaypointGenerator.Params().radius
     for path in (RVIZ.parents[1] / "config").glob("*.yaml"):
         config = yaml.safe_load(path.read_text())
-        assert len({config[name]["ros__parameters"]["radius"] for name in ("visualization", "waypoint_generator")}) == 1
+        assert (
+            len({config[f"/**/{name}"]["ros__parameters"]["radius"] for name in ("visualization", "waypoint_generator")}) == 1
+        )

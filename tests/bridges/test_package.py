@@ -30,8 +30,14 @@ SHELLS = {name: load(name) for name in BLOCKS}
 ROS_OWN = {"use_sim_time", "start_type_description_service"}
 
 
+ANYWHERE = "/**/"
+"""Stands before a node's name in a configuration, so that it counts in any namespace."""
+
+
 def configured(path):
-    return yaml.safe_load(path.read_text())
+    content = yaml.safe_load(path.read_text())
+    assert all(key.startswith(ANYWHERE) for key in content)
+    return {key.removeprefix(ANYWHERE): parameters for key, parameters in content.items()}
 
 
 def declared(name, context, config):
@@ -103,7 +109,8 @@ def test_launch_arguments_are_used_and_default_to_the_configuration(launch_file)
         for param in node.findall("param")[1:]:
             name = param.get("name")
             if name in defaults and name != "start_enabled":
-                assert yaml.safe_load(defaults[name]) == config[node.get("name")]["ros__parameters"][name], name
+                default = defaults[name] if param.get("type") == "str" else yaml.safe_load(defaults[name])
+                assert default == config[node.get("name")]["ros__parameters"][name], name
 
 
 def test_launch_starts_rviz_only_if_asked_and_with_its_file(launch_file):
@@ -111,14 +118,63 @@ def test_launch_starts_rviz_only_if_asked_and_with_its_file(launch_file):
     assert asked.get("default") == "false"
     viewers = [node for node in launch_file.iter("node") if node.get("name") in ("rviz2", "visualization")]
     assert [node.get("if") for node in viewers] == ["$(var rviz)"] * 2
-    assert viewers[1].get("args") == f"-d $(find-pkg-share turtlebot_gym_ros)/{RVIZ.relative_to(PACKAGE)}"
+    file = f"$(find-pkg-share turtlebot_gym_ros)/{RVIZ.relative_to(PACKAGE)}"
+    assert viewers[1].get("args") == f"-d {file} -f $(var frame_prefix)odom"
+
+
+def topics_of(name):
+    """Return the topics of a node that a launch file may remap."""
+    if name == "rviz2":
+        return {*re.findall(r"Value: (/\w+)", RVIZ.read_text()), "/clock"}
+    if name == "data_logger":
+        return {"/clock"}
+    if name == "cmd_vel_guard":
+        return {"cmd_vel", "emergency_stop"}
+    block = SHELLS[name]
+    moves = {"emergency_stop"} if any(each.stop is not None for each in block.outputs.values()) else set()
+    return {each.topic for each in (*block.inputs.values(), *block.outputs.values())} | moves
 
 
 def test_launch_remaps_topics_that_exist(launch_file):
     for node in launch_file.iter("node"):
-        for remap in node.findall("remap"):
-            block = SHELLS[node.get("name")]
-            assert remap.get("from") in {each.topic for each in (*block.inputs.values(), *block.outputs.values())}
+        remaps = {remap.get("from"): remap.get("to") for remap in node.findall("remap")}
+        assert remaps.keys() <= topics_of(node.get("name")), node.get("name")
+        absolute = {here: there for here, there in remaps.items() if here.startswith("/")}
+        assert absolute == {here: here.removeprefix("/") for here in absolute}  # into the namespace
+
+
+def test_launch_puts_all_nodes_into_a_namespace_and_all_frames_behind_a_prefix(launch_file):
+    (group,) = launch_file.findall("group")
+    assert group[0].tag == "push_ros_namespace"
+    assert group[0].get("namespace") == "$(var namespace)"
+    nodes = [*launch_file.iter("node")]
+    assert [*group.iter("node")] == nodes
+    for node in nodes:
+        if "frame_prefix" in config_of(launch_file).get(node.get("name"), {}).get("ros__parameters", {}):
+            (given,) = (each for each in node.findall("param") if each.get("name") == "frame_prefix")
+            assert (given.get("value"), given.get("type")) == ("$(var frame_prefix)", "str")
+        else:
+            assert node.get("name") in ("data_logger", "rviz2")
+
+
+def test_every_node_that_moves_a_robot_hears_the_same_emergency_stop(launch_file):
+    for node in launch_file.iter("node"):
+        if "emergency_stop" in topics_of(node.get("name")):
+            remaps = {remap.get("from"): remap.get("to") for remap in node.findall("remap")}
+            assert remaps["emergency_stop"] == "$(var emergency_stop)", node.get("name")
+        if node.get("name") == "rviz2":
+            assert {remap.get("from") for remap in node.findall("remap")} - {"/clock"} == topics_of("rviz2") - {"/clock"}
+
+
+@pytest.mark.parametrize("namespace", ["", "robot1", "lab/robot1"])
+def test_a_configuration_counts_in_any_namespace(runner, namespace):
+    config = str(PACKAGE / "config" / "robot.yaml")
+    block = SHELLS["kalman_filter"]
+    arguments = ["--params-file", config, "-r", f"__ns:=/{namespace}"]
+    shell = Shell(block, block.Params, name="kalman_filter", context=runner.context, arguments=arguments)
+    assert shell.node.get_namespace() == f"/{namespace}"
+    assert shell.params.noise == configured(Path(config))["kalman_filter"]["ros__parameters"]["noise"] == "wheel"
+    shell.close()
 
 
 def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
@@ -129,7 +185,10 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
         for output in getattr(SHELLS.get(node.get("name")), "outputs", {}).values():
             speakers.setdefault(remaps.get(output.topic, output.topic), []).append(node.get("name"))
     assert "cmd_vel" not in speakers
-    assert speakers["cmd_vel_in"] == ["velocity_controller"]
+    assert speakers["cmd_vel_in"] == ["velocity_controller", "calibration_drive"]
+    asked = {node.get("name"): (node.get("if"), node.get("unless")) for node in launch_file.iter("node")}
+    assert asked["velocity_controller"] == (None, "$(var calibrate)")  # one of the two
+    assert asked["calibration_drive"] == ("$(var calibrate)", None)
     (wheels,) = (node for node in launch_file.iter("node") if node.get("name") == "cmd_vel_guard")
     assert wheels.get("respawn") == "true"
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}

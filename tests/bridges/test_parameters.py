@@ -7,6 +7,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from turtlebot_gym_ros.blocks import (
+    CalibrationDrive,
     KalmanFilter,
     SimulatedTeleop,
     TurtlebotSimulator,
@@ -72,7 +73,7 @@ def test_given_values_are_taken_and_an_integer_will_do_for_a_float(node_with):
     ("given", "said"),
     [
         ({"gian": 2.0}, "no parameter 'gian': did you mean gain"),
-        ({"frequency_of_everything": 2.0}, "there are body_frame, enable_stamped_cmd_vel, frame, gain"),
+        ({"frequency_of_everything": 2.0}, "there are body_frame, enable_stamped_cmd_vel, frame, frame_prefix, gain"),
         ({"gain": "high"}, "gain must be of type float, got 'high'"),
         ({"gain": True}, "gain must be of type float, got True"),
         ({"steps": 2.5}, "steps must be of type int, got 2.5"),
@@ -100,7 +101,15 @@ def test_parameters_of_ros_itself_are_left_to_it(node_with):
     assert node.get_parameter("use_sim_time").value
 
 
-NODES = (KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator, SimulatedTeleop, Visualization)
+NODES = (
+    CalibrationDrive,
+    KalmanFilter,
+    TurtlebotSimulator,
+    VelocityController,
+    WaypointGenerator,
+    SimulatedTeleop,
+    Visualization,
+)
 
 
 @pytest.mark.parametrize("block", NODES, ids=lambda block: block.__name__)

@@ -166,8 +166,14 @@ def check(line, ros):
             known(topic, kind)
         case ["ros2", "run", "teleop_twist_keyboard", "teleop_twist_keyboard", "--ros-args", "-r", remapping, *_]:
             known("/" + remapping.partition(":=")[2])
-        case ["python", "-m", "turtlebot_gym_ros", node]:
+        case ["python", "-m", "turtlebot_gym_ros", node, *given]:
             assert node in NODES
+            assert given[:1] in ([], ["--ros-args"])
+            for flag, value in zip(given[1::2], given[2::2], strict=True):
+                name = value.partition(":=")[0]
+                known(f"/{name}" if flag == "-r" else name)
+        case ["ros2", "bag", "record", *topics]:
+            known(*(topic for topic in topics if topic not in ("/tf", "/tf_static")))
         case ["make", target]:
             assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
         case ["pip", "install", where]:
@@ -195,6 +201,8 @@ def test_commands_that_cannot_be_run_name_what_there_is(page, ros):
         "ros2 service call /velocity_controller/enabel std_srvs/srv/SetBool '{data: true}'",
         "ros2 topic pub --rate 10 /emergency std_msgs/msg/Bool '{data: false}'",
         "python -m turtlebot_gym_ros kalman",
+        "python -m turtlebot_gym_ros kalman_filter --ros-args -p filtre:=matched",
+        "ros2 bag record /odo",
         "make everything",
         "rosrun turtlebot_gym_ros kalman_filter",
     ],

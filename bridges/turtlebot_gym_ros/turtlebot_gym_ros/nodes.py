@@ -50,6 +50,10 @@ NODES = {
         "blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel", "person",
         place=(2, 2), guarded="cmd_vel_teleop",
     ),
+    "calibration_drive": Entry(
+        "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel", "calibration",
+        place=(1, 2), guarded="cmd_vel_in",
+    ),
     "cmd_vel_guard": Entry(
         "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
         place=(2, 1), is_block=False,

@@ -1,9 +1,17 @@
 """The blocks of the closed loop: plain objects that know no ROS."""
 
+from turtlebot_gym_ros.blocks.calibration_drive import CalibrationDrive
 from turtlebot_gym_ros.blocks.controller import VelocityController
 from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 from turtlebot_gym_ros.blocks.simulator import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.teleop import SimulatedTeleop
 from turtlebot_gym_ros.blocks.waypoints import WaypointGenerator
 
-__all__ = ["KalmanFilter", "SimulatedTeleop", "TurtlebotSimulator", "VelocityController", "WaypointGenerator"]
+__all__ = [
+    "CalibrationDrive",
+    "KalmanFilter",
+    "SimulatedTeleop",
+    "TurtlebotSimulator",
+    "VelocityController",
+    "WaypointGenerator",
+]

@@ -20,6 +20,7 @@ from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, believed_to_arrive, obs
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
 from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
+from turtlebot_gym_ros.node.values import Nis
 
 VARIANCE_FLOOR = 1e-6
 """A stated variance of exactly zero is taken as (1 mm)^2 or (1 mrad)^2: nobody knows a pose exactly."""
@@ -32,8 +33,8 @@ class VelocityController:
     robot is stopped and left to others, until the reference changes.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
-    ``next_reference``; optional: the waypoint after it), all in the world frame; for a policy of layout 2 also ``scan``
-    (`Scan`, on ``scan``, of a whole turn).
+    ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0
+    of a filter that does not say it); for a policy of layout 2 also ``scan`` (`Scan`, on ``scan``, of a whole turn).
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
     Parameters: those of `Params`.
     """
@@ -68,6 +69,7 @@ class VelocityController:
                 raise ValueError(f"lidar_beams must be 0 or a number of beams, got {self.lidar_beams!r}.")
 
     inputs = {
+        "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False),
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
         "reference": Input(topic="reference", type=Pose, lock_step="same"),
         "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same"),
@@ -98,7 +100,13 @@ class VelocityController:
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
 
     def step(
-        self, dt: float, estimate: Estimate, reference: Pose, following: Pose | None, scan: Aged | None = None
+        self,
+        dt: float,
+        estimate: Estimate,
+        reference: Pose,
+        following: Pose | None,
+        scan: Aged | None = None,
+        nis: Nis | None = None,
     ) -> dict[str, Any]:
         """Return the command, or nothing where the robot is done."""
         mean, P = estimate.belief
@@ -112,7 +120,8 @@ class VelocityController:
             self._done_with = reference
             return {}
         self._done_with = None
-        seen = observe(mean, stated_deviations(P), estimate.nis, reference, following or reference, self._robot)
+        surprise = estimate.nis if nis is None else nis.value
+        seen = observe(mean, stated_deviations(P), surprise, reference, following or reference, self._robot)
         ranges = () if scan is None else (*self._pool(scan.value), min(max(scan.age, 0.0), MAX_AGE))
         self.observation = np.array((*seen, *ranges), np.float32)
         self.action = np.asarray(self._policy(self.observation), np.float32)

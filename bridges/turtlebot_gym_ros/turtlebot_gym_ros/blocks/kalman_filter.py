@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
@@ -14,6 +14,7 @@ from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses
 from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
+from turtlebot_gym_ros.node.values import Nis
 
 REMEMBERED = depth_of(0.01)
 """Steps that are remembered for late fixes: half a second of odometry at 100 Hz, and longer of slower."""
@@ -31,7 +32,8 @@ class KalmanFilter:
 
     Inputs: ``odometry`` (`Senses`, on ``odom``, every message); where ``twist`` is "commanded", ``command`` (`Command`, on
     ``cmd_vel``; optional, the last value holds); and with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional).
-    Outputs: ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp and in its frame.
+    Outputs: ``nis`` (`Nis`, on ``nis``), how surprising the measurement was, and ``estimate`` (`Estimate`, on ``estimate``), at
+    odometry's stamp and in its frame.
     Parameters: those of `Params`.
     """
 
@@ -59,6 +61,10 @@ class KalmanFilter:
         max_gap: float = ranged(1.0, 0.0, 60.0, "at least the period, below 60 s")
         """Gap in the odometry from which on the filter begins again, s."""
 
+        publish_tf: bool = False
+        """Whether the estimate is published on ``/tf`` too, from the world frame to the robot's. That transform has one owner:
+        only where the robot's bring-up does not publish it. Needs a ROS installation."""
+
         def __post_init__(self) -> None:
             if not 0.0 < self.period <= self.max_gap < 60.0:
                 raise ValueError(
@@ -66,10 +72,12 @@ class KalmanFilter:
                 )
 
     inputs = {"odometry": Input(topic="odom", type=Senses, reliable=False)}
-    outputs = {"estimate": Output(topic="estimate", type=Estimate)}
+    outputs = {"nis": Output(topic="nis", type=Nis), "estimate": Output(topic="estimate", type=Estimate)}
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("odometry", max_gap=params.max_gap)
+        if params.publish_tf:
+            self.outputs = {**self.outputs, "estimate": replace(self.outputs["estimate"], transform=True)}
         self._period = params.period
         self._robot = make_robot(params.robot)
         self._tuning = make_filter(params.filter, make_noise(params.noise))
@@ -116,7 +124,7 @@ class KalmanFilter:
                 estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
             estimate = self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
         self._estimate, self._senses = estimate, senses
-        return {"estimate": estimate}
+        return {"nis": Nis(estimate.nis), "estimate": estimate}
 
     def _new(self, fix: Aged | None) -> Fix:
         """Return a fix with its age, if it is another one than the last, and recent."""

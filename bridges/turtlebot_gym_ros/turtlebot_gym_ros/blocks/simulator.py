@@ -17,9 +17,11 @@ from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
 from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses, State
+from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 from turtlebot_gym_ros.node.block import Aged, Every, Input, Output, ranged
+from turtlebot_gym_ros.node.values import Nis
 
-THROUGH = {"estimate": Estimate, "reference": Pose, "next_reference": Pose}
+THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
 """Topics over which a step's odometry leads to the command that answers it, in their order."""
 NO_FIX = ("none", "")
 FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
@@ -72,13 +74,15 @@ class TurtlebotSimulator:
         period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of the odometry and of the simulation, s."""
         speed: float = ranged(1.0, 0.0, 1000.0, "positive, below 1000")
-        """How many times faster than real time it runs; other than at 1 it sets ``/clock``. In lock-step this is the upper
+        """How many times faster than real time it runs; other than at 1 it sets ``clock``. In lock-step this is the upper
         limit, and 0 is as fast as the nodes answer."""
         seed: int = ranged(0, 0, MAX_SEED, "at least 0")
         """Seed of the noise."""
         witness: bool = False
         """Whether in lock-step time also waits for the recorder of a `Graph`, which says on ``recorded`` how far it has
         heard."""
+        publish_tf: bool = False
+        """Whether the odometry's pose is published on ``/tf`` too, as a robot's bring-up does; needs a ROS installation."""
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
         world: str = "open"
@@ -149,6 +153,9 @@ class TurtlebotSimulator:
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # the waypoints are others' business
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
+        self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
+        stated = replace(self.outputs["odometry"], covariance=self._uncertainty.covariance, transform=params.publish_tf)
+        self.outputs = {**self.outputs, "odometry": stated}
         self._begun = False
         self.notice: str | None = None
         """The first contact of the episode, in words."""
@@ -156,6 +163,7 @@ class TurtlebotSimulator:
     def reset(self) -> None:
         """Begin the next episode."""
         self._episode.reset()
+        self._uncertainty.reset()
         self._begun = False
         self.notice = None
 
@@ -169,6 +177,7 @@ class TurtlebotSimulator:
         said: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
         if self._sees_fixes and world.senses.fix.arrived:
             said["fix"] = Aged(world.senses.fix, world.senses.fix.age)
+        self._uncertainty.hear(odometry)
         if self._map:
             said["map"], self._map = self._map, None
         return said if self._lidar is None else {**said, **self._look_round(self._lidar)}

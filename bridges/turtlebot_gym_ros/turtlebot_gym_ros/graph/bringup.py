@@ -117,6 +117,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, between caster and floor (default 0.05)")
     parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
     parser.add_argument("--seed", type=int, help="of the noise, and of the room")
+    parser.add_argument("--namespace", help="of all nodes and topics, such as robot1; by default none")
+    parser.add_argument("--frame-prefix", help='before all frames; by default that of the namespace, "robot1/"')
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
     parser.add_argument("--json", type=Path, help="write the metrics to this file")
     return parser

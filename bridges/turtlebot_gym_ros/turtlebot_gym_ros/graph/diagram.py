@@ -144,6 +144,7 @@ WORDS = {name: entry.word for name, entry in NODES.items()} | {
     "/odom": "odometry",
     "/true_state": "true state",
     "/estimate": "estimate",
+    "/nis": "innovation",
     "/markers": "markers",
 }
 """Nodes and topics in plain words."""

@@ -21,6 +21,7 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
+from turtlebot_gym_ros.graph.namespace import absolute, prefix_of
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.discovery import SETTLE
 from turtlebot_gym_ros.node.parameters import Common
@@ -28,6 +29,8 @@ from turtlebot_gym_ros.node.runner import Runner
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import MODES, load
 
+OWN_CLOCK = ("-r", "/clock:=clock")
+"""rclpy listens to /clock whatever the namespace; each graph has its own."""
 PATIENCE = 60.0
 """Longest wait for the graph to come up, s."""
 
@@ -53,6 +56,8 @@ class Graph:
         speed: 1 is real time, None as fast as the nodes answer, anything else at most so many times faster than real time; in
             teleoperation None is real time.
         domain: ROS domain; None for that of the environment.
+        namespace: Of all nodes and topics, such as "robot1", so that several robots share one ROS domain.
+        frame_prefix: What stands before all frames; None for that of the namespace, "robot1/".
         parameters: Parameters by name; each goes to the nodes that have one of that name.
 
     Raises:
@@ -67,8 +72,12 @@ class Graph:
         processes: bool = False,
         speed: float | None = None,
         domain: int | None = None,
+        namespace: str = "",
+        frame_prefix: str | None = None,
         **parameters: Any,
     ) -> None:
+        self._namespace = absolute(namespace)
+        parameters = {"frame_prefix": prefix_of(namespace) if frame_prefix is None else frame_prefix, **parameters}
         self._names = choose("mode", mode, MODES)
         self._processes: list[subprocess.Popen[bytes]] = []
         self._in_processes = processes
@@ -96,7 +105,7 @@ class Graph:
 
     def _for_node(self, name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the parameters that a node is given."""
-        known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame"}
+        known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
             chosen = {"speed": speed, "witness": self._lock_step, **chosen}
@@ -114,7 +123,13 @@ class Graph:
         """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
         try:
-            self._recorder = Recorder(self._runner.context, stamped=self._stamped, lock_step=self._lock_step, room=self.in_room)
+            self._recorder = Recorder(
+                self._runner.context,
+                stamped=self._stamped,
+                lock_step=self._lock_step,
+                room=self.in_room,
+                namespace=self._namespace,
+            )
             self._runner.add(self._recorder)
             for name in self._names:
                 self._start(name)
@@ -129,9 +144,20 @@ class Graph:
         given = self._parameters[name]
         if not self._in_processes:
             block = load(name)
-            self._runner.add(Shell(block, block.Params, name=name, context=self._runner.context, overrides=given))
+            shell = Shell(
+                block,
+                block.Params,
+                name=name,
+                namespace=self._namespace,
+                context=self._runner.context,
+                overrides=given,
+                arguments=OWN_CLOCK,
+            )
+            self._runner.add(shell)
             return
+        given = {key: value for key, value in given.items() if value != ""}  # the command line has no empty text
         arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={_ros(value)}")]
+        arguments += [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
         domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
         command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *arguments]
         self._processes.append(subprocess.Popen(command, env={**os.environ, **domain}))

@@ -59,6 +59,7 @@ class Recorder:
         lock_step: Whether the graph is in lock-step: a row is then complete, and a leap of the stamps begins another episode.
         room: Whether the simulator is in a room: a row then holds the clearance too.
         name: The node's name.
+        namespace: Namespace of the graph; diagnostics of nodes outside it do not count. In the root all nodes' do.
     """
 
     def __init__(
@@ -69,13 +70,15 @@ class Recorder:
         lock_step: bool = False,
         room: bool = False,
         name: str = "bringup",
+        namespace: str | None = None,
     ) -> None:
-        self.node = Node(name, context=context)
+        self.node = Node(name, context=context, namespace=namespace)
+        self._space = f"{self.node.get_namespace().rstrip('/')}/"
         self._lock = Lock()
         self.latest: dict[str, Any] = {}
         """The last value of each topic that was heard."""
         self.reports: dict[str, tuple[int, str]] = {}
-        """Level and message of each node's last diagnostics."""
+        """Level and message of each node's last diagnostics, by its name in the graph's namespace."""
         self.state = "silent"
         """The controller's state."""
         self._lock_step = lock_step
@@ -144,7 +147,8 @@ class Recorder:
 
     def _hear_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self.reports[status.name.strip("/")] = (status.level[0], status.message)
+            if status.name.startswith(self._space):
+                self.reports[status.name.removeprefix(self._space)] = (status.level[0], status.message)
 
     def _hear_state(self, message: String) -> None:
         self.state = message.data

@@ -6,11 +6,9 @@ import argparse
 import time
 from collections.abc import Sequence
 
-from rich.console import Console
-from rich.table import Table
-
+from turtlebot_gym_ros.graph.namespace import absolute, remapping
 from turtlebot_gym_ros.graph.recorder import Recorder
-from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.node.runner import Runner, refuse
 from turtlebot_gym_ros.nodes import MODES
 
 LEVELS = ("ok", "warning", "error", "stale")
@@ -21,10 +19,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="status", description="Print what each node of the graph reports and waits for.")
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
     parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default 3)")
+    parser.add_argument("--namespace", default="", help="of the robot, such as robot1; without it all nodes are listed")
     options = parser.parse_args(argv)
     expected = MODES[options.mode]
+    try:
+        namespace = absolute(options.namespace)
+    except ValueError as error:
+        return refuse(error)
     runner = Runner()
-    recorder = Recorder(runner.context, name="status")
+    recorder = Recorder(runner.context, name="status", namespace=namespace)
     runner.add(recorder)
     runner.start()
     until = time.monotonic() + options.seconds
@@ -32,9 +35,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         time.sleep(0.05)
     reports = dict(recorder.reports)
     runner.close()
-    table = Table("node", "level", "says")
-    for name in (*expected, *sorted(set(reports) - set(expected))):
-        level, text = reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}"))
-        table.add_row(name, LEVELS[level], text)
-    Console().print(table)
+    start = "".join(f" {word}" for word in remapping(namespace))
+    names = (*expected, *sorted(set(reports) - set(expected)))
+    width = max(map(len, names))
+    print(f"{'node':<{width}}  level    says")
+    for name in names:
+        level, text = reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}"))
+        print(f"{name:<{width}}  {LEVELS[level]:<7}  {text}")
     return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1

@@ -79,7 +79,7 @@ class AsPlant(Drive):
             raise ValueError("lock_step must be false for a plant that no input answers.")
         self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
-        self._clock = hands.node.create_publisher(ClockMessage, "/clock", STREAM)
+        self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
         self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from turtlebot_gym.values import Covariance
+
 
 def ranged(default: float, low: float, high: float, rule: str) -> Any:
     """Return a number among a block's parameters, with what ``ros2 param describe`` says of its values.
@@ -66,6 +68,10 @@ class Output:
     """Whether lost messages are sent again, outside of lock-step; without, as sensors publish."""
     latched: bool = False
     """Whether the last value is kept for who comes late: what is said once. It belongs to no step of lock-step."""
+    covariance: Callable[[], Covariance] | None = None
+    """Returns the covariance of a value that travels as Odometry, if the value itself has none; asked after each step."""
+    transform: bool = False
+    """Whether a pose that travels as Odometry is published on ``/tf`` as well, as the transform to its child frame."""
 
 
 class Aged(NamedTuple):
@@ -83,7 +89,7 @@ class Every:
     period: float
     """s"""
     speed: float | None = None
-    """Where given, the block is the plant: it runs so many times faster than real time, and other than at 1 sets ``/clock``. In
+    """Where given, the block is the plant: it runs so many times faster than real time, and other than at 1 sets ``clock``. In
     lock-step its inputs answer its outputs; the speed is then the upper limit, and 0 is none."""
     answers: str | None = None
     """Name of the input on which another block runs in lock-step, at its stamp."""

@@ -11,9 +11,10 @@ A `Fix` states its variances; -1 for the heading's says that it was not measured
 
 Headings survive their quaternion to the bit, see `quaternion_of`.
 
-An `Odometry` message has no place for the normalized innovation squared, which a policy observes. It travels where a planar
-robot has nothing to say, as the variance of the vertical speed (``twist.covariance[14]``); in messages of other filters, which
-have something in their other unused places, it is taken as 0.
+Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. What a planar robot does not know, height, roll, pitch and
+the sideways speed, has the variance -1 there, by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
+`Odometry` message has no place for the normalized innovation squared, which a policy observes: it has a topic of its own, see
+`innovation`. What is read from the message of an estimate has the value 0 for it.
 
 The resolution of a map travels in single precision, and is read as the shortest decimal that is nearest to it: 0.05 m.
 """
@@ -27,6 +28,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan, Range
@@ -37,15 +39,16 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
+from turtlebot_gym_ros.node.innovation import read_nis, write_nis
 from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
 from turtlebot_gym_ros.node.scans import read_clearance, read_scan, write_clearance, write_scan
+from turtlebot_gym_ros.node.values import Nis
 
-_NIS = 14
-# Row-major 6 x 6, in the order x y z roll pitch yaw: the diagonal places that a planar robot does not use.
-_UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 21, 28)
+# The diagonal places in the order x y z roll pitch yaw, row-major: what a planar robot knows, and what it does not.
+_PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
 _PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
-_NOT_MEASURED = -1.0
+_NOT_KNOWN = -1.0
 
 
 class Conversion(NamedTuple):
@@ -194,7 +197,7 @@ def _senses_of(message: Odometry) -> Senses:
 def _senses_to_message(senses: Senses, header: Header) -> Odometry:
     message = _state_to_message(State(*senses.odometry, *senses.twist), header)
     if not senses.measured:
-        message.pose.covariance[0] = _NOT_MEASURED
+        message.pose.covariance[0] = _NOT_KNOWN
     return message
 
 
@@ -206,22 +209,38 @@ def _estimate_of(message: Odometry) -> Estimate:
     )
     if min(P.xx, P.yy, P.tt, P.vv, P.ww) < 0.0:
         raise ValueError(f"variances must not be negative, got {P.xx:g}, {P.yy:g}, {P.tt:g}, {P.vv:g}, {P.ww:g}")
-    foreign = any(pose[at] for at in _UNUSED_IN_POSE) or any(twist[at] for at in _UNUSED_IN_TWIST)
-    return Estimate(Belief(_state_of(message), P), 0.0 if foreign else twist[_NIS], 0.0)
+    return Estimate(Belief(_state_of(message), P), 0.0, 0.0)
 
 
-def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
-    mean, P = estimate.belief
-    _finite("the covariance", (*P, estimate.nis))
-    message = _state_to_message(mean, header)
+def state_covariance(message: Odometry, P: Covariance) -> None:
+    """Write a covariance where ROS looks for it; the message holds that of the pose and that of the twist.
+
+    A message that says its pose was not measured keeps saying so.
+
+    Raises:
+        ValueError: If it is not finite.
+    """
+    _finite("the covariance", P)
     pose, twist = message.pose.covariance, message.twist.covariance
+    measured = pose[0] >= 0.0
     pose[0], pose[7], pose[35] = P.xx, P.yy, P.tt
     pose[1] = pose[6] = P.xy
     pose[5] = pose[30] = P.xt
     pose[11] = pose[31] = P.yt
     twist[0], twist[35] = P.vv, P.ww
     twist[5] = twist[30] = P.vw
-    twist[_NIS] = estimate.nis
+    if not measured:
+        pose[:] = 0.0
+    for at in _UNUSED_IN_POSE if measured else (*_PLANAR_POSE, *_UNUSED_IN_POSE):
+        pose[at] = _NOT_KNOWN
+    for at in _UNUSED_IN_TWIST:
+        twist[at] = _NOT_KNOWN
+
+
+def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
+    mean, P = estimate.belief
+    message = _state_to_message(mean, header)
+    state_covariance(message, P)
     return message
 
 
@@ -242,7 +261,7 @@ def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped(header=header)
     _write_pose(message.pose.pose, fix.pose)
     covariance, (x, y, heading) = message.pose.covariance, fix.R
-    covariance[0], covariance[7], covariance[35] = x, y, heading if heading < math.inf else _NOT_MEASURED
+    covariance[0], covariance[7], covariance[35] = x, y, heading if heading < math.inf else _NOT_KNOWN
     return message
 
 
@@ -290,6 +309,7 @@ register(
     in_world=True,
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
+register(Nis, DiagnosticArray, read_nis, write_nis)
 register(Scan, LaserScan, read_scan, write_scan)
 register(Obstacles, MarkerArray, read_obstacles, write_obstacles, in_world=True)
 register(Clearance, Range, read_clearance, write_clearance)

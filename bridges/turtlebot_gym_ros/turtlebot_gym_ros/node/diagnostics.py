@@ -50,7 +50,9 @@ def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -
     text = f"{mine.topic}: {_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot be matched."
     if mine.message in _VELOCITIES and other.topic_type in _VELOCITIES:
         stamped = _VELOCITIES[other.topic_type]
-        start = f"python -m turtlebot_gym_ros {node.get_name()} --ros-args -p enable_stamped_cmd_vel:={stamped}"
+        space = node.get_namespace()
+        words = "" if space == "/" else f"-r __ns:={space} "
+        start = f"python -m turtlebot_gym_ros {node.get_name()} --ros-args {words}-p enable_stamped_cmd_vel:={stamped}"
         text += f" Start this one with: {start}"
     return Problem(ERROR, text)
 
@@ -71,14 +73,15 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
             found += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
         if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
             found.append(Problem(WARN, f"{mine.topic}: nobody listens."))
-        rivals = [_name(other) for other in publishers if other.node_name != node.get_name()]
+        rivals = [name for other in publishers if (name := _name(other)) != node.get_fully_qualified_name()]
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
             found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; who is obeyed is left to chance."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
-            names = [other.node_name for other in subscriptions]
+            names = [_name(other) for other in subscriptions]
             strangers = {_name(other) for other in subscriptions if other.node_name not in NODES}
-            if names.count(node.get_name()) > 1:
+            strangers |= {name for name in names if name.endswith(f"/{node.get_name()}")} - {node.get_fully_qualified_name()}
+            if names.count(node.get_fully_qualified_name()) > 1:
                 strangers.add("another simulator")
             who = ", ".join(sorted(strangers))
             text = f"{mine.topic}: {who} obeys the same commands as this simulation. Is it a real robot?"
@@ -121,7 +124,7 @@ class Reporter:
             level=worst[0].level if worst else OK,
             name=self._node.get_fully_qualified_name(),
             message=" ".join(problem.text for problem in worst) or summary,
-            hardware_id="turtlebot_gym_ros",
+            hardware_id=self._node.get_namespace().strip("/") or "turtlebot_gym_ros",
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         array = DiagnosticArray(status=[status])

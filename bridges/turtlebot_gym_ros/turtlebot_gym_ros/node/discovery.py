@@ -29,6 +29,12 @@ SETTLE = 0.3
 """Time after which what others that end at the same moment have to say is usually heard, s."""
 
 
+def profiles_variable() -> str:
+    """Return the variable from which this machine's Fast DDS reads its profile: version 3, as of Kilted, has renamed it."""
+    folders = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
+    return _PROFILES[0 if any(Path(folder, "libfastdds.so").exists() for folder in folders if folder) else 1]
+
+
 def prepare(*, local: bool = True) -> bool:
     """Set what the environment leaves open.
 
@@ -39,8 +45,7 @@ def prepare(*, local: bool = True) -> bool:
         Whether discovery stays on this machine because nobody asked for anything else.
     """
     if not any(name in os.environ for name in _PROFILES):
-        os.environ[_PROFILES[0]] = str(PROFILE)
-        os.environ[_PROFILES[1]] = str(PROFILE)
+        os.environ[profiles_variable()] = str(PROFILE)
     stays = local and not any(os.environ.get(name) for name in _ASKED)
     if stays:
         os.environ[_RANGE] = "LOCALHOST"

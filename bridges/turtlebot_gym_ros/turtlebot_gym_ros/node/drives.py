@@ -49,7 +49,7 @@ class Drive(Protocol):
 
     _hands: Hands
     sets_clock: bool = False
-    """Whether it sets ``/clock``, and does not live by it."""
+    """Whether it sets ``clock``, and does not live by it."""
     period: float = 0.0
     """Time that a step may take, s; 0 where it does not matter."""
 
@@ -98,7 +98,7 @@ class ByClock(Drive):
         self.period = trigger.period
         self._grid = (SimulatedGrid if self.sets_clock else Grid)(trigger)
         self._watch = Clock(clock_type=ClockType.STEADY_TIME) if self.sets_clock else hands.node.get_clock()
-        self._clock = hands.node.create_publisher(ClockMessage, "/clock", STREAM) if self.sets_clock else None
+        self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM) if self.sets_clock else None
         hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch)
 
     def present(self) -> int:

@@ -83,7 +83,7 @@ class Feed:
         """
         if self.conversion.in_world and message.header.frame_id != frame:
             got = message.header.frame_id
-            raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameter frame)")
+            raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameters frame_prefix and frame)")
         return self.conversion.read(message)
 
     def accept(self, value: Any, now: float, stamp: int) -> None:

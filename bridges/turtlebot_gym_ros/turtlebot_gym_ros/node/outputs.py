@@ -14,10 +14,11 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.node.block import Aged, Output
-from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.convert import conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
 from turtlebot_gym_ros.node.parameters import Common
 from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node.transforms import Transforms
 from turtlebot_gym_ros.node.triggers import SECOND
 
 
@@ -46,6 +47,8 @@ class Outputs:
         }
         newest = {key: f"{each.topic}/newest" for key, each in declared.items() if lock_step and each.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
+        transformed = {key for key, each in declared.items() if each.transform}
+        self._transforms = dict.fromkeys(transformed, Transforms(node)) if transformed else {}
         self.moving = [key for key, each in declared.items() if each.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
@@ -71,12 +74,14 @@ class Outputs:
         if isinstance(value, Aged):
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, is_command = self._ways[key], self._declared[key].type is Command
-        frame = self._common.frame if way.in_world else self._common.body_frame
+        frame = self._common.world if way.in_world else self._common.body
         now = is_command and not self._common.lock_step
         at = Time(nanoseconds=self._time() if now else stamp).to_msg()
         message = way.write(value, Header(stamp=at, frame_id=frame))
         if hasattr(message, "child_frame_id"):
-            message.child_frame_id = self._common.body_frame
+            message.child_frame_id = self._common.body
+        if (covariance := self._declared[key].covariance) is not None:
+            state_covariance(message, covariance())
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:
@@ -91,6 +96,8 @@ class Outputs:
         steps = {key: message for key, message in messages.items() if not self._declared[key].latched}
         self._last, self._step = {**held, **steps}, stamp
         self.publish(messages)
+        for key in self._transforms.keys() & messages.keys():
+            self._transforms[key].publish(messages[key])
         self._tell_newest()
 
     def _tell_newest(self) -> None:

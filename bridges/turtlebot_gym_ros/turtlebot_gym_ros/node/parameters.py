@@ -24,6 +24,8 @@ class Common:
     """The world frame. Poses in another one are refused."""
     body_frame: str = "base_footprint"
     """The robot's frame, named in estimates and commands."""
+    frame_prefix: str = ""
+    """What stands before both frames, "robot1/" for robot1/odom: as robot_state_publisher's, so that robots share one tree."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities travel as TwistStamped, as on a Jazzy robot, or as Twist, as on a Humble one."""
     start_enabled: bool = False
@@ -35,6 +37,16 @@ class Common:
     def __post_init__(self) -> None:
         if self.lock_step and not self.enable_stamped_cmd_vel:
             raise ValueError("lock_step needs enable_stamped_cmd_vel: an unstamped Twist cannot be tied to a step.")
+
+    @property
+    def world(self) -> str:
+        """The world frame with its prefix."""
+        return self.frame_prefix + self.frame
+
+    @property
+    def body(self) -> str:
+        """The robot's frame with its prefix."""
+        return self.frame_prefix + self.body_frame
 
 
 def _values(params: type) -> dict[str, tuple[type, Any]]:

@@ -54,6 +54,7 @@ class Shell:
         make: Makes the block from its parameters: usually its class.
         params: The dataclass of its parameters.
         name: The node's name; None for that of ``make``, in snake case.
+        namespace: The node's namespace, in which all its topics are; None for that of the command line.
         context: The rclpy context; None for the default one.
         overrides: Values of parameters.
         arguments: ROS arguments of this node alone: parameters, remappings.
@@ -69,6 +70,7 @@ class Shell:
         params: type[P],
         *,
         name: str | None = None,
+        namespace: str | None = None,
         context: Context | None = None,
         overrides: Mapping[str, Any] | None = None,
         arguments: Sequence[str] = (),
@@ -76,6 +78,7 @@ class Shell:
     ) -> None:
         self.node = Node(
             name or re.sub(r"(?<!^)(?=[A-Z])", "_", make.__name__).lower(),
+            namespace=namespace,
             context=context,
             cli_args=["--ros-args", *arguments] if arguments else None,
             parameter_overrides=[Parameter(key, value=value) for key, value in (overrides or {}).items()],
@@ -140,7 +143,7 @@ class Shell:
         feed, drive = self._feeds[key], self._drive
         stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else drive.present()
         try:
-            value = feed.read(message, self.common.frame)
+            value = feed.read(message, self.common.world)
             if not drive.takes(key, stamp):
                 return
         except ValueError as error:

@@ -1,7 +1,8 @@
 """Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
 
-It subscribes to whatever is published, as it appears, and needs nobody's consent. A ``kill -9`` loses at most the last second,
-see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+It subscribes to whatever is published, as it appears, and needs nobody's consent. In a namespace it records the topics below it
+and those of the root, such as ``/tf``, which robots share: another robot's are left to its own recorder. A ``kill -9`` loses at
+most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
 
 Parameters: see `Parameters`. Publishes nothing.
 """
@@ -47,7 +48,7 @@ class Parameters:
     """Parameters of ``data_logger``."""
 
     output: str = ""
-    """Folder to make for the bag and ``snapshots.csv``; by default ``bags/`` and the time."""
+    """Folder to make for the bag and ``snapshots.csv``; by default ``bags/``, the namespace and the time."""
     storage: str = "sqlite3"
     """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
     snapshot_period: float = 0.1
@@ -95,7 +96,9 @@ class DataLogger(Node):
     def __init__(self, context: Context) -> None:
         super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
         self._p = p = declare(self, Parameters)
-        folder = Path(p.output or time.strftime("bags/%Y-%m-%dT%H-%M-%S")).absolute()
+        space = self.get_namespace().strip("/")
+        self._own = f"/{space}/" if space else "/"
+        folder = Path(p.output or Path("bags", space, time.strftime("%Y-%m-%dT%H-%M-%S"))).absolute()
         if folder.exists():
             raise ValueError(f"parameter 'output' must name a new folder, but {str(folder)!r} exists")
         self._bag = Bag(folder)
@@ -119,6 +122,8 @@ class DataLogger(Node):
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
+            if not topic.startswith(self._own) and topic.count("/") > 1:
+                continue
             known = self._recorded.get(topic)
             kind = kinds[0] if len(kinds) == 1 else self._choose(topic, known.kind if known else "")
             if known is None or known.kind != kind:

@@ -56,6 +56,8 @@ class Parameters:
     """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; else Twist."""
     body_frame: str = "base_footprint"
     """The robot's frame, named in the commands."""
+    frame_prefix: str = ""
+    """What stands before the robot's and the scans' frame, "robot1/" for robot1/base_scan; other scans are refused then."""
     start_enabled: bool = True
     """Whether commands pass from the start on; if not, ``~/enable`` is needed after every (re)start."""
     max_age: float = within(0.4, 0.0, 0.5, " s", above=True)
@@ -97,7 +99,7 @@ class Parameters:
     scan_yaw: float = within(0.0, -2.0 * math.pi, 2.0 * math.pi, " rad")
     """Direction of the scan's angle 0 in the robot's frame, rad."""
     scan_frame: str = "base_scan"
-    """Frame of the scans, without a namespace; others are refused."""
+    """Frame of the scans, without a prefix; others are refused."""
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -122,11 +124,11 @@ def monitor_of(p: Parameters, now: float) -> Monitor | None:
     """Return the collision monitor, if it is switched on."""
     if not p.collision_monitor:
         return None
-    robot = make_robot(p.robot)
+    robot, timing = make_robot(p.robot), Timing(p.scan_age, p.scan_period, p.reaction)
     given = p.footprint_x, p.scan_x, p.scan_y, p.scan_yaw, p.scan_frame
-    body = Body(robot.radius, *(given if p.scan_mount == "given" else MOUNTS[p.robot]))
+    center, x, y, yaw, frame = given if p.scan_mount == "given" else MOUNTS[p.robot]
+    body = Body(robot.radius, center, x, y, yaw, p.frame_prefix + frame)
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
-    timing = Timing(p.scan_age, p.scan_period, p.reaction)
     return Monitor(body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now)
 
 

@@ -50,7 +50,7 @@ class Body(NamedTuple):
     scan_yaw: float
     """Direction of the angle 0 of its scans, rad."""
     scan_frame: str
-    """Frame of its scans, without a namespace."""
+    """Frame of its scans, with the prefix of the robot's frames where it has one."""
 
 
 MOUNTS = {
@@ -109,7 +109,7 @@ def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[n
         ValueError: With one line, if it is not a scan, is of another frame, or does not cover all directions.
     """
     ranges = np.asarray(scan.ranges, np.float64)
-    if scan.frame.rsplit("/", 1)[-1] != body.scan_frame:
+    if body.scan_frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a prefix of ours any prefix will do
         raise ValueError(f"its frame is {scan.frame!r}, not {body.scan_frame!r}: is the mount that of another LiDAR?")
     for name in ("angle_min", "angle_increment", "range_min", "range_max"):
         if not math.isfinite(getattr(scan, name)):

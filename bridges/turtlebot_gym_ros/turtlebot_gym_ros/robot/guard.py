@@ -27,6 +27,9 @@ zeros until it is enabled again, which it refuses while any button is pressed, o
 
 A guard that is started again remembers no emergency stop and no button; with ``start_enabled`` false it needs to be enabled
 then too. Where one of several buttons was taken away for good, start the guard again.
+**Namespaces.** All its topics are relative: the guard of /robot1 hears /robot1/emergency_stop and no other robot's, and serves
+/robot1/cmd_vel_guard/enable. Where one button is to stop several robots, remap ``emergency_stop`` of each guard, and of
+each node that moves a robot, to a common topic. Enabling stays each robot's own.
 Parameters: see `arbiter.Parameters`. All times are of the steady clock, so it works with ``use_sim_time`` and no ``/clock``.
 """
 
@@ -178,7 +181,7 @@ class CmdVelGuard(Node):
         message = self._type()
         if isinstance(message, TwistStamped):
             message.header.stamp = self.get_clock().now().to_msg()
-            message.header.frame_id = self._p.body_frame
+            message.header.frame_id = self._p.frame_prefix + self._p.body_frame
         twist = message.twist if isinstance(message, TwistStamped) else message
         twist.linear.x, twist.angular.z = command
         self._velocity.publish(message)

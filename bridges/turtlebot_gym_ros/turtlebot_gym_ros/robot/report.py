@@ -60,7 +60,7 @@ class Report:
             level=level,
             name=node.get_fully_qualified_name(),
             message=text,
-            hardware_id=self._p.robot,
+            hardware_id=f"{node.get_namespace()}/{self._p.robot}".strip("/"),
             values=[KeyValue(key=f"refused, {why}", value=str(count)) for why, count in self._arbiter.refused.items()],
         )
         message = DiagnosticArray(status=[status])

@@ -1,0 +1,22 @@
+"""The command line's door: says what to install where only the robot's part is there."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a subcommand, and return the exit status."""
+    try:
+        from turtlebot_gym_agents.commands.cli import main as run
+    except ModuleNotFoundError as error:
+        if str(error.name).startswith("turtlebot_gym"):
+            raise
+        print(f'turtlebot-gym: {error.name} is missing: pip install "turtlebot-gym[gym]".', file=sys.stderr)
+        return 2
+    return run(argv)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

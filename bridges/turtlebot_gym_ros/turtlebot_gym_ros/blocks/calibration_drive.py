@@ -1,0 +1,158 @@
+"""A drive that shows what a robot's odometry is worth: all speeds and turning rates, both ways, within a circle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.unicycle import limit
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.values import STOP, Command, Pose, Senses
+from turtlebot_gym_ros.node.block import Input, On, Output, ranged
+
+LEVELS = (1.0, 0.5, 0.75, 0.25)
+"""Shares of the highest speed and turning rate at which everything is driven; the quick ones first."""
+REACH = 0.5
+"""Length of a straight, and diameter of both circles side by side, as shares of the radius ..."""
+LONGEST = 1.0
+"""... but no longer than this, m."""
+PAUSE = 1.0
+"""Length of a stop, s: at rest only the noise of the measurement is left."""
+MARGIN = 0.25
+"""So far inside the circle it turns back, m: what it drives until a command has its effect, and noise of the measurement."""
+HOME = 0.25
+"""Share of the radius within which it has come back."""
+ASIDE = 0.5
+"""Bearing of the centre from which on it turns on the spot instead of driving an arc, rad."""
+
+
+class Leg(NamedTuple):
+    """A command, and for how long it holds."""
+
+    command: Command
+    duration: float
+    """s"""
+
+
+def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[Leg]:
+    """Yield one round of the drive, which would end where it began if the robot did just what it is told.
+
+    On each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
+    circle to the right, with a stop after each.
+
+    Args:
+        robot: Its limits hold, with the curvature that is asked for.
+        speed: Highest speed, m/s.
+        turning: Highest turning rate, rad/s.
+        reach: Length of the straights, m.
+    """
+    for level in LEVELS:
+        v, omega, curvature = level * speed, level * turning, 4.0 / reach
+        for wish, length, angle in (
+            (Command(v, 0.0), reach, 0.0),
+            (Command(0.0, omega), 0.0, math.pi),
+            (Command(v, 0.0), reach, 0.0),
+            (Command(0.0, -omega), 0.0, math.pi),
+            (Command(v, v * curvature), 0.0, 2.0 * math.pi),
+            (Command(v, -v * curvature), 0.0, 2.0 * math.pi),
+        ):
+            command = limit(wish, robot)
+            yield Leg(command, length / command.v if length else angle / abs(command.omega))
+            yield Leg(STOP, PAUSE)
+
+
+class CalibrationDrive:
+    """Drive a script that excites what a calibration needs, and stay within a circle about the start.
+
+    It repeats straights, turns on the spot, circles and stops, at four speeds and both ways, for a given time, and then leaves
+    the robot to others. The circle is judged by the odometry: before its edge the robot turns back to the centre, and goes on
+    from there. It knows of NO OBSTACLE. It starts disabled, and is to speak to the guard, on ``cmd_vel_in``.
+
+    A reset begins the script again. The centre stays, unless the robot was carried out of the circle: so a gap in the odometry
+    does not move the circle.
+
+    Inputs: ``odometry`` (`Senses`, on ``odom``, every message).
+    Outputs: ``command`` (`Command`, on ``cmd_vel``).
+    Parameters: those of `Params`.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the drive."""
+
+        robot: str = "burger"
+        """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
+        duration: float = ranged(300.0, 0.0, math.inf, "positive")
+        """Time after which it is done, s."""
+        radius: float = ranged(2.0, 0.6, 100.0, "in [0.6, 100] m")
+        """Radius of the circle about the start that it stays in, as the odometry says, m."""
+        speed: float = ranged(0.2, 0.0, 10.0, "positive, at most 10 m/s")
+        """Highest speed, m/s; the robot's limits hold besides."""
+        turning: float = ranged(1.5, 0.0, 10.0, "positive, at most 10 rad/s")
+        """Highest turning rate, rad/s; the robot's limits hold besides."""
+
+        def __post_init__(self) -> None:
+            for name, high in (("duration", math.inf), ("speed", 10.0), ("turning", 10.0)):
+                value = getattr(self, name)
+                if not 0.0 < value <= high or math.isinf(value):
+                    raise ValueError(f"{name} must be positive and at most {high:g}, got {value!r}.")
+            if not 0.6 <= self.radius <= 100.0:
+                raise ValueError(f"radius must be in [0.6, 100] m, got {self.radius!r}.")
+
+    inputs = {"odometry": Input(topic="odom", type=Senses, reliable=False)}
+    outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
+    trigger = On("odometry")
+
+    def __init__(self, params: Params) -> None:
+        self._p, self._robot = params, make_robot(params.robot)
+        reach = min(REACH * params.radius, LONGEST)
+        self._legs = tuple(script(self._robot, speed=params.speed, turning=params.turning, reach=reach))
+        self._center: Pose | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin the script again."""
+        self._elapsed, self._at, self._left = 0.0, 0, self._legs[0].duration
+        self._returns, self._is_first = False, True
+
+    def step(self, dt: float, odometry: Senses) -> dict[str, Command]:
+        """Return the command of the present time; nothing after the end."""
+        pose = odometry.odometry
+        if self._center is None or (self._is_first and self._distance(pose, self._center) > self._p.radius):
+            self._center = pose
+        self._is_first = False
+        self._elapsed += dt
+        if self._elapsed >= self._p.duration:
+            return {}
+        self._left -= dt
+        if self._returns:
+            if self._distance(pose, self._center) > HOME * self._p.radius:
+                return {"command": self._homeward(pose, self._center)}
+            self._returns, self._left = False, 0.0
+        if self._left <= 0.0:
+            self._at = (self._at + 1) % len(self._legs)
+            self._left += self._legs[self._at].duration
+        command = self._legs[self._at].command
+        self._returns = self._leaves(pose, self._center, command)
+        return {"command": self._homeward(pose, self._center) if self._returns else command}
+
+    def _leaves(self, pose: Pose, center: Pose, command: Command) -> bool:
+        """Return whether a command leads outwards at the edge of the circle."""
+        outwards = math.cos(pose.theta - math.atan2(pose.y - center.y, pose.x - center.x))
+        return command.v * outwards > 0.0 and self._distance(pose, center) > self._p.radius - MARGIN
+
+    def _homeward(self, pose: Pose, center: Pose) -> Command:
+        """Return the command that leads to the centre."""
+        bearing = wrap(math.atan2(center.y - pose.y, center.x - pose.x) - pose.theta)
+        v, turning = 0.5 * self._p.speed, 0.5 * self._p.turning
+        if abs(bearing) > ASIDE:
+            return limit(Command(0.0, math.copysign(turning, bearing)), self._robot)
+        return limit(Command(v, min(max(bearing, -turning), turning)), self._robot)
+
+    @staticmethod
+    def _distance(pose: Pose, center: Pose) -> float:
+        return math.hypot(pose.x - center.x, pose.y - center.y)

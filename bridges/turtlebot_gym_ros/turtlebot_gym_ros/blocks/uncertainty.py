@@ -1,0 +1,55 @@
+"""What a simulated odometry states of its own error, as a driver does that knows its sensors."""
+
+from __future__ import annotations
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.models.unicycle import execution_variances
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
+from turtlebot_gym.presets import matched
+from turtlebot_gym.values import Covariance, Senses
+
+
+class OdometryUncertainty:
+    """The covariance of pose and twist in ``/odom``, from the noise model.
+
+    A measured pose has the variances of its noise, spikes and quantization; a bias is in no covariance. Integrated wheels begin
+    without an error, which then grows with the drift of the noise model, and its axes are correlated. The twist is what the
+    wheels did: its variance is that of what the robot made of it. Nothing is certain: the floors are `presets.matched`'s.
+
+    Args:
+        noise: The noise in force.
+        dt: Control interval, s.
+        middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
+    """
+
+    def __init__(self, noise: Noise, *, dt: float, middle: float) -> None:
+        self._tuning = matched(noise)
+        self._dt, self._middle = dt, middle
+        self._filter = filter_of(self._tuning)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the next measurement."""
+        self._before: Senses | None = None
+        self._estimate: Estimate | None = None
+
+    def hear(self, senses: Senses) -> None:
+        """Take what the odometry says after a control interval, or at the start."""
+        if self._tuning.odometry_input:
+            self._estimate = (
+                self._filter.start(senses.odometry, self._tuning)
+                if self._estimate is None or self._before is None
+                else self._filter.step(self._estimate, self._before, senses, self._tuning, self._dt, self._middle)
+            )
+        self._before = senses
+
+    def covariance(self) -> Covariance:
+        """Return the covariance of the last measurement; m, rad, m/s and rad/s."""
+        assert self._before is not None
+        R, Q, share = self._tuning.R, self._tuning.Q, self._dt / REFERENCE_PERIOD
+        var_v, var_omega = execution_variances(self._before.twist, self._tuning.process, self._dt)
+        vv, ww = max(var_v, Q[3] * share), max(var_omega, Q[4] * share)
+        if self._estimate is not None:
+            return self._estimate.belief.covariance._replace(vv=vv, ww=ww)
+        return Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, vv, 0.0, ww)

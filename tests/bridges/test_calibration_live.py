@@ -1,0 +1,34 @@
+"""The calibration drive on live nodes: it moves nothing before it is enabled, and speaks to the guard."""
+
+from geometry_msgs.msg import TwistStamped
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool
+
+from turtlebot_gym_ros.node.qos import LATCHED
+
+
+def node(name, *arguments):
+    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in arguments for word in each.split())]
+
+
+def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(launch, peer, wait_for):
+    launch(*node("turtlebot_simulator"))
+    launch(*node("cmd_vel_guard"))
+    launch(*node("calibration_drive", "-r cmd_vel:=cmd_vel_in", "-p radius:=1.0"))
+    wheels, wishes = peer.hear("cmd_vel", TwistStamped), peer.hear("cmd_vel_in", TwistStamped)
+    states = peer.hear("calibration_drive/state", String, LATCHED)
+    button, pressed = peer.speak("emergency_stop", Bool, 1), [False]
+    peer.node.create_timer(0.05, lambda: button.publish(Bool(data=pressed[0])))
+    wait_for(lambda: states and wheels and button.get_subscription_count() == 2)
+    assert states[-1].data.startswith("silent: not enabled")
+    assert not wishes
+    assert {each.twist.linear.x for each in wheels} == {0.0}
+    wait_for(lambda: peer.ask("calibration_drive/enable", SetBool, SetBool.Request(data=True)).success)
+    wait_for(lambda: any(each.twist.linear.x > 0.1 for each in list(wheels)))
+    (speaker,) = peer.node.get_publishers_info_by_topic("cmd_vel")
+    assert speaker.node_name == "cmd_vel_guard"
+    pressed[0] = True
+    wait_for(lambda: states[-1].data == "silent: emergency stop")
+    wheels.clear()
+    wait_for(lambda: len(wheels) > 3)
+    assert {each.twist.linear.x for each in list(wheels)} == {0.0}

@@ -1,0 +1,155 @@
+"""Two robots in one graph: below a namespace each, they share a ROS domain and nothing else."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import DescribeParameters, GetParameters
+from std_srvs.srv import SetBool
+
+from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.graph import status
+from turtlebot_gym_ros.graph.namespace import absolute, prefix_of, remapping
+
+STEPS = 300
+FIVE_MINUTES = 3000
+"""Steps of 0.1 s."""
+ROBOTS = ("robot1", "robot2")
+
+
+@pytest.fixture
+def drives(compare):
+    """Another policy, noise and seed for each robot."""
+    return {
+        "robot1": compare.Drive("bearing", "tutorial", "arrival", "burger", 3),
+        "robot2": compare.Drive("proportional", "rough", "arrival", "burger", 8),
+    }
+
+
+@pytest.fixture
+def start():
+    """Start graphs, and let none survive the test."""
+    graphs = []
+
+    def start_one(drive, namespace, **options):
+        graph = Graph(**drive._asdict(), laps=drive.laps, goal_tolerance=0.0, namespace=namespace, **options)
+        graphs.append(graph.start())
+        return graph
+
+    yield start_one
+    for graph in graphs:
+        graph.close()
+
+
+def side_by_side(start, compare, drives, steps, **options):
+    """Run a graph for each robot at the same time, and return their trajectories."""
+    graphs = {name: start(drive, name, **options) for name, drive in drives.items()}
+    for graph in graphs.values():
+        graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * compare.DT, timeout=max(120.0, 8.0 * steps * compare.DT))
+    return {name: compare.first(graph.trajectory(), steps) for name, graph in graphs.items()}
+
+
+def apart(compare, drives, told, steps):
+    """Return the largest difference of each robot's drive from the environment's episode of its own seed."""
+    return {
+        name: max(compare.differences(compare.episode(drive, steps), told[name]).values()) for name, drive in drives.items()
+    }
+
+
+@pytest.mark.parametrize("processes", [False, True])
+def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compare, drives, start, processes):
+    told = side_by_side(start, compare, drives, STEPS, processes=processes)
+    assert apart(compare, drives, told, STEPS) == {"robot1": 0.0, "robot2": 0.0}
+    swapped = {"robot1": drives["robot2"], "robot2": drives["robot1"]}
+    assert min(apart(compare, swapped, told, STEPS).values()) > 0.01  # the comparison tells them apart
+
+
+@pytest.mark.slow
+def test_no_word_passes_between_two_robots_in_five_minutes(compare, drives, start):
+    told = side_by_side(start, compare, drives, FIVE_MINUTES)
+    assert apart(compare, drives, told, FIVE_MINUTES) == {"robot1": 0.0, "robot2": 0.0}
+
+
+def test_two_robots_in_real_time_hear_their_own_odometry_only(compare, drives, start):
+    """Robot 2 is stopped while robot 1 drives: neither the stop nor the motion may be heard by the other."""
+    moving = start(drives["robot1"], "robot1", speed=1.0)
+    standing = start(drives["robot2"]._replace(noise="clean"), "robot2", speed=1.0)
+    ask = standing._recorder.node.create_client(SetBool, "velocity_controller/enable")
+    standing.wait_until(lambda graph: ask.service_is_ready())
+    future = ask.call_async(SetBool.Request(data=False))
+    standing.wait_until(lambda graph: future.done() and graph.latest["true_state"].v == 0.0)
+    place = standing.latest["true_state"]
+    began = moving.time
+    moving.wait_until(lambda graph: graph.time > began + 5.0)
+    assert moving.state == "active"  # robot 2's stop is not robot 1's
+    assert standing.state.startswith("silent")
+    assert standing.latest["true_state"][:2] == place[:2]
+    assert standing.latest["estimate"].belief.mean.x == pytest.approx(place.x, abs=0.02)
+    path = moving.trajectory().true_state
+    assert np.hypot(*(path[-1, :2] - path[0, :2])) > 0.1
+
+
+def test_frames_parameters_and_diagnostics_of_two_robots_are_told_apart(compare, drives, start, peer, wait_for):
+    graphs = {name: start(drive, name) for name, drive in drives.items()}
+    heard = {name: peer.hear(f"/{name}/estimate", Odometry) for name in ROBOTS}
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    for name in ROBOTS:
+        message = wait_for(lambda name=name: heard[name])[-1]
+        assert (message.header.frame_id, message.child_frame_id) == (f"{name}/odom", f"{name}/base_footprint")
+        seed = GetParameters.Request(names=["seed"])
+        response = peer.ask(f"/{name}/turtlebot_simulator/get_parameters", GetParameters, seed)
+        assert response.values[0].integer_value == drives[name].seed
+    nodes = ("kalman_filter", "turtlebot_simulator", "velocity_controller", "waypoint_generator")
+    expected = {(f"/{name}/{node}", name) for name in ROBOTS for node in nodes}
+    wait_for(lambda: {(each.name, each.hardware_id) for message in reports for each in message.status} >= expected)
+    for graph in graphs.values():
+        graph.wait_until(lambda graph: {*graph.reports} >= {*nodes})
+        assert {*graph.reports} == {*nodes}  # its own, and not the other robot's
+
+
+def test_what_a_parameter_means_can_be_asked_for_below_a_namespace(compare, drives, start, peer):
+    start(drives["robot1"], "robot1")
+    asked = DescribeParameters.Request(names=["period", "policy", "frame_prefix"])
+    period, policy, prefix = peer.ask("/robot1/velocity_controller/describe_parameters", DescribeParameters, asked).descriptors
+    (told,) = period.floating_point_range
+    assert (told.from_value, told.to_value) == (0.001, 10.0)
+    assert period.additional_constraints == "in [0.001, 10] s"
+    assert "Period for which the policy was made" in period.description
+    assert "bearing" in policy.description
+    assert "robot1/" in prefix.description
+
+
+def test_an_odometry_of_another_robots_frame_is_refused(make_bench):
+    bench = make_bench(frame_prefix="robot1/")
+    for _ in range(3):
+        bench.send(frame="robot2/odom")
+    bench.report("its frame is 'robot2/odom' instead of 'robot1/odom' (the parameters frame_prefix and frame)")
+    bench.wait_for(lambda: bench.send(frame="robot1/odom") or 0.1 in bench.speeds)
+    assert bench.commands[-1].header.frame_id == "robot1/base_footprint"
+
+
+def test_status_asks_one_robot(compare, drives, start, capsys):
+    start(drives["robot1"], "robot1")
+    status.main(["--namespace", "robot1", "--seconds", "30"])
+    said = capsys.readouterr().out
+    assert "not there" not in said
+    status.main(["--namespace", "robot2", "--seconds", "0.5"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("not there") == 4
+    assert status.main(["--namespace", "robot 2"]) == 2
+    assert "namespace must be names of letters, digits and _" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("given", "full", "prefix"),
+    [("", "/", ""), ("/", "/", ""), ("robot1", "/robot1", "robot1/"), ("/lab/robot1/", "/lab/robot1", "lab/robot1/")],
+)
+def test_a_namespace_is_written_as_ros_writes_it(given, full, prefix):
+    assert (absolute(given), prefix_of(given)) == (full, prefix)
+    assert remapping(given) == ([] if full == "/" else ["--ros-args", "-r", f"__ns:={full}"])
+
+
+@pytest.mark.parametrize("wrong", ["1robot", "robot 1", "a//b", "a__b", "robot-1", "~robot", "röbot"])
+def test_a_namespace_that_ros_would_refuse_is_refused(wrong):
+    with pytest.raises(ValueError, match="namespace must be names of letters"):
+        Graph(namespace=wrong)

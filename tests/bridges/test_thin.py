@@ -1,0 +1,98 @@
+"""A robot's installation: numpy and PyYAML, nothing that trains, draws or compiles, and the same numbers to the bit."""
+
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+
+ABSENT = (
+    "numba", "llvmlite", "scipy", "matplotlib", "pygame", "gymnasium", "filterpy", "PIL", "tyro", "rich", "torch",
+    "stable_baselines3", "onnx", "optuna", "tensorboard", "mujoco",
+)  # fmt: skip
+ROS = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "std_msgs", "std_srvs")
+PROGRAM = Path(__file__).with_name("thin.py")
+ROOT = Path(__file__).parents[2]
+
+
+def thin():
+    """Return the program as a module."""
+    spec = spec_from_file_location("thin", PROGRAM)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def run(*arguments):
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, cwd=ROOT)
+
+
+def without(body):
+    """Return the arguments of a Python in which the packages of `ABSENT` are not installed."""
+    return "-c", f"import sys; sys.path.insert(0, {str(PROGRAM.parent)!r}); import thin; import sys\n" + (
+        f"sys.meta_path[:] = [thin.Without(finder, {ABSENT!r}) for finder in sys.meta_path]\n{body}"
+    )
+
+
+def test_filter_policy_and_guard_give_the_same_bits_without_what_trains_and_draws():
+    done = run(str(PROGRAM), *ABSENT, *ROS)
+    assert done.returncode == 0, done.stderr
+    *lines, loaded = done.stdout.splitlines()
+    assert [tuple(map(float.fromhex, line.split())) for line in lines] == thin().drive()
+    assert set(loaded.split()) <= {"numpy", "yaml"}
+
+
+def test_the_program_depends_on_what_it_computes():
+    rows = thin().drive(5)
+    assert len(set(rows)) > 15  # two of the four begin alike
+
+
+def declared(extra=None):
+    """Return the names of the packages that the project declares."""
+    tomllib = pytest.importorskip("tomllib", reason="needs Python 3.11")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needs = project["optional-dependencies"][extra] if extra else project["dependencies"]
+    return {each.split(">")[0].split("[")[0] for each in needs}
+
+
+def test_a_plain_installation_is_thin_and_the_extras_bring_the_rest():
+    assert declared() == {"numpy", "pyyaml"}
+    assert declared("deploy") == {"onnxruntime", "rosbags"}
+    assert {"numba", "scipy", "gymnasium", "matplotlib", "pygame", "tyro", "rich"} <= declared("gym")
+    for extra in ("agents", "ros", "ros-kilted"):
+        assert "turtlebot-gym" in declared(extra)  # each with [gym]
+
+
+NODES = """
+from importlib import import_module
+nodes = "blocks.waypoints blocks.controller blocks.kalman_filter robot.guard node.runner graph.status graph.markers"
+for name in [*nodes.split(), "recording.logger"]:
+    import_module(f"turtlebot_gym_ros.{name}")
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+print(*sorted(thin.installed()))
+"""
+
+
+def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not_bring():
+    done = run(*without(NODES))
+    assert done.returncode == 0, done.stderr
+    foreign = {name for name in done.stdout.split() if not name.endswith(("_msgs", "_srvs", "_interfaces"))}
+    brought_by_rosbags = {"rosbags", "lz4", "zstandard", "backports", "ruamel", "apsw"}
+    assert foreign <= {"numpy", "yaml", "typing_extensions", *brought_by_rosbags}
+
+
+@pytest.mark.parametrize("node", ["cmd_vel_guard", "kalman_filter", "velocity_controller", "waypoint_generator"])
+def test_a_robots_node_comes_up_and_ends_without_what_trains_and_draws(launch, peer, wait_for, node):
+    body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
+    process = launch(*without(body))
+    wait_for(lambda: node in peer.node.get_node_names() or process.poll() is not None)
+    assert process.poll() is None, process.communicate()[1]
+    process.terminate()
+    assert process.wait(timeout=10.0) == 0
+
+
+def test_the_command_line_says_what_to_install():
+    done = run(*without("from turtlebot_gym_agents.__main__ import main; raise SystemExit(main(['evaluate']))"))
+    assert done.returncode == 2
+    assert done.stderr == 'turtlebot-gym: tyro is missing: pip install "turtlebot-gym[gym]".\n'

@@ -1,0 +1,113 @@
+"""Poses on /tf: the code path with a stand-in for tf2_msgs, which PyPI does not have, and the refusal without it."""
+
+import sys
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from types import ModuleType
+
+import pytest
+from geometry_msgs.msg import TransformStamped
+from std_msgs.msg import Header
+
+from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
+from turtlebot_gym_ros.node import outputs
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.transforms import BROADCAST, Transforms
+
+
+@dataclass
+class StandInTFMessage:
+    """Stands in for tf2_msgs/msg/TFMessage, whose only field this is."""
+
+    transforms: list[TransformStamped] = field(default_factory=list)
+
+
+class StandInNode:
+    """A node whose one publisher keeps what it is given."""
+
+    def __init__(self):
+        self.made, self.heard = [], []
+
+    def create_publisher(self, kind, topic, qos):
+        self.made.append((kind, topic, qos))
+        return self
+
+    def publish(self, message):
+        self.heard.append(message)
+
+
+@pytest.fixture
+def tf2_msgs(monkeypatch):
+    module = ModuleType("tf2_msgs.msg")
+    module.TFMessage = StandInTFMessage
+    monkeypatch.setitem(sys.modules, "tf2_msgs", ModuleType("tf2_msgs"))
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", module)
+
+
+def odometry(*, measured=True):
+    header = Header(frame_id="robot1/odom")
+    header.stamp.sec = 7
+    message = conversion(Senses).write(Senses(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), measured), header)
+    message.child_frame_id = "robot1/base_footprint"
+    return message
+
+
+def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
+    node, message = StandInNode(), odometry()
+    Transforms(node).publish(message)
+    assert node.made == [(StandInTFMessage, "/tf", BROADCAST)]
+    (told,) = node.heard[0].transforms
+    assert (told.header, told.child_frame_id) == (message.header, "robot1/base_footprint")
+    assert (told.transform.translation.x, told.transform.translation.y, told.transform.translation.z) == (1.0, -2.0, 0.0)
+    assert told.transform.rotation == message.pose.pose.orientation
+
+
+def test_a_pose_that_was_not_measured_is_no_transform(tf2_msgs):
+    node = StandInNode()
+    Transforms(node).publish(odometry(measured=False))
+    assert not node.heard
+
+
+class StandInTransforms:
+    """Stands in for the publisher: it keeps the messages that it would publish."""
+
+    def __init__(self, node):
+        self.heard = heard
+        heard.clear()
+
+    def publish(self, message):
+        heard.append(message)
+
+
+heard = []
+
+
+@pytest.mark.parametrize(("block", "output"), [(TurtlebotSimulator, "odometry"), (KalmanFilter, "estimate")])
+def test_a_node_publishes_the_pose_that_it_owns_and_only_if_asked(runner, monkeypatch, block, output):
+    monkeypatch.setattr(outputs, "Transforms", StandInTransforms)
+    for asked in (True, False):
+        heard.clear()
+        shell = Shell(block, block.Params, context=runner.context, overrides={"publish_tf": asked, "frame_prefix": "robot1/"})
+        if block is TurtlebotSimulator:
+            answer = shell.block.step(0.1, None)
+        else:
+            answer = shell.block.step(0.0, odometry=Senses(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), True))
+        messages = {key: shell.outputs.message(key, value, 0) for key, value in answer.items()}
+        shell.outputs.publish_answer(messages, 0)
+        shell.outputs.publish_again()  # of lock-step: a transform is said once
+        assert heard == ([messages[output]] if asked else [])
+        assert messages[output].header.frame_id == "robot1/odom"
+        shell.close()
+
+
+def test_without_a_ros_installation_it_is_refused_on_one_line(launch):
+    if find_spec("tf2_msgs"):
+        pytest.skip("tf2_msgs is installed here")
+    process = launch("-m", "turtlebot_gym_ros", "kalman_filter", "--ros-args", "-p", "publish_tf:=true")
+    _, stderr = process.communicate(timeout=30.0)
+    assert process.returncode == 2
+    assert stderr == (
+        "error: publish_tf needs tf2_msgs, which a ROS installation has and PyPI does not: source one, or leave it false.\n"
+    )

@@ -1,0 +1,61 @@
+"""What a robot runs, and nothing else: filter, policy and guard, as a program whose output is the same wherever it runs.
+
+``python thin.py`` runs it as it is; with names of packages as arguments they are not found, as if they were not installed.
+"""
+
+import sys
+
+
+class Without:
+    """A finder that does not find some packages."""
+
+    def __init__(self, finder, names):
+        self._finder, self._names = finder, names
+
+    def find_spec(self, name, path=None, target=None):
+        return None if name.split(".")[0] in self._names else self._finder.find_spec(name, path, target)
+
+    def __getattr__(self, name):
+        return getattr(self._finder, name)
+
+
+def drive(steps=40):
+    """Close the loop without ROS, with the guard behind the controller; return one tuple of numbers for each step."""
+    from turtlebot_gym.values import Pose
+    from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
+    from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+    from turtlebot_gym_ros.robot.collision import Scan
+
+    rows = []
+    for noise, filter in (("tutorial", "matched"), ("rough", "mixture"), ("wheel", "matched"), ("rough", "slip")):
+        plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=11))
+        estimator = KalmanFilter(KalmanFilter.Params(noise=noise, filter=filter))
+        generator = WaypointGenerator(WaypointGenerator.Params())
+        controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))
+        guard, command = Arbiter(Parameters(collision_monitor=True), 0.0), None
+        scan = Scan([0.8] * 360, 0.0, 0.017453292519943295, 0.12, 3.5, "base_scan")
+        for k in range(steps):
+            now = 0.1 * k
+            said = estimator.step(0.1 * (k > 0), plant.step(0.1, command)["odometry"])
+            reference = generator.step(0.1, said["estimate"], None)["reference"]
+            wanted = controller.step(0.1, said["estimate"], reference, Pose(1.0, 1.0, 0.0), nis=said["nis"])["command"]
+            guard.hear_scan(scan, now, sent=now, dated=True)
+            guard.hear("program", wanted, now, sent=now, dated=True)
+            command = guard.step(now) or command
+            rows.append((*said["estimate"].belief.mean, *said["estimate"].belief.covariance, said["nis"].value, *command))
+    return rows
+
+
+def installed():
+    """Return the packages that were loaded and are no part of Python, of ROS or of this project."""
+    found = {name: str(getattr(module, "__file__", "")) for name, module in sys.modules.items()}
+    names = {name.split(".")[0] for name, file in found.items() if "site-packages" in file}
+    ours = ("turtlebot_gym", "_", "rcl", "rosidl", "rpyutils", "ament_index", "ros_wheels")
+    return {name for name in names if not name.startswith(ours)}
+
+
+if __name__ == "__main__":
+    sys.meta_path[:] = [Without(finder, sys.argv[1:]) for finder in sys.meta_path]
+    for row in drive():
+        print(*(number.hex() for number in row))
+    print(*sorted(installed()))
