@@ -14,7 +14,8 @@ from std_msgs.msg import Header
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
-from turtlebot_gym_ros.node.convert import conversion, quaternion_of, register, yaw_of
+from turtlebot_gym_ros.node.convert import conversion, register
+from turtlebot_gym_ros.node.geometry import quaternion_of, yaw_of
 from turtlebot_gym_ros.node.innovation import SURPRISING
 from turtlebot_gym_ros.node.values import Nis
 

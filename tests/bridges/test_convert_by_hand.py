@@ -11,7 +11,8 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
-from turtlebot_gym_ros.node.convert import conversion, quaternion_of, state_covariance, yaw_of
+from turtlebot_gym_ros.node.convert import conversion, state_covariance
+from turtlebot_gym_ros.node.geometry import quaternion_of, yaw_of
 
 HEADER = Header(frame_id="odom")
 X, Y, Z, ROLL, PITCH, YAW = range(6)

@@ -20,8 +20,9 @@ from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
 from turtlebot_gym_ros.graph.markers import LIFETIME
-from turtlebot_gym_ros.node.convert import conversion, yaw_of
+from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import type_name
+from turtlebot_gym_ros.node.geometry import yaw_of
 from turtlebot_gym_ros.node.qos import LATCHED, STREAM
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS

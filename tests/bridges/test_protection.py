@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
 from turtlebot_gym.values import Command
-from turtlebot_gym_ros.node import convert, rosclock
+from turtlebot_gym_ros.node import geometry, rosclock
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
@@ -245,8 +245,8 @@ PROTECTIONS = {
     disabled_it_stops: (Switch, "disable", nothing),
     old_inputs_stop: (Feed, "_is_fresh", lambda self, now: self._latest is not None),
     exceptions_stop: (Shell, "_fault", nothing),
-    nan_stops: (convert, "_finite", nothing),
-    infinity_stops: (convert, "_finite", nothing),
+    nan_stops: (geometry, "finite", nothing),
+    infinity_stops: (geometry, "finite", nothing),
     nonsense_stops: (Shell, "_fault", nothing),
     blocked_steps_stop: (Shell, "_watch", nothing),
     blocked_steps_are_faults: (Safety, "__init__", never_blocked(Safety.__init__)),
@@ -256,8 +256,8 @@ PROTECTIONS = {
     leaping_ahead: (Shell, "_jumped", nothing),
     leaping_back: (Shell, "_jumped", nothing),
     another_frame: (Feed, "read", lambda self, message, frame: self.conversion.read(message)),
-    no_rotation: (convert, "yaw_of", lambda q: 0.0),
-    nan_odometry: (convert, "_finite", nothing),
+    no_rotation: (geometry, "yaw_of", lambda q: 0.0),
+    nan_odometry: (geometry, "finite", nothing),
     repeated: (Messages, "check", nothing),
     out_of_order: (Messages, "check", nothing),
     the_end_of_the_node_stops: (Outputs, "publish_stops", nothing),

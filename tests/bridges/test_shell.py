@@ -19,7 +19,7 @@ from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros import Every, Input, Output, Shell
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
-from turtlebot_gym_ros.node.convert import quaternion_of
+from turtlebot_gym_ros.node.geometry import quaternion_of
 from turtlebot_gym_ros.node.qos import LATCHED
 from turtlebot_gym_ros.node.runner import Runner
 

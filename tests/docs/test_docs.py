@@ -255,7 +255,7 @@ def test_the_reference_is_complete(site, ros):
     assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)
     environments = (site / "reference" / "environments.html").read_text()
     assert all(f"<code>turtlebot_gym/TurtleBot{name}-v0</code>" in environments for name in ("Nav", "Pose", "Square"))
-    assert {"turtlebot_gym.estimation.ekf.update", "turtlebot_gym.tasks.task.Task"} <= html["turtlebot_gym"]
+    assert {"turtlebot_gym.estimation.update.update", "turtlebot_gym.tasks.task.Task"} <= html["turtlebot_gym"]
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from turtlebot_gym.estimation.ekf import Estimate, correct_position, innovation, of_heading, predict, settle, update, wrapped
+from turtlebot_gym.estimation.ekf import Estimate, correct_position, innovation, predict, settle, wrapped
+from turtlebot_gym.estimation.update import of_heading, update
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Senses

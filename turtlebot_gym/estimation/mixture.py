@@ -14,17 +14,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import (
-    Variances,
-    absorb,
-    correct_pose,
-    correct_position,
-    innovation,
-    inverse_of,
-    of_heading,
-    predict,
-    wrapped,
-)
+from turtlebot_gym.estimation.ekf import correct_pose, correct_position, innovation, predict, wrapped
+from turtlebot_gym.estimation.update import Variances, absorb, inverse_of, of_heading
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning

@@ -8,18 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import (
-    Projection,
-    Variances,
-    innovation,
-    inverse_of,
-    of_heading,
-    of_x,
-    of_y,
-    predict,
-    update,
-    wrapped,
-)
+from turtlebot_gym.estimation.ekf import innovation, predict, wrapped
+from turtlebot_gym.estimation.update import Projection, Variances, inverse_of, of_heading, of_x, of_y, update
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import motion

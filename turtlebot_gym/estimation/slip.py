@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.ekf import Variances
 from turtlebot_gym.estimation.mixture import (
     Hypotheses,
     Three,
@@ -28,6 +27,7 @@ from turtlebot_gym.estimation.mixture import (
     track_all,
     weigh,
 )
+from turtlebot_gym.estimation.update import Variances
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
 from turtlebot_gym.values import Belief, Command, Pose, Senses, State

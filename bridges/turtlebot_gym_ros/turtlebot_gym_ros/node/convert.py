@@ -9,7 +9,7 @@ The twist is valid in either case. A robot's own odometry, with zeros or varianc
 
 A `Fix` states its variances; -1 for the heading's says that it was not measured. Terms off the diagonal are not used.
 
-Headings survive their quaternion to the bit, see `quaternion_of`.
+Headings survive their quaternion to the bit, see `geometry.quaternion_of`.
 
 Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. What a planar robot does not know, height, roll, pitch and
 the sideways speed, has the variance -1 there, by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
@@ -23,13 +23,12 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Iterable, Iterator
-from itertools import product
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Header
@@ -39,6 +38,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
+from turtlebot_gym_ros.node.geometry import finite, read_pose, read_twist, write_pose, write_twist
 from turtlebot_gym_ros.node.innovation import read_nis, write_nis
 from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
 from turtlebot_gym_ros.node.scans import read_clearance, read_scan, write_clearance, write_scan
@@ -46,8 +46,6 @@ from turtlebot_gym_ros.node.values import Nis
 
 # The diagonal places in the order x y z roll pitch yaw, row-major: what a planar robot knows, and what it does not.
 _PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
-_NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
-_PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
 _NOT_KNOWN = -1.0
 
 
@@ -104,94 +102,26 @@ def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
     return CONVERSIONS[value_type]
 
 
-def yaw_of(q: Quaternion) -> float:
-    """Return the heading of a rotation, rad, in [-pi, pi).
-
-    Raises:
-        ValueError: If the quaternion is no rotation: its norm is not 1 within 1 %.
-    """
-    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
-    if not abs(norm - 1.0) < 0.01:  # also refuses NaN
-        raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
-    if q.x == q.y == 0.0:
-        return _planar_yaw(q.z, q.w)
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    return -math.pi if yaw >= math.pi else yaw
-
-
-def _planar_yaw(z: float, w: float) -> float:
-    """Return the heading of a rotation about the vertical axis, rad, in [-pi, pi)."""
-    yaw = 2.0 * (math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w))  # q and -q are the same rotation
-    return -math.pi if yaw >= math.pi else yaw
-
-
-def quaternion_of(yaw: float) -> Quaternion:
-    """Return the rotation about the vertical axis by a heading, rad.
-
-    Sine and cosine round; where that would change the heading, both are moved by a few units in the last place until `yaw_of`
-    gives back the very same number. So a heading in [-pi, pi) is the same float at the other end of a topic.
-    """
-    z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
-    if _planar_yaw(z, w) != yaw and -math.pi <= yaw < math.pi:
-        z, w = next(((a, b) for a, b in _neighbours(z, w) if _planar_yaw(a, b) == yaw), (z, w))
-    return Quaternion(x=0.0, y=0.0, z=z, w=w)
-
-
-def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
-    """Yield the pairs of numbers close to a pair, the nearest first."""
-    near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
-    return ((near_z[i], near_w[j]) for i, j in _PAIRS)
-
-
-def _finite(what: str, numbers: Iterable[float]) -> None:
-    values = tuple(numbers)
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in values)}")
-
-
-def _read_pose(message: Any) -> Pose:
-    pose = Pose(message.position.x, message.position.y, yaw_of(message.orientation))
-    _finite("the pose", pose)
-    return pose
-
-
-def _write_pose(message: Any, pose: Iterable[float]) -> None:
-    x, y, theta = pose
-    _finite("the pose", (x, y, theta))
-    message.position.x, message.position.y, message.orientation = float(x), float(y), quaternion_of(theta)
-
-
-def _read_twist(message: Twist) -> Command:
-    command = Command(message.linear.x, message.angular.z)
-    _finite("the twist", command)
-    return command
-
-
-def _write_twist(message: Twist, v: float, omega: float) -> None:
-    _finite("the twist", (v, omega))
-    message.linear.x, message.angular.z = float(v), float(omega)
-
-
 def _pose_to_message(pose: Pose, header: Header) -> PoseStamped:
     message = PoseStamped(header=header)
-    _write_pose(message.pose, pose)
+    write_pose(message.pose, pose)
     return message
 
 
 def _state_of(message: Odometry) -> State:
-    return State(*_read_pose(message.pose.pose), *_read_twist(message.twist.twist))
+    return State(*read_pose(message.pose.pose), *read_twist(message.twist.twist))
 
 
 def _state_to_message(state: State, header: Header) -> Odometry:
     message = Odometry(header=header)
-    _write_pose(message.pose.pose, state[:3])
-    _write_twist(message.twist.twist, state.v, state.omega)
+    write_pose(message.pose.pose, state[:3])
+    write_twist(message.twist.twist, state.v, state.omega)
     return message
 
 
 def _senses_of(message: Odometry) -> Senses:
     measured = float(message.pose.covariance[0]) >= 0.0
-    return Senses(_read_pose(message.pose.pose), _read_twist(message.twist.twist), measured)
+    return Senses(read_pose(message.pose.pose), read_twist(message.twist.twist), measured)
 
 
 def _senses_to_message(senses: Senses, header: Header) -> Odometry:
@@ -203,7 +133,7 @@ def _senses_to_message(senses: Senses, header: Header) -> Odometry:
 
 def _estimate_of(message: Odometry) -> Estimate:
     pose, twist = message.pose.covariance.tolist(), message.twist.covariance.tolist()  # floats are faster than NumPy's
-    _finite("the covariance", (*pose, *twist))
+    finite("the covariance", (*pose, *twist))
     P = Covariance(
         pose[0], pose[1], pose[5], 0.0, 0.0, pose[7], pose[11], 0.0, 0.0, pose[35], 0.0, 0.0, twist[0], twist[5], twist[35]
     )
@@ -220,7 +150,7 @@ def state_covariance(message: Odometry, P: Covariance) -> None:
     Raises:
         ValueError: If it is not finite.
     """
-    _finite("the covariance", P)
+    finite("the covariance", P)
     pose, twist = message.pose.covariance, message.twist.covariance
     measured = pose[0] >= 0.0
     pose[0], pose[7], pose[35] = P.xx, P.yy, P.tt
@@ -252,14 +182,14 @@ def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
     if heading == 0.0 or math.isnan(heading):
         raise ValueError(f"a fix must state the heading's variance, or -1 where it was not measured, got {heading:g}")
     measured, position = heading > 0.0, message.pose.pose.position
-    pose = _read_pose(message.pose.pose) if measured else Pose(position.x, position.y, 0.0)
-    _finite("the pose", pose)
+    pose = read_pose(message.pose.pose) if measured else Pose(position.x, position.y, 0.0)
+    finite("the pose", pose)
     return Fix(pose, (x, y, heading if measured else math.inf), 0.0, True)
 
 
 def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped(header=header)
-    _write_pose(message.pose.pose, fix.pose)
+    write_pose(message.pose.pose, fix.pose)
     covariance, (x, y, heading) = message.pose.covariance, fix.R
     covariance[0], covariance[7], covariance[35] = x, y, heading if heading < math.inf else _NOT_KNOWN
     return message
@@ -267,13 +197,13 @@ def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
 
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
     message = TwistStamped(header=header)
-    _write_twist(message.twist, *command)
+    write_twist(message.twist, *command)
     return message
 
 
 def _command_to_message(command: Command, header: Header) -> Twist:
     message = Twist()
-    _write_twist(message, *command)
+    write_twist(message, *command)
     return message
 
 
@@ -282,7 +212,7 @@ def _grid_of(message: OccupancyGrid) -> GridMap:
     if len(message.data) != info.height * info.width:
         raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
     cells = np.array(message.data, np.int8).reshape(info.height, info.width)
-    return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=_read_pose(info.origin))
+    return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=read_pose(info.origin))
 
 
 def _grid_to_message(grid: GridMap, header: Header) -> OccupancyGrid:
@@ -290,14 +220,14 @@ def _grid_to_message(grid: GridMap, header: Header) -> OccupancyGrid:
     info = message.info
     info.map_load_time, info.resolution = header.stamp, float(grid.resolution)
     info.height, info.width = grid.cells.shape
-    _write_pose(info.origin, grid.origin)
+    write_pose(info.origin, grid.origin)
     return message
 
 
-_UNSTAMPED = Conversion(Twist, _read_twist, _command_to_message, False)
+_UNSTAMPED = Conversion(Twist, read_twist, _command_to_message, False)
 
-register(Command, TwistStamped, lambda message: _read_twist(message.twist), _command_to_stamped)
-register(Pose, PoseStamped, lambda message: _read_pose(message.pose), _pose_to_message, in_world=True)
+register(Command, TwistStamped, lambda message: read_twist(message.twist), _command_to_stamped)
+register(Pose, PoseStamped, lambda message: read_pose(message.pose), _pose_to_message, in_world=True)
 register(State, Odometry, _state_of, _state_to_message, in_world=True)
 register(Senses, Odometry, _senses_of, _senses_to_message, in_world=True)
 register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)

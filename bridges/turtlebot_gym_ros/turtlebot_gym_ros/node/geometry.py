@@ -1,0 +1,88 @@
+"""Planar poses and twists in messages: what is not finite, or no rotation, is refused with a ``ValueError`` that says why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from itertools import product
+from typing import Any
+
+from geometry_msgs.msg import Quaternion, Twist
+
+from turtlebot_gym.values import Command, Pose
+
+_NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
+_PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
+
+
+def yaw_of(q: Quaternion) -> float:
+    """Return the heading of a rotation, rad, in [-pi, pi).
+
+    Raises:
+        ValueError: If the quaternion is no rotation: its norm is not 1 within 1 %.
+    """
+    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+    if not abs(norm - 1.0) < 0.01:  # also refuses NaN
+        raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
+    if q.x == q.y == 0.0:
+        return _planar_yaw(q.z, q.w)
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    return -math.pi if yaw >= math.pi else yaw
+
+
+def _planar_yaw(z: float, w: float) -> float:
+    """Return the heading of a rotation about the vertical axis, rad, in [-pi, pi)."""
+    yaw = 2.0 * (math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w))  # q and -q are the same rotation
+    return -math.pi if yaw >= math.pi else yaw
+
+
+def quaternion_of(yaw: float) -> Quaternion:
+    """Return the rotation about the vertical axis by a heading, rad.
+
+    Sine and cosine round; where that would change the heading, both are moved by a few units in the last place until `yaw_of`
+    gives back the very same number. So a heading in [-pi, pi) is the same float at the other end of a topic.
+    """
+    z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    if _planar_yaw(z, w) != yaw and -math.pi <= yaw < math.pi:
+        z, w = next(((a, b) for a, b in _neighbours(z, w) if _planar_yaw(a, b) == yaw), (z, w))
+    return Quaternion(x=0.0, y=0.0, z=z, w=w)
+
+
+def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
+    """Yield the pairs of numbers close to a pair, the nearest first."""
+    near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
+    return ((near_z[i], near_w[j]) for i, j in _PAIRS)
+
+
+def finite(what: str, numbers: Iterable[float]) -> None:
+    """Refuse numbers that are not finite, with a ``ValueError`` that says what they are."""
+    values = tuple(numbers)
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in values)}")
+
+
+def read_pose(message: Any) -> Pose:
+    """Return a planar pose, or raise ``ValueError``."""
+    pose = Pose(message.position.x, message.position.y, yaw_of(message.orientation))
+    finite("the pose", pose)
+    return pose
+
+
+def write_pose(message: Any, pose: Iterable[float]) -> None:
+    """Write a planar pose, or raise ``ValueError``."""
+    x, y, theta = pose
+    finite("the pose", (x, y, theta))
+    message.position.x, message.position.y, message.orientation = float(x), float(y), quaternion_of(theta)
+
+
+def read_twist(message: Twist) -> Command:
+    """Return a planar twist, or raise ``ValueError``."""
+    command = Command(message.linear.x, message.angular.z)
+    finite("the twist", command)
+    return command
+
+
+def write_twist(message: Twist, v: float, omega: float) -> None:
+    """Write a planar twist, or raise ``ValueError``."""
+    finite("the twist", (v, omega))
+    message.linear.x, message.angular.z = float(v), float(omega)

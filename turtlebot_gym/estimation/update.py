@@ -1,0 +1,99 @@
+"""Conditioning a belief on one scalar measurement, of whatever sensor: the only update that there is.
+
+References:
+    Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): processing scalar measurements in turn.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.values import Belief, Covariance, State
+
+Variances = tuple[float, ...]
+
+
+class Projection(NamedTuple):
+    """What a scalar measurement ``h x`` sees of a covariance."""
+
+    column: State
+    """``P h'``: its covariance with each component of the state."""
+    variance: float
+    """``h P h'``."""
+
+
+@kernel
+def of_x(P: Covariance) -> Projection:
+    """Project on x, ``h = [1 0 0 0 0]``."""
+    return Projection(State(P.xx, P.xy, P.xt, P.xv, P.xw), P.xx)
+
+
+@kernel
+def of_y(P: Covariance) -> Projection:
+    """Project on y, ``h = [0 1 0 0 0]``."""
+    return Projection(State(P.xy, P.yy, P.yt, P.yv, P.yw), P.yy)
+
+
+@kernel
+def of_heading(P: Covariance) -> Projection:
+    """Project on the heading, ``h = [0 0 1 0 0]``."""
+    return Projection(State(P.xt, P.yt, P.tt, P.tv, P.tw), P.tt)
+
+
+@kernel
+def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
+    """Take out of P what a scalar measurement tells: ``P - column column' / S``, with ``inverse`` for 1 / S."""
+    x, y, t, v, w = column
+    i, j, k, m, n = x * inverse, y * inverse, t * inverse, v * inverse, w * inverse
+    return Covariance(
+        max(P.xx - i * x, 0.0), P.xy - i * y, P.xt - i * t, P.xv - i * v, P.xw - i * w,
+        max(P.yy - j * y, 0.0), P.yt - j * t, P.yv - j * v, P.yw - j * w,
+        max(P.tt - k * t, 0.0), P.tv - k * v, P.tw - k * w,
+        max(P.vv - m * v, 0.0), P.vw - m * w,
+        max(P.ww - n * w, 0.0),
+    )  # fmt: skip
+
+
+@kernel
+def inverse_of(S: float) -> float:
+    """Return 1 / S, and 0 for the S = 0 of a component that is known already and measured without noise."""
+    some = S > 1e-300  # the inverse of less may be infinite
+    return 1.0 / (S if some else 1.0) if some else 0.0
+
+
+@kernel
+def absorb(belief: Belief, column: State, gain: float, inverse: float) -> Belief:
+    """Move a belief by what a scalar measurement tells.
+
+    Args:
+        belief: Prior mean and covariance.
+        column: The measured quantity's covariance with each component of the state.
+        gain: What the mean moves along the column.
+        inverse: What the covariance loses along ``column column'``: 1 / S of a measurement that is taken for sure.
+
+    Returns:
+        The posterior, whose heading is not wrapped yet.
+    """
+    (x, y, theta, v, omega), P = belief
+    c = column
+    mean = State(x + gain * c.x, y + gain * c.y, theta + gain * c.theta, v + gain * c.v, omega + gain * c.omega)
+    return Belief(mean, _condition(P, c, inverse))
+
+
+@kernel
+def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[Belief, float]:
+    """Condition a belief on one scalar measurement, of whatever sensor.
+
+    Args:
+        belief: Prior mean and covariance.
+        h: What the measurement sees of the covariance.
+        innovation: Measured minus predicted value, an angle's wrapped.
+        r: Variance of the measurement.
+
+    Returns:
+        The posterior, whose heading is not wrapped yet, and the normalized innovation squared ``innovation^2 / (h P h' + r)``.
+    """
+    inverse = inverse_of(h.variance + r)
+    gain = innovation * inverse
+    return absorb(belief, h.column, gain, inverse), gain * innovation
