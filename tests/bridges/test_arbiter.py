@@ -472,6 +472,7 @@ def test_defaults():
         "robot": "burger",
         "enable_stamped_cmd_vel": True,
         "body_frame": "base_footprint",
+        "frame_prefix": "",
         "start_enabled": True,
         "max_age": 0.4,
         "rate": 50.0,

@@ -92,6 +92,18 @@ def test_a_robots_node_comes_up_and_ends_without_what_trains_and_draws(launch, p
     assert process.wait(timeout=10.0) == 0
 
 
+@pytest.mark.parametrize(
+    ("missing", "node", "remedy"),
+    [("rosbags", "data_logger", "turtlebot-gym[deploy]"), ("rclpy", "cmd_vel_guard", "turtlebot-gym[ros]")],
+)
+def test_a_node_says_what_to_install(missing, node, remedy):
+    body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
+    done = run("-c", without(body)[1].replace(repr(ABSENT), repr((missing,))))
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: {missing} is missing: ")
+    assert done.stderr.endswith(f'pip install "{remedy}".\n')
+
+
 def test_the_command_line_says_what_to_install():
     done = run(*without("from turtlebot_gym_agents.__main__ import main; raise SystemExit(main(['evaluate']))"))
     assert done.returncode == 2

@@ -19,6 +19,16 @@ Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherw
 bringup and status have options of their own: ask them with --help."""
 
 
+WHOLE = 'pip install "turtlebot-gym[gym]"'
+REMEDIES = {
+    "rclpy": 'source a ROS 2 installation, or pip install "turtlebot-gym[ros]"',
+    "rosbags": 'pip install "turtlebot-gym[deploy]"',
+    "matplotlib": WHOLE,
+    "PIL": WHOLE,
+}
+"""What brings a module that is missing."""
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a node, and return its exit code."""
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
@@ -35,9 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return entry(rest)
         from turtlebot_gym_ros.node.runner import run
     except ModuleNotFoundError as error:
-        if error.name != "rclpy":
+        if error.name not in REMEDIES:
             raise
-        print('error: rclpy is missing: source a ROS 2 installation, or pip install "turtlebot-gym[ros]".', file=sys.stderr)
+        print(f"error: {error.name} is missing: {REMEDIES[error.name]}.", file=sys.stderr)
         return 2
     if "-h" in rest or "--help" in rest:
         print(entry.__doc__)
