@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation faults study study-rooms docs notebooks build clean
+.PHONY: help demo test test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-calibration faults study study-rooms docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -75,6 +75,9 @@ bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN 
 
 bench-estimation: $(READY)  ## filters beside the bound that no filter can pass, 20,000 drives in each setting (3 minutes)
 	$(RUN)python benchmarks/estimation.py
+
+bench-calibration: $(READY)  ## whether a calibration's intervals hold the truth, on 200 drives, and what it is worth (half an hour; resumes)
+	$(RUN)python benchmarks/calibration.py --data $(DATA) --kept $(OUT)/calibration
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

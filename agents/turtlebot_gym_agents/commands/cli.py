@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
+from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
@@ -194,6 +195,7 @@ COMMANDS: dict[str, type[Command]] = {
     "video": Video,
     "estimate": Estimate,
     "replay": Replay,
+    "calibrate": Calibrate,
     "train": Train,
     "tune": Tune,
     "tune-baseline": TuneBaseline,
