@@ -77,7 +77,8 @@ bench-estimation: $(READY)  ## filters beside the bound that no filter can pass,
 	$(RUN)python benchmarks/estimation.py
 
 bench-calibration: $(READY)  ## whether a calibration's intervals hold the truth, on 200 drives, and what it is worth (half an hour; resumes)
-	$(RUN)python benchmarks/calibration.py --data $(DATA) --kept $(OUT)/calibration
+	$(RUN)python benchmarks/calibration.py --kept $(OUT)/calibration
+	$(RUN)python benchmarks/calibration.py --part recorded --data $(DATA)
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

@@ -1,8 +1,8 @@
 """Whether a calibration's intervals hold the truth, and what it is worth on recorded drives.
 
-`make bench-calibration` fits the noise model to five-minute drives of the environment with random known noise, from the truth
-and from the innovations alone, and counts how often the 95 % intervals hold the known values; then it calibrates on one
-recorded drive and judges on the other. It takes about half an hour of one core; what is done is kept in ``--kept``, and an
+`make bench-calibration` runs both parts. The first fits the noise model to five-minute drives of the environment with random known noise, from the truth
+and from the innovations alone, and counts how often the 95 % intervals hold the known values; the second calibrates on one
+recorded drive and judges on the other. The first takes about half an hour of one core; what is done is kept in ``--kept``, and an
 interrupted run goes on.
 """
 
@@ -12,7 +12,7 @@ import json
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tyro
@@ -26,7 +26,8 @@ from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, sim
 from turtlebot_gym_agents.evaluation.replay import read_drive
 from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
+RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
+"""Where each part's results go."""
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 VIEWS = {"truth": True, "innovations": False}
 """What is fitted to: the truth, or the innovations alone."""
@@ -34,8 +35,10 @@ VIEWS = {"truth": True, "innovations": False}
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Calibrate drives whose noise is known."""
+    """Calibrate drives whose noise is known, and recorded ones."""
 
+    part: Literal["coverage", "recorded"] = "coverage"
+    """Whether intervals hold the truth, or what a calibration is worth on recorded drives."""
     drives: int = 200
     """Drives of five minutes, each with a noise of its own, that are fitted to the truth ..."""
     blind: int = 200
@@ -43,11 +46,11 @@ class Config:
     seed: int = 0
     """The first one's."""
     data: Path = Path("../shared/data")
-    """Folder with the recorded drives; left out where it is missing."""
+    """Folder with the recorded drives."""
     seeds: int = 20
     """Of the measured poses on recorded drives, each time."""
-    json: Path | None = RESULTS
-    """Where the results go."""
+    results: Path | None = Path(__file__).parent
+    """Folder for the results."""
     kept: Path = Path("out/calibration")
     """Folder for what is done already."""
     seconds: float = float("inf")
@@ -149,11 +152,9 @@ def recorded(config: Config) -> dict[str, Any]:
     return told
 
 
-def main() -> None:
-    """Calibrate, count, print, and write."""
-    config = tyro.cli(Config, description=__doc__)
-    commit = provenance()["commit"]
-    kept = config.kept / f"{commit}.jsonl"
+def covered(config: Config) -> dict[str, Any] | None:
+    """Return the coverage over simulated drives, or nothing where time ran out: the next run goes on."""
+    kept = config.kept / f"{provenance()['commit']}.jsonl"
     kept.parent.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
     done, began = {(row["view"], row["seed"]) for row in rows}, time.monotonic()
@@ -164,26 +165,33 @@ def main() -> None:
                 continue
             if time.monotonic() - began > config.seconds:
                 print(f"{len(rows)} of {len(wanted)} fits are done; run again to go on.")
-                return
+                return None
             rows.append(plain(calibrated(seed, view)))
             with kept.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
             advance_to(len(rows))
-    result: dict[str, Any] = {"coverage": {view: coverage(rows, view) for view in VIEWS}}
-    result["seconds_per_drive"] = {
-        view: float(np.mean([row["seconds"] for row in rows if row["view"] == view])) for view in VIEWS
-    }
-    if all((config.data / name).is_file() for name in RECORDED):
-        result["recorded"] = recorded(config)
-    for view, names in result["coverage"].items():
-        for name, one in names.items():
-            print(view, name, one)
-    for name, one in result.get("recorded", {}).items():
-        print(name, one["segment"], one["segments"], one["remarks"])
-        for what, numbers in one["judged"].items():
-            print("  ", what, numbers)
-    if config.json is not None:
-        write_json(config.json, result, config=settings_of(config))
+    seconds = {view: float(np.mean([row["seconds"] for row in rows if row["view"] == view])) for view in VIEWS}
+    return {"coverage": {view: coverage(rows, view) for view in VIEWS}, "seconds_per_drive": seconds}
+
+
+def main() -> None:
+    """Calibrate, count, print, and write."""
+    config = tyro.cli(Config, description=__doc__)
+    if config.part == "coverage":
+        result = covered(config)
+        if result is None:
+            return
+        for view, names in result["coverage"].items():
+            for name, one in names.items():
+                print(view, name, one)
+    else:
+        result = {"recorded": recorded(config)}
+        for name, one in result["recorded"].items():
+            print(name, one["segment"], one["segments"], one["remarks"])
+            for what, numbers in one["judged"].items():
+                print("  ", what, numbers)
+    if config.results is not None:
+        write_json(config.results / RESULTS[config.part], result, config=settings_of(config))
 
 
 if __name__ == "__main__":
