@@ -1,9 +1,9 @@
 """Whether a calibration's intervals hold the truth, and what it is worth on recorded drives.
 
-`make bench-calibration` runs both parts. The first fits the noise model to five-minute drives of the environment with random known noise, from the truth
-and from the innovations alone, and counts how often the 95 % intervals hold the known values; the second calibrates on one
-recorded drive and judges on the other. The first takes about half an hour of one core; what is done is kept in ``--kept``, and an
-interrupted run goes on.
+`make bench-calibration` runs both parts. The first fits the noise model to five-minute drives of the environment with random
+known noise, from the truth and from the innovations alone, and counts how often the 95 % intervals hold the known values. It
+takes about half an hour of one core; what is done is kept in ``--kept``, and an interrupted run goes on. The second calibrates
+on one recorded drive and judges on the other.
 """
 
 from __future__ import annotations

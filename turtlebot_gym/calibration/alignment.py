@@ -170,8 +170,9 @@ def find_frame(log: Log) -> Frame:
     return Frame(float(there.real), float(there.imag), theta, is_other)
 
 
-def into_truth_frame(log: Log, frame: Frame) -> Log:
-    """Return a log whose measured poses are in the truth's frame."""
-    turned = (log.odometry[:, 0] + 1j * log.odometry[:, 1]) * np.exp(1j * frame.theta)
-    heading = np.remainder(log.odometry[:, 2] + frame.theta + math.pi, 2.0 * math.pi) - math.pi
-    return log._replace(odometry=np.stack([turned.real + frame.x, turned.imag + frame.y, heading], axis=1))
+def into_measured_frame(log: Log, frame: Frame) -> Log:
+    """Return a log whose truth is in the frame of the measured poses, in which their noise is stated."""
+    away = log.truth[:, 0] - frame.x + 1j * (log.truth[:, 1] - frame.y)
+    turned = away * np.exp(-1j * frame.theta)
+    heading = np.remainder(log.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi
+    return log._replace(truth=np.stack([turned.real, turned.imag, heading], axis=1))

@@ -164,8 +164,12 @@ def _row(message: Any, received: float) -> list[float]:
     """Return a message's time, x, y, heading, speed and turning rate."""
     header = getattr(message, "header", None)
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 if header is not None else 0.0
-    inner = getattr(message, "pose", None)
-    inner = getattr(inner, "pose", inner)
+    outer = getattr(message, "pose", None)
+    inner = getattr(outer, "pose", outer)
+    if (
+        outer is not None and hasattr(outer, "covariance") and outer.covariance[0] < 0.0
+    ):  # this project's mark of a measurement that was lost
+        inner = None
     twist = getattr(message, "twist", None)
     twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
     pose = [math.nan] * 3

@@ -16,7 +16,7 @@ from turtlebot_gym.calibration.alignment import (
     Frame,
     Shift,
     find_frame,
-    into_truth_frame,
+    into_measured_frame,
     shift_truth,
     shift_twist,
     truth_delay,
@@ -41,7 +41,8 @@ class Calibration:
     """The noise of a robot, as far as a log tells."""
 
     noise: Noise
-    """What to use: the likeliest values, and of what the log does not determine the worst that it allows."""
+    """What to use: the likeliest values, but of alphas that the log does not determine, and of all where they were fitted over
+    segments, the upper ends of the intervals."""
     likeliest: Noise
     """The likeliest values alone."""
     estimates: dict[str, Estimate]
@@ -105,8 +106,8 @@ def calibrate(
         kind: "pose" for odometry that measures the pose, "wheel" for the wheels'; None to find out.
         use_truth: Whether to use the truth where there is one, or the innovations alone.
         integrator: "euler" or "midpoint"; None for the one that tells the motion better.
-        segment: Length of the segments from which the alphas are fitted, m, 0 for row by row; None for row by row where that
-            tells the drift over a metre, too, and else a metre. With truth only.
+        segment: Length of the segments from which the alphas are fitted, m, 0 for row by row; None for row by row where
+            that tells the drift over `fitting.SEGMENT`, too, and else that. With truth only.
         delay: Time by which the motion follows the recorded twist, s; None to find out.
         start: Where the search for the alphas begins; where the log says nothing of one, its value stands.
         progress: Called with the name of each part that is done.
@@ -134,7 +135,7 @@ def calibrate(
         missing, among = lost(log)
         told["dropout_probability"] = of_share(missing, among, "record for longer")
         likeliest = _with_dropouts(likeliest, missing / max(among, 1))
-    noise = _wary(likeliest, told, started)
+    noise = _wary(likeliest, told, started, is_certain=found.segment == 0.0)
     unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
     if kind == WHEELS:
         unknown = {}
@@ -162,7 +163,7 @@ def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple
     if has_truth and kind == POSE:
         frame = find_frame(log)
         if frame.is_other:
-            log = into_truth_frame(log, frame)
+            log = into_measured_frame(log, frame)
             remarks.append(
                 f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
                 f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be told from that"
@@ -173,7 +174,7 @@ def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple
             remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
             if frame.is_other:
                 again = find_frame(log)
-                log = into_truth_frame(log, again)
+                log = into_measured_frame(log, again)
     poses, window = (log.truth, WINDOW) if has_truth else (log.odometry, NOISY_WINDOW)
     if delay is None:
         twist_late = twist_delay(log, poses, max(window, log.period))
@@ -196,12 +197,15 @@ def _with_dropouts(noise: Noise, share: float) -> Noise:
     return replace(noise, odometry=replace(noise.odometry, dropout_probability=share))
 
 
-def _wary(noise: Noise, told: dict[str, Estimate], start: Noise) -> Noise:
-    """Return a noise model with the largest execution noise that the log allows, where the log does not determine it."""
+def _wary(noise: Noise, told: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
+    """Return a noise model with the largest execution noise that the log allows, where it does not determine it.
+
+    Where errors are correlated white noise is not what they are, and the largest stands for all of it.
+    """
     worst = {
         name: one.high
         for name, one in told.items()
-        if name.startswith("alpha") and not one.is_determined and math.isfinite(one.high)
+        if name.startswith("alpha") and not (is_certain and one.is_determined) and math.isfinite(one.high)
     }
     worst |= {name: value_of(start, name) for name, one in told.items() if name.startswith("alpha") and math.isinf(one.high)}
     return with_values(noise, worst)

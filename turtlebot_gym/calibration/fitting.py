@@ -20,8 +20,9 @@ from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 
-METRE = 1.0
-"""Length of segments where errors are correlated, m."""
+SEGMENT = 0.25
+"""Length of segments where errors are correlated from row to row, m: about the way that a filter remembers which is corrected
+ten times a second."""
 EXACT = (1e-6) ** 2
 """Variance of the truth row by row, m^2 and rad^2 ..."""
 CAPTURED = (1e-3) ** 2
@@ -60,13 +61,13 @@ def by_truth(
     likelihood = likelihood_over(rows, EXACT if length == 0.0 else CAPTURED)
     fit = search(likelihood, start, MOTION, widely=length > 0.0)
     if segment is None:
-        metres = segment_rows(log, METRE)
-        over = likelihood_over(metres, CAPTURED)
-        if count(metres) >= FEWEST:
+        longer_rows = segment_rows(log, SEGMENT)
+        over = likelihood_over(longer_rows, CAPTURED)
+        if count(longer_rows) >= FEWEST:
             longer = search(over, start, MOTION, widely=True)
             gain = 2.0 * (longer.value - over(from_coordinates(start, MOTION, fit.x)))
             if gain > stats.chi2.ppf(1.0 - FALSE_ALARM, len(MOTION)):
-                length, rows, likelihood, fit = METRE, metres, over, longer
+                length, rows, likelihood, fit = SEGMENT, longer_rows, over, longer
     told |= estimates(likelihood, start, MOTION, fit, has_truth=True)
     noise = from_coordinates(noise, MOTION, fit.x)
     progress("execution")

@@ -7,8 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.estimation.consistency import difference
-
 POSE, WHEELS = "pose", "wheel"
 """Odometry that measures the pose, and odometry that integrates the wheels."""
 GAP = 5.0
@@ -108,11 +106,6 @@ def path_of(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     legs = np.hypot(*np.diff(poses[there, :2], axis=0).T)
     driven = np.concatenate([[0.0], np.cumsum(legs)])
     return driven[np.maximum(np.searchsorted(there, np.arange(len(poses)), side="right") - 1, 0)]
-
-
-def turned(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how the heading changes from row to row, wrapped, shape (T - 1,), rad."""
-    return difference(poses[1:], poses[:-1])[:, 2]
 
 
 def interpolated(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from turtlebot_gym.calibration.likelihood import Rows
-from turtlebot_gym.calibration.log import Log, known, path_of, turned
+from turtlebot_gym.calibration.log import Log, known
 
 LEVER = 0.2
 """Distance that turning by 1 rad counts as, m: segments end when a robot turns on the spot, too."""
@@ -20,14 +20,13 @@ def segment_rows(log: Log, length: float) -> Rows:
 
     Args:
         log: With truth.
-        length: Of the segments, m of path, of which a turn by 1 rad counts `LEVER`; 0 for every row.
+        length: Of the segments, m by the twist, of which a turn by 1 rad counts `LEVER`; 0 for every row.
     """
     there = known(log.truth)
     truth = np.where(there[:, None], log.truth, 0.0)
-    at = np.flatnonzero(there)
-    turns = np.zeros(len(truth))
-    turns[at[1:]] = np.abs(turned(log.truth[at]))
-    driven = path_of(log.truth) + LEVER * np.cumsum(turns)
+    # by the twist: where segments end must not depend on the errors
+    motion = np.abs(log.twist[1:]) @ np.array([1.0, LEVER]) * np.diff(log.time)
+    driven = np.concatenate([[0.0], np.cumsum(motion)])
     ends = there.copy()
     if length > 0.0:
         ends[:] = False

@@ -32,7 +32,7 @@ def calibration_tables(found: Calibration, *, title: str) -> list[Table]:
     """Return what a log says of each number, what it does not say, and what was found on the way."""
     table = Table(
         "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {basis(found)}",
-        caption="* by the profile likelihood; what a log does not determine is in the file as the worst that it allows",
+        caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
     )  # fmt: skip
     for name, one in found.estimates.items():
         table.add_row(name, f"{one.value:.4g}", _interval(one), one.unit, _in_file(found, name, one))
