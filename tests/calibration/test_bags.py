@@ -57,14 +57,14 @@ def write_bag(folder, drawn, *, plugin=StoragePlugin.SQLITE3, truth=True, comman
         true = writer.add_connection("/ground_truth", "geometry_msgs/msg/PoseStamped", typestore=TYPES) if truth else None
         told = writer.add_connection("/cmd_vel", "geometry_msgs/msg/Twist", typestore=TYPES) if command else None
         for k in range(len(drawn.time) if rows is None else rows):
-            at = 1_000_000_000 + round(drawn.time[k] * 1e9)
+            at = 100_000_000_000 + round(drawn.time[k] * 1e9)
 
             def add(connection, message, kind, at=at):
                 writer.write(connection, at, TYPES.serialize_cdr(message, kind))
 
-            add(odom, odometry(times[k], drawn.odometry[k], drawn.twist[k], lost=k == 17), "nav_msgs/msg/Odometry")
+            add(odom, odometry(100.0 + times[k], drawn.odometry[k], drawn.twist[k], lost=k == 17), "nav_msgs/msg/Odometry")
             if true is not None:
-                here = T["geometry_msgs/msg/PoseStamped"](header=header(drawn.time[k]), pose=pose(drawn.truth[k]))
+                here = T["geometry_msgs/msg/PoseStamped"](header=header(100.0 + drawn.time[k]), pose=pose(drawn.truth[k]))
                 add(true, here, "geometry_msgs/msg/PoseStamped")
             if told is not None and k + 1 < len(drawn.time):
                 v, omega = map(float, drawn.twist[k + 1])
@@ -92,7 +92,9 @@ def test_a_bag_is_read(tmp_path, short, plugin):
 
 
 def test_a_command_holds_until_the_next_one(tmp_path, short):
-    folder = write_bag(tmp_path / "bag", short, command=True, times=short.time + 1.0)  # commands have no stamp: as received
+    folder = write_bag(
+        tmp_path / "bag", short, command=True, times=short.time
+    )  # commands have no stamp: it is the time of their arrival
     log = read_bag(folder, topics=Topics(twist="/cmd_vel", truth="/ground_truth"))
     np.testing.assert_allclose(log.twist[1:], short.twist[1:], atol=1e-12)
 

@@ -183,8 +183,8 @@ def test_real_wheels_are_fitted_over_segments(draw_drive):
         drift_of[k] = 0.97 * drift_of[k - 1] + 0.01 * random.standard_normal()
     lasting = drive.twist * (1.0 + drift_of[:, None]) + 1e-4 * random.standard_normal((3000, 2))
     found = calibrate(make_log(drive.time, lasting, truth=drive.truth))
-    assert found.segment == 0.25
-    assert found.segments == count(segment_rows(found.log, 0.25))
+    assert found.segment == 1.0
+    assert found.segments == count(segment_rows(found.log, 1.0))
     told = drift(found, lengths=(0.25,))
     assert told.fitted[0, 0] == pytest.approx(told.measured[0, 0], rel=0.5)
     rows = drift(calibrate(make_log(drive.time, lasting, truth=drive.truth), segment=0.0), lengths=(1.0,))

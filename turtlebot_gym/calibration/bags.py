@@ -96,18 +96,15 @@ def read_bag(path: str | Path, *, topics: Topics | None = None) -> Log:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.interfaces import TopicInfo  # noqa: F401
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise ImportError(f"{path} is a bag, which needs rosbags: pip install 'rosbags>=0.10.9,<0.12'") from error
     if not path.exists():
         raise ValueError(f"{path}: there is no such bag.")
-    reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
     try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
-    except (AnyReaderError, OSError, ValueError, KeyError, AssertionError) as error:
-        raise ValueError(f"{path}: this is no whole bag: {_line(error)}") from error
     except Exception as error:  # storage plugins raise errors of their own, sqlite3's among them
         raise ValueError(f"{path}: this is no whole bag: {_line(error)}") from error
     try:

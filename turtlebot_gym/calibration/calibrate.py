@@ -56,7 +56,7 @@ class Calibration:
     integrator: str
     """"euler" or "midpoint", whichever tells the motion better."""
     segment: float
-    """Length of the segments from which the alphas are, m; 0 for row by row."""
+    """Length of the longest segments from which the alphas are, m; 0 for row by row."""
     segments: int
     """How many there were."""
     delay: Shift
@@ -107,7 +107,7 @@ def calibrate(
         use_truth: Whether to use the truth where there is one, or the innovations alone.
         integrator: "euler" or "midpoint"; None for the one that tells the motion better.
         segment: Length of the segments from which the alphas are fitted, m, 0 for row by row; None for row by row where
-            that tells the drift over `fitting.SEGMENT`, too, and else that. With truth only.
+            that tells the drift over `fitting.SEGMENTS`, too, and else those. With truth only.
         delay: Time by which the motion follows the recorded twist, s; None to find out.
         start: Where the search for the alphas begins; where the log says nothing of one, its value stands.
         progress: Called with the name of each part that is done.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from turtlebot_gym.calibration.coordinates import MEASURED, MOTION, from_coordinates
-from turtlebot_gym.calibration.estimates import Estimate, estimates, search, search_with_spikes
+from turtlebot_gym.calibration.estimates import Estimate, NoiseLikelihood, estimates, search, search_with_spikes
 from turtlebot_gym.calibration.excitation import ONLY_TRUTH
 from turtlebot_gym.calibration.likelihood import Rows, innovations, measurements
 from turtlebot_gym.calibration.log import POSE, Log, known
@@ -20,9 +20,9 @@ from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 
-SEGMENT = 0.25
-"""Length of segments where errors are correlated from row to row, m: about the way that a filter remembers which is corrected
-ten times a second."""
+SEGMENTS = (0.25, 0.5, 1.0)
+"""Lengths of the segments where errors are correlated from row to row, m: errors in time show over short ways, drift over long
+ones. All together count as many as those of the last length: what is correlated is no further evidence."""
 EXACT = (1e-6) ** 2
 """Variance of the truth row by row, m^2 and rad^2 ..."""
 CAPTURED = (1e-3) ** 2
@@ -54,20 +54,20 @@ def by_truth(
         integrator = _better(lambda middle: innovations(every, _exactly(start, CAPTURED), middle=middle))
     middle = choose("integrator", integrator, INTEGRATORS)
 
-    def likelihood_over(rows: Rows, variance: float) -> Callable[[Noise], float]:
-        return lambda model: innovations(rows, _exactly(model, variance), middle=middle)
-
-    length, rows = segment or 0.0, every if not segment else segment_rows(log, segment)
-    likelihood = likelihood_over(rows, EXACT if length == 0.0 else CAPTURED)
+    if not segment:
+        length, rows, likelihood = 0.0, every, _over([every], EXACT, middle)
+    else:
+        length, rows = segment, segment_rows(log, segment)
+        likelihood = _over([rows], CAPTURED, middle)
     fit = search(likelihood, start, MOTION, widely=length > 0.0)
     if segment is None:
-        longer_rows = segment_rows(log, SEGMENT)
-        over = likelihood_over(longer_rows, CAPTURED)
-        if count(longer_rows) >= FEWEST:
-            longer = search(over, start, MOTION, widely=True)
-            gain = 2.0 * (longer.value - over(from_coordinates(start, MOTION, fit.x)))
+        longer = [segment_rows(log, each) for each in SEGMENTS]
+        if count(longer[-1]) >= FEWEST:
+            over = _over(longer, CAPTURED, middle)
+            best = search(over, start, MOTION, widely=True)
+            gain = 2.0 * (best.value - over(from_coordinates(start, MOTION, fit.x)))
             if gain > stats.chi2.ppf(1.0 - FALSE_ALARM, len(MOTION)):
-                length, rows, likelihood, fit = SEGMENT, longer_rows, over, longer
+                length, rows, likelihood, fit = SEGMENTS[-1], longer[-1], over, best
     told |= estimates(likelihood, start, MOTION, fit, has_truth=True)
     noise = from_coordinates(noise, MOTION, fit.x)
     progress("execution")
@@ -87,6 +87,18 @@ def by_truth(
         noise = from_coordinates(base, names, best.x)
         progress("measurements")
     return Found(told, noise, integrator, length, count(rows))
+
+
+def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
+    """Return the likelihood of a noise model over segments of some lengths, which count as many as those of the last one."""
+    counts = [count(rows) for rows in sets]
+    shares = [counts[-1] / (len(sets) * max(each, 1)) for each in counts]
+
+    def likelihood(model: Noise) -> float:
+        exact = _exactly(model, variance)
+        return sum(share * innovations(rows, exact, middle=middle) for share, rows in zip(shares, sets, strict=True))
+
+    return likelihood
 
 
 def by_innovations(log: Log, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> Found:

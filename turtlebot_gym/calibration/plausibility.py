@@ -71,9 +71,8 @@ def _check_poses(log: Log, poses: NDArray[np.float64], way: float, turn: float, 
     change = np.abs(np.diff(heading))
     jumps = change[(change > 0.9 * 360.0) & (change < 1.02 * 360.0)]
     if jumps.size or (np.ptp(heading) > 8.0 * TURN and _turn(heading) > 8.0 * (turn + TURN)):
-        raise ValueError(
-            f"{what} heading runs from {heading.min():.4g} to {heading.max():.4g}: in degrees? Multiply it by pi/180."
-        )
+        told = f"{what} heading runs from {heading.min():.4g} to {heading.max():.4g}"
+        raise ValueError(f"{told}: if it is in degrees, multiply it by pi/180.")
     # over a second each, so that the noise of measured poses does not count for way
     every = max(round(1.0 / log.period), 1)
     driven = float(path_of(poses[known][::every])[-1])

@@ -100,7 +100,7 @@ def _choose(path: str | Path, found: Sequence[str], columns: Mapping[str, str]) 
             chosen[name] = there[0]
     lone = "theta" in found and chosen.get("theta") == "theta" and chosen.get("true_theta") == "theta"
     if lone:  # one column cannot be both
-        chosen.pop("true_theta" if "x" in chosen and "true_x" not in chosen else "theta")
+        chosen.pop("true_theta" if "x" in chosen else "theta")
     if "x" not in chosen:
         chosen.pop("theta", None)
     missing = [name for name in ("time", *_TWIST) if name not in chosen]

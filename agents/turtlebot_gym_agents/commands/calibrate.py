@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,11 +10,14 @@ from typing import TYPE_CHECKING
 import tyro
 
 from turtlebot_gym.calibration.bags import Topics
-from turtlebot_gym_agents.commands.console import File, print_tables, save_figure
+from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure
 from turtlebot_gym_agents.provenance import provenance, write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration, Log
+
+PARTS = 3
+"""Of a calibration, for its progress bar: alignment, and two that depend on what it is fitted to."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,15 +64,18 @@ class Calibrate:
 
         log = self.read()
         check(log, make_robot(self.robot), str(self.log))
+        parts = itertools.count(1)
         try:
-            found = calibrate(
-                log,
-                kind=self.odometry,
-                use_truth=self.truth != "none",
-                integrator=self.integrator,
-                segment=self.segment,
-                delay=self.delay,
-            )
+            with progress(PARTS) as advance_to:
+                found = calibrate(
+                    log,
+                    kind=self.odometry,
+                    use_truth=self.truth != "none",
+                    integrator=self.integrator,
+                    segment=self.segment,
+                    delay=self.delay,
+                    progress=lambda part: advance_to(next(parts)),
+                )
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
         print_tables(*calibration_tables(found, title=self.log.name))

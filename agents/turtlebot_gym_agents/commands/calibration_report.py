@@ -24,7 +24,7 @@ def basis(found: Calibration) -> str:
     """Return what a calibration was fitted to, in words."""
     what = "measured poses" if found.kind == "pose" else "wheel odometry"
     to = "the truth" if found.has_truth else "the innovations alone"
-    by = f", alphas over {found.segments} segments of {found.segment:g} m" if found.segment else ""
+    by = f", alphas over segments, {found.segments} of them of {found.segment:g} m" if found.segment else ""
     return f"{what}, fitted to {to}{by}, integrator {found.integrator}"
 
 
