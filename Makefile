@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-kilted test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix faults study study-rooms study-transfer docs notebooks build clean
+.PHONY: help demo test test-kilted test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -91,6 +91,10 @@ bench-arrival: $(READY)  ## when a robot should believe that it has arrived: rul
 
 bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, and late but taken for new (5 minutes)
 	$(RUN)python benchmarks/fix.py
+
+bench-calibration: $(READY)  ## whether a calibration's intervals hold the truth, on 200 drives, and what it is worth (half an hour; resumes)
+	$(RUN)python benchmarks/calibration.py --kept $(OUT)/calibration
+	$(RUN)python benchmarks/calibration.py --part recorded --data $(DATA)
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import tyro
 
 from turtlebot_gym.plants import make_plant
+from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
@@ -206,6 +207,7 @@ COMMANDS: dict[str, type[Command]] = {
     "video": Video,
     "estimate": Estimate,
     "replay": Replay,
+    "calibrate": Calibrate,
     "train": Train,
     "tune": Tune,
     "tune-baseline": TuneBaseline,

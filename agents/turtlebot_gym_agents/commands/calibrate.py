@@ -1,0 +1,120 @@
+"""The subcommand ``calibrate``: from a recorded drive to a noise file."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from turtlebot_gym.calibration.bags import Topics
+from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure
+from turtlebot_gym_agents.provenance import provenance, write_json
+
+if TYPE_CHECKING:
+    from turtlebot_gym.calibration import Calibration, Log
+
+PARTS = 3
+"""Of a calibration, for its progress bar: alignment, and two that depend on what it is fitted to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrate:
+    """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
+
+    With the truth beside it (motion capture, say) all of it can be fitted; without, from the innovations of measured poses, all
+    but the bias of x and y. What the log does not determine is said, with the motion that would.
+    """
+
+    log: tyro.conf.Positional[Path]
+    """A table with named columns, separated by commas, semicolons or blanks; or a ROS 2 bag: its folder, or a .mcap or .db3
+    file."""
+    out: File = None
+    """Write the noise file here (FILE.yaml)."""
+    truth: str = "auto"
+    """auto uses the truth if the log has it, none fits to the innovations alone; else a topic of the bag, or a table with the
+    columns t, x, y and theta."""
+    odometry: str | None = None
+    """What the odometry is: "pose" measures the pose, "wheel" integrates the wheels; found out if not told."""
+    robot: str = "burger"
+    """Whose speed limits make a log plausible: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
+    columns: tuple[str, ...] = ()
+    """Columns of other names, as QUANTITY=COLUMN: time, v, omega, x, y, theta, true_x, true_y, true_theta."""
+    topics: Topics = field(default_factory=Topics)
+    """Topics of a bag."""
+    integrator: str | None = None
+    """euler or midpoint; the one that tells the motion better if not told."""
+    segment: float | None = None
+    """Length of the segments from which the alphas are fitted, m; 0 for row by row. Found out if not told."""
+    delay: float | None = None
+    """Time by which the motion follows the recorded twist, s; found out if not told."""
+    json: File = None
+    """Write configuration and results here."""
+    plot: File = None
+    """Draw measured against fitted here."""
+
+    def run(self) -> None:
+        """Calibrate, print tables, and write what is asked for."""
+        from turtlebot_gym import make_robot, write_parameters
+        from turtlebot_gym.calibration import calibrate
+        from turtlebot_gym.calibration.plausibility import check
+        from turtlebot_gym_agents.commands.calibration_report import calibration_figure, calibration_tables, comment
+
+        log = self.read()
+        check(log, make_robot(self.robot), str(self.log))
+        parts = itertools.count(1)
+        try:
+            with progress(PARTS) as advance_to:
+                found = calibrate(
+                    log,
+                    kind=self.odometry,
+                    use_truth=self.truth != "none",
+                    integrator=self.integrator,
+                    segment=self.segment,
+                    delay=self.delay,
+                    progress=lambda part: advance_to(next(parts)),
+                )
+        except ValueError as error:
+            raise ValueError(f"{self.log}: {error}") from error
+        print_tables(*calibration_tables(found, title=self.log.name))
+        if self.out is not None:
+            write_parameters(found.noise, self.out, comment=comment(found, self.log.name, provenance()["version"]))
+        if self.json is not None:
+            write_json(self.json, result_of(found), config=asdict(self))
+        if self.plot is not None:
+            save_figure(calibration_figure(found, title=self.log.name), self.plot)
+
+    def read(self) -> Log:
+        """Return the log, with the truth that is asked for."""
+        from dataclasses import replace
+
+        from turtlebot_gym.calibration.bags import is_bag, read_bag
+        from turtlebot_gym.calibration.tables import read_table, with_truth
+
+        named = self.truth not in ("auto", "none")
+        beside = Path(self.truth) if named and Path(self.truth).is_file() else None
+        if is_bag(self.log):
+            topics = replace(self.topics, truth=self.truth) if named and beside is None else self.topics
+            log = read_bag(self.log, topics=topics)
+        else:
+            if named and beside is None:
+                raise ValueError(f"truth must be auto, none, or a file for a table, got {self.truth!r}.")
+            pairs = [pair.partition("=") for pair in self.columns]
+            log = read_table(self.log, columns={name: column for name, _, column in pairs})
+        return log if beside is None else with_truth(log, beside)
+
+
+def result_of(found: Calibration) -> dict[str, object]:
+    """Return a calibration as a JSON file holds it."""
+    told = {name: getattr(found, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
+    return told | {
+        "noise": asdict(found.noise),
+        "likeliest": asdict(found.likeliest),
+        "estimates": {name: asdict(one) for name, one in found.estimates.items()},
+        "unknown": found.unknown,
+        "delay": found.delay._asdict(),
+        "truth_delay": found.truth_delay._asdict(),
+        "frame": found.frame._asdict(),
+    }

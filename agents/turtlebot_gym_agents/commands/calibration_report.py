@@ -1,0 +1,121 @@
+"""A calibration for people: tables for the terminal, a figure, and the comment above a noise file."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+
+from turtlebot_gym.calibration import Calibration, Estimate
+from turtlebot_gym.calibration.shown import Drift, Residuals, drift, residuals
+from turtlebot_gym.plotting import BLUE, ORANGE, VERMILLION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BINS = 60
+"""Of the histograms."""
+
+
+def basis(found: Calibration) -> str:
+    """Return what a calibration was fitted to, in words."""
+    what = "measured poses" if found.kind == "pose" else "wheel odometry"
+    to = "the truth" if found.has_truth else "the innovations alone"
+    by = f", alphas over segments, {found.segments} of them of {found.segment:g} m" if found.segment else ""
+    return f"{what}, fitted to {to}{by}, integrator {found.integrator}"
+
+
+def calibration_tables(found: Calibration, *, title: str) -> list[Table]:
+    """Return what a log says of each number, what it does not say, and what was found on the way."""
+    table = Table(
+        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {basis(found)}",
+        caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
+    )  # fmt: skip
+    for name, one in found.estimates.items():
+        table.add_row(name, f"{one.value:.4g}", _interval(one), one.unit, _in_file(found, name, one))
+    tables = [table]
+    open_ = {name: one.remedy for name, one in found.estimates.items() if not one.is_determined} | found.unknown
+    if open_:
+        unknown = Table("not determined by this log", "what would determine it")
+        for name, remedy in open_.items():
+            unknown.add_row(name, remedy)
+        tables.append(unknown)
+    if found.remarks:
+        remarks = Table("found in the log")
+        for remark in found.remarks:
+            remarks.add_row(remark)
+        tables.append(remarks)
+    return tables
+
+
+def _interval(one: Estimate) -> str:
+    high = f"{one.high:.4g}" if math.isfinite(one.high) else "?"
+    return f"{one.low:.4g} to {high}{' *' if one.is_profile else ''}"
+
+
+def _in_file(found: Calibration, name: str, one: Estimate) -> str:
+    from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
+
+    value = value_of(found.noise, name) if name in PARAMETERS else one.value
+    return f"{value:.4g}" + ("" if one.is_determined else " (not determined)")
+
+
+def comment(found: Calibration, name: str, version: str) -> str:
+    """Return what stands above the numbers in a noise file."""
+    lines = [f"Calibrated from {name} by turtlebot-gym {version}: {basis(found)}."]
+    for key, one in found.estimates.items():
+        note = "" if one.is_determined else "; not determined: " + one.remedy
+        lines.append(f"{key}: {one.value:.4g}, 95 % interval {_interval(one)} {one.unit}".rstrip() + note)
+    lines += [f"{key}: unknown; {remedy}" for key, remedy in found.unknown.items()]
+    lines += [f"Found: {remark}" for remark in found.remarks]
+    return "\n".join(lines)
+
+
+def calibration_figure(found: Calibration, *, title: str) -> Figure:
+    """Return measured against fitted: histograms of residuals or innovations, and the drift over some ways."""
+    from matplotlib.figure import Figure
+
+    has_poses, has_drift = found.kind == "pose", found.has_truth
+    figure = Figure(figsize=(4.0 * (3 * has_poses + 2 * has_drift) * 0.8, 3.4), layout="constrained")
+    panels = iter(np.atleast_1d(figure.subplots(1, 3 * has_poses + 2 * has_drift)))
+    if has_poses:
+        shown = residuals(found)
+        what = "measured minus true" if found.has_truth else "innovation of"
+        for at, name in enumerate(("x, m", "y, m", "heading, rad")):
+            draw_histogram(next(panels), found, shown, at, f"{what} {name}")
+    if has_drift:
+        told = drift(found)
+        for at, name in enumerate(("position, m", "heading, rad")):
+            draw_drift(next(panels), told, at, name)
+    figure.suptitle(title)
+    return figure
+
+
+def draw_histogram(axes: Axes, found: Calibration, shown: Residuals, at: int, label: str) -> Axes:
+    """Draw a component's residuals, and the density that was fitted."""
+    values, deviations = shown.values[:, at], shown.deviations[:, at]
+    axes.hist(values, bins=BINS, density=True, color=BLUE, alpha=0.5, label="measured")
+    x = np.linspace(values.min(), values.max(), 300)
+    spikes = [(1.0, 0.0)]
+    if at == 2:
+        share, size = found.likeliest.odometry.spike_probability, found.likeliest.odometry.spike
+        spikes = [(1.0 - share, 0.0), (0.5 * share, size), (0.5 * share, -size)]
+    s = np.sqrt((deviations**2).mean())
+    density = sum(weight * np.exp(-0.5 * ((x - mean) / s) ** 2) for weight, mean in spikes) / (s * math.sqrt(2.0 * math.pi))
+    axes.plot(x, density, color=VERMILLION, label="fitted")
+    axes.set(xlabel=label, ylabel="density", yscale="log", ylim=(0.5 / (len(values) * np.ptp(values) / BINS), None))
+    axes.legend()
+    return axes
+
+
+def draw_drift(axes: Axes, told: Drift, at: int, label: str) -> Axes:
+    """Draw how far the wheels are off by the way driven, and what the fit makes of it."""
+    axes.plot(told.length, told.measured[:, at], "o", color=BLUE, label="measured")
+    axes.plot(told.length, told.fitted[:, at], "--", color=ORANGE, label="fitted")
+    axes.set(xlabel="way, m", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return axes

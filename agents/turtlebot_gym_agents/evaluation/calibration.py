@@ -1,0 +1,105 @@
+"""How good a calibration is: drives with known noise to fit it to, and recorded drives to hold it against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym import Noise, make_filter, make_noise
+from turtlebot_gym.calibration import Log, make_log
+from turtlebot_gym.estimation.consistency import nees
+from turtlebot_gym.parameters import ProcessNoise
+from turtlebot_gym.presets import WHEEL
+from turtlebot_gym.trajectory import heading_error, position_error
+from turtlebot_gym_agents.evaluation.replay import Drive, replay
+
+SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
+"""The environment: switched by time, it has no end of its own."""
+HOLD = 15
+"""Steps for which a command is held."""
+
+
+def simulated_log(
+    noise: Noise, *, seed: int, steps: int = 3000, robot: str = "burger", dt: float = 0.1, integrator: str = "euler"
+) -> Log:
+    """Return a drive of the environment that excites everything: straight ahead, on the spot, and in arcs, in turn by chance.
+
+    Args:
+        noise: Noise in force.
+        seed: Of the noise and of the commands.
+        steps: Length.
+        robot: Name of the robot.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
+    """
+    random = np.random.default_rng(seed)
+    options = {"robot": robot, "dt": dt, "integrator": integrator, "switch": "time", "max_episode_steps": steps + 1}
+    env = gym.make(SQUARE, noise=noise, **options).unwrapped
+    infos = [env.reset(seed=seed)[1]]
+    action = np.zeros(2, np.float32)
+    for step in range(steps):
+        if step % HOLD == 0:
+            straight = (random.uniform(0.6, 1.0), 0.0)
+            turning = (0.0, random.uniform(0.1, 0.35) * random.choice((-1.0, 1.0)))
+            arc = (random.uniform(0.3, 0.8), random.uniform(-0.2, 0.2))
+            action = np.array((straight, turning, arc)[random.integers(3)], np.float32)
+        infos.append(env.step(action)[4])
+    env.close()
+    told = {name: np.array([info[name] for info in infos], np.float64) for name in ("command", "odometry", "true_state")}
+    twist = np.concatenate([np.zeros((1, 2)), told["command"][:-1]])  # a command moves the robot in the interval after it
+    poses = told["odometry"]
+    if not noise.odometry.wheel:
+        poses[1:][(poses[1:] == poses[:-1]).all(axis=1)] = np.nan  # a lost measurement leaves the last one standing
+    return make_log(np.asarray(dt * np.arange(steps + 1), np.float64), twist, poses, told["true_state"][:, :3])
+
+
+def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int = 0, rate: float = 10.0) -> Log:
+    """Return a recorded drive with measured poses that are made from its true ones, as `replay` makes them."""
+    told = replay(drive, noise=noise, seed=seed, rate=rate)
+    return make_log(drive.time, drive.twist, told.odometry, drive.truth)
+
+
+class Judged(NamedTuple):
+    """How a filter did on a recorded drive; an array has a number for each seed."""
+
+    nees: NDArray[np.float64]
+    """Mean normalized estimation error squared of the pose: 3 of a consistent filter."""
+    position: NDArray[np.float64]
+    """Mean error of the position, m."""
+    heading: NDArray[np.float64]
+    """Mean error of the heading, rad."""
+
+
+def judge(
+    drive: Drive, calibrated: Noise | None, seeds: Sequence[int], *, noise: str | Noise = "documented", rate: float = 10.0
+) -> Judged:
+    """Return how the matched filter does on a recorded drive that is corrected by measured poses.
+
+    Args:
+        drive: The drive.
+        calibrated: What the filter assumes: its R and its process; and what is known of bias and scale, which are taken off
+            measured poses and recorded twists. None for the filter as it is without a calibration: matched to the noise in
+            force, with the process of the preset "wheel".
+        seeds: Of the measured poses' noise.
+        noise: Noise of the measured poses.
+        rate: Measured poses per second.
+    """
+    model, process = make_noise(noise), WHEEL.process
+    tuning = make_filter("matched", replace(model, process=process))
+    if calibrated is not None:
+        rest = tuple(b - known for b, known in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
+        model = replace(model, odometry=replace(model.odometry, bias=rest))
+        drive = drive._replace(twist=drive.twist * calibrated.process.scale)
+        tuning = make_filter("matched", calibrated)
+    found = []
+    for seed in seeds:
+        told = replay(drive, noise=model, filter=tuning, process=ProcessNoise(), seed=seed, rate=rate)
+        errors = nees(told.estimate, told.true_state, told.covariance, components=3)[1:]
+        position, heading = (error(told.estimate, told.true_state) for error in (position_error, heading_error))
+        found.append((errors.mean(), position.mean(), heading.mean()))
+    return Judged(*np.array(found).T)

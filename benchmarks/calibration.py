@@ -1,0 +1,198 @@
+"""Whether a calibration's intervals hold the truth, and what it is worth on recorded drives.
+
+`make bench-calibration` runs both parts. The first fits the noise model to five-minute drives of the environment with random
+known noise, from the truth and from the innovations alone, and counts how often the 95 % intervals hold the known values. It
+takes about half an hour of one core; what is done is kept in ``--kept``, and an interrupted run goes on. The second calibrates
+on one recorded drive and judges on the other.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+from scipy import stats
+
+from turtlebot_gym import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.calibration import calibrate
+from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
+from turtlebot_gym_agents.commands.console import progress
+from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, simulated_log
+from turtlebot_gym_agents.evaluation.replay import read_drive
+from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
+
+RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
+"""Where each part's results go."""
+RECORDED = ("wifibot1.txt", "wifibot2.txt")
+VIEWS = {"truth": True, "innovations": False}
+"""What is fitted to: the truth, or the innovations alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Calibrate drives whose noise is known, and recorded ones."""
+
+    part: Literal["coverage", "recorded"] = "coverage"
+    """Whether intervals hold the truth, or what a calibration is worth on recorded drives."""
+    drives: int = 200
+    """Drives of five minutes, each with a noise of its own, that are fitted to the truth ..."""
+    blind: int = 200
+    """... and to the innovations alone."""
+    seed: int = 0
+    """The first one's."""
+    data: Path = Path("../shared/data")
+    """Folder with the recorded drives."""
+    seeds: int = 20
+    """Of the measured poses on recorded drives, each time."""
+    results: Path | None = Path(__file__).parent
+    """Folder for the results."""
+    kept: Path = Path("out/calibration")
+    """Folder for what is done already."""
+    seconds: float = float("inf")
+    """Stop after so much time, s; the next run goes on."""
+
+    def wanted(self) -> dict[str, int]:
+        """Return how many drives are fitted to each view."""
+        return {"truth": self.drives, "innovations": self.blind}
+
+
+def random_noise(seed: int) -> Noise:
+    """Return a noise model: the sensor's from good to poor, the execution's round that of a real robot."""
+    random = np.random.default_rng([seed, 7])
+    x, y, heading = random.uniform((0.02, 0.02, 0.03), (0.08, 0.08, 0.12))
+    alphas = np.exp(random.uniform(np.log(0.002), np.log(0.012), 4))
+    return Noise(
+        process=ProcessNoise(
+            **{f"alpha{k}": float(alpha) for k, alpha in enumerate(alphas, start=1)}, scale=float(random.uniform(0.95, 1.05))
+        ),
+        odometry=OdometryNoise(
+            R=(x * x, y * y, heading * heading),
+            bias=tuple(random.uniform(-0.05, 0.05, 3).tolist()),
+            spike_probability=float(random.uniform(0.01, 0.04)),
+            spike=float(heading * random.uniform(3.0, 6.0)),
+            dropout_probability=float(random.uniform(0.0, 0.1)),
+        ),
+    )
+
+
+def true_value(noise: Noise, name: str) -> float:
+    """Return a parameter of a noise model."""
+    return value_of(noise, name) if name in PARAMETERS else noise.odometry.dropout_probability
+
+
+def calibrated(seed: int, view: str) -> dict[str, Any]:
+    """Return what was fitted to one drive, beside the truth."""
+    noise = random_noise(seed)
+    log = simulated_log(noise, seed=seed)
+    began = time.process_time()
+    found = calibrate(log, use_truth=VIEWS[view])
+    told = {
+        name: {"true": true_value(noise, name)} | {key: value for key, value in asdict(one).items() if key != "remedy"}
+        for name, one in found.estimates.items()
+    }
+    return {"seed": seed, "view": view, "seconds": time.process_time() - began, "estimates": told}
+
+
+def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
+    """Return how often the intervals of each parameter hold the truth, among all drives and where it was determined."""
+    told = {}
+    for name in (*PARAMETERS, "dropout_probability"):
+        ones = [row["estimates"][name] for row in rows if row["view"] == view and name in row["estimates"]]
+        if not ones:
+            continue
+        holds = np.array([one["low"] <= one["true"] <= (np.inf if one["high"] is None else one["high"]) for one in ones])
+        clear = np.array([one["is_determined"] for one in ones])
+        error = np.array([one["value"] / one["true"] - 1.0 for one in ones])
+        told[name] = {
+            "drives": len(ones),
+            "determined": int(clear.sum()),
+            "coverage": float(holds.mean()),
+            "coverage_where_determined": float(holds[clear].mean()) if clear.any() else None,
+            "band_where_determined": band(int(clear.sum())) if clear.any() else None,
+            "profile": float(np.mean([one["is_profile"] for one in ones])),
+            "median_relative_error": float(np.median(np.abs(error))),
+        }
+    return told
+
+
+def band(drives: int) -> tuple[float, float]:
+    """Return the shares between which 95 % of counts fall, were each interval to hold the truth in 95 % of all drives."""
+    low, high = stats.binom.interval(0.95, drives, 0.95)
+    return float(low / drives), float(high / drives)
+
+
+def recorded(config: Config) -> dict[str, Any]:
+    """Return how a filter that was calibrated on one recorded drive does on the other, beside the uncalibrated one."""
+    drives = {name: read_drive(config.data / name) for name in RECORDED}
+    told = {}
+    for name, other in (RECORDED, RECORDED[::-1]):
+        found = calibrate(measured_log(drives[name], seed=1000))
+        unbiased = replace(found.noise, odometry=replace(found.noise.odometry, bias=(0.0, 0.0, 0.0)))
+        seeds = range(config.seed, config.seed + config.seeds)
+        results = {
+            "matched, uncalibrated": judge(drives[other], None, seeds),
+            "calibrated": judge(drives[other], found.noise, seeds),
+            "calibrated, its bias not taken off": judge(drives[other], unbiased, seeds),
+        }
+        told[f"{name} -> {other}"] = {
+            "segment": found.segment,
+            "segments": found.segments,
+            "remarks": found.remarks,
+            "noise": asdict(found.noise),
+            "estimates": {key: asdict(one) for key, one in found.estimates.items()},
+            "judged": {
+                key: {part: float(np.mean(numbers)) for part, numbers in one._asdict().items()} for key, one in results.items()
+            },
+        }
+    return told
+
+
+def covered(config: Config) -> dict[str, Any] | None:
+    """Return the coverage over simulated drives, or nothing where time ran out: the next run goes on."""
+    kept = config.kept / f"{provenance()['commit']}.jsonl"
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
+    done, began = {(row["view"], row["seed"]) for row in rows}, time.monotonic()
+    wanted = [(view, config.seed + k) for view, drives in config.wanted().items() for k in range(drives)]
+    with progress(len(wanted)) as advance_to:
+        for view, seed in wanted:
+            if (view, seed) in done:
+                continue
+            if time.monotonic() - began > config.seconds:
+                print(f"{len(rows)} of {len(wanted)} fits are done; run again to go on.")
+                return None
+            rows.append(plain(calibrated(seed, view)))
+            with kept.open("a") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+            advance_to(len(rows))
+    seconds = {view: float(np.mean([row["seconds"] for row in rows if row["view"] == view])) for view in VIEWS}
+    return {"coverage": {view: coverage(rows, view) for view in VIEWS}, "seconds_per_drive": seconds}
+
+
+def main() -> None:
+    """Calibrate, count, print, and write."""
+    config = tyro.cli(Config, description=__doc__)
+    if config.part == "coverage":
+        result = covered(config)
+        if result is None:
+            return
+        for view, names in result["coverage"].items():
+            for name, one in names.items():
+                print(view, name, one)
+    else:
+        result = {"recorded": recorded(config)}
+        for name, one in result["recorded"].items():
+            print(name, one["segment"], one["segments"], one["remarks"])
+            for what, numbers in one["judged"].items():
+                print("  ", what, numbers)
+    if config.results is not None:
+        write_json(config.results / RESULTS[config.part], result, config=settings_of(config))
+
+
+if __name__ == "__main__":
+    main()

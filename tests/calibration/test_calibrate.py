@@ -1,0 +1,226 @@
+"""Calibration: known noise comes out, what a drive does not excite is said, and clocks and frames are put right."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from turtlebot_gym import read_parameters, write_parameters
+from turtlebot_gym.calibration import calibrate, detect_kind, make_log
+from turtlebot_gym.calibration.coordinates import PARAMETERS, from_coordinates, to_coordinates, value_of, with_values
+from turtlebot_gym.calibration.likelihood import Rows, innovations, measurements
+from turtlebot_gym.calibration.segments import count, segment_rows
+from turtlebot_gym.calibration.shown import drift, residuals
+from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+
+ALPHAS = (0.004, 0.006, 0.003, 0.005)
+
+
+@pytest.fixture(scope="module")
+def known(draw_drive):
+    """A drive with known noise, as a log."""
+    return make_log(
+        *draw_drive(1500, seed=3, alphas=ALPHAS, scale=1.03, deviations=(0.03, 0.04, 0.05), bias=(0.05, -0.02, 0.03))
+    )
+
+
+@pytest.fixture(scope="module")
+def by_truth(known):
+    return calibrate(known)
+
+
+@pytest.fixture(scope="module")
+def blind(known):
+    return calibrate(known, use_truth=False)
+
+
+def test_the_likelihood_of_one_step_is_the_textbook_density():
+    # One interval straight ahead from a known pose: x has the variance a1 v^2 dt^2 + 2 r, y 2 r, the heading a3 v^2 dt^2 + 2 r.
+    a1, a3, v, dt, r = 0.02, 0.03, 0.5, 0.1, 1e-4
+    time, twist = np.array([0.0, dt]), np.array([[0.0, 0.0], [v, 0.0]])
+    poses = np.array([[1.0, 2.0, 0.0], [1.07, 2.01, 0.02]])
+    always = np.ones(2, np.bool_)
+    rows = Rows(time, twist, poses, always, always, np.array([False, True]))
+    noise = Noise(process=ProcessNoise(alpha1=a1, alpha3=a3), odometry=OdometryNoise(R=(r, r, r)))
+    # with the heading's first error the robot goes aside: d y = v dt d theta
+    covariance = np.diag([a1 * v**2 * dt**2 + 2 * r, 2 * r + (v * dt) ** 2 * r, a3 * v**2 * dt**2 + 2 * r])
+    covariance[1, 2] = covariance[2, 1] = v * dt * r
+    expected = stats.multivariate_normal.logpdf([0.02, 0.01, 0.02], np.zeros(3), covariance)
+    got = innovations(rows, noise, middle=0.0) - 1.5 * math.log(2.0 * math.pi)
+    assert got == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_likelihood_of_a_measured_heading_is_the_mixture_of_spikes():
+    error, truth = np.array([0.01, 0.35, -0.28]), np.zeros((3, 3))
+    poses = np.column_stack([np.zeros((3, 2)), error + 0.02])
+    always = np.ones(3, np.bool_)
+    rows = Rows(np.arange(3.0), np.zeros((3, 2)), poses, always, always, always)
+    odometry = OdometryNoise(R=(1.0, 1.0, 0.01), bias=(0.0, 0.0, 0.02), spike_probability=0.1, spike=0.3)
+    density = stats.norm(0.0, 0.1).pdf
+    heading = 0.9 * density(error) + 0.05 * density(error - 0.3) + 0.05 * density(error + 0.3)
+    expected = np.log(heading).sum() + 6.0 * stats.norm.logpdf(0.0)
+    got = measurements(rows, truth, Noise(odometry=odometry)) - 4.5 * math.log(2.0 * math.pi)
+    assert got == pytest.approx(expected, abs=1e-8)
+
+
+def test_with_the_truth_everything_comes_out(by_truth, known):
+    # 13 intervals of 95 %: this seed's drive is one of those in which the truth is in all but one of them or in all
+    true = {
+        "R_x": 0.03**2,
+        "R_y": 0.04**2,
+        "R_theta": 0.05**2,
+        "bias_x": 0.05,
+        "bias_y": -0.02,
+        "bias_theta": 0.03,
+        "scale": 1.03,
+    }
+    true |= {f"alpha{k}": alpha for k, alpha in enumerate(ALPHAS, start=1)}
+    outside = [
+        name for name, value in true.items() if not by_truth.estimates[name].low <= value <= by_truth.estimates[name].high
+    ]
+    assert len(outside) <= 1
+    assert all(by_truth.estimates[name].is_determined for name in true)
+    for name, value in true.items():  # and the intervals say something
+        assert by_truth.estimates[name].high - by_truth.estimates[name].low < 0.5 * abs(value), name
+    assert by_truth.kind == "pose"
+    assert by_truth.segment == 0.0
+    assert by_truth.unknown == {}
+    # its own noise explains the drive better than twice or half of an alpha: the check can fail
+    for wrong in (0.5, 2.0):
+        assert not by_truth.estimates["alpha1"].low <= wrong * ALPHAS[0] <= by_truth.estimates["alpha1"].high
+
+
+def test_the_variance_of_x_has_the_textbook_interval(by_truth, known):
+    error = (known.odometry - known.truth)[:, 0]
+    n = len(error)
+    low, high = n * error.var() / stats.chi2.ppf([0.975, 0.025], n)
+    told = by_truth.estimates["R_x"]
+    assert told.value == pytest.approx(error.var(), rel=1e-3)
+    assert (told.low, told.high) == (pytest.approx(low, rel=0.01), pytest.approx(high, rel=0.01))
+
+
+def test_innovations_alone_say_less_and_say_so(blind):
+    assert set(blind.unknown) == {"bias_x", "bias_y"}
+    for name, value in (("R_x", 0.03**2), ("R_y", 0.04**2), ("R_theta", 0.05**2), ("bias_theta", 0.03), ("scale", 1.03)):
+        one = blind.estimates[name]
+        assert one.is_determined
+        assert one.low <= value <= one.high, name
+    assert not blind.estimates["alpha1"].is_determined
+    assert "straight" in blind.estimates["alpha1"].remedy
+    assert "truth" in blind.estimates["alpha1"].remedy
+
+
+def test_a_drive_straight_ahead_leaves_turns_unknown(draw_drive):
+    drive = draw_drive(600, alphas=(0.004, 0.0, 0.004, 0.0))
+    twist = np.tile([0.2, 0.0], (600, 1))
+    random = np.random.default_rng(2)
+    done = twist + 0.2 * np.sqrt(0.004) * random.standard_normal((600, 2))
+    heading = np.concatenate([[0.0], np.cumsum(0.1 * done[1:, 1])])
+    legs = 0.1 * done[1:, :1] * np.column_stack([np.cos(heading[:-1]), np.sin(heading[:-1])])
+    truth = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(legs, axis=0)]), heading])
+    found = calibrate(make_log(drive.time, twist, truth=truth))
+    assert found.kind == "wheel"
+    assert found.estimates["alpha1"].is_determined
+    assert found.estimates["alpha3"].is_determined
+    for name in ("alpha2", "alpha4"):
+        assert not found.estimates[name].is_determined
+        assert "on the spot" in found.estimates[name].remedy
+        assert value_of(found.noise, name) > 0.0  # and a filter is not told that there is none
+
+
+def test_drop_outs_are_counted(known, by_truth):
+    odometry = known.odometry.copy()
+    lost = np.random.default_rng(4).random(len(odometry)) < 0.1
+    lost[[0, -1]] = False
+    odometry[lost] = np.nan
+    told = calibrate(known._replace(odometry=odometry), segment=0.0).estimates["dropout_probability"]
+    assert told.value == pytest.approx(lost.sum() / (len(lost) - 1))
+    assert told.low < 0.1 < told.high
+    assert by_truth.estimates["dropout_probability"].value == 0.0
+
+
+@pytest.mark.parametrize("steps", [1, 3])
+def test_a_twist_that_acts_later_is_found_out(known, by_truth, steps):
+    early = np.concatenate([known.twist[steps:], np.zeros((steps, 2))])
+    found = calibrate(known._replace(twist=early))
+    assert found.delay.value == pytest.approx(0.1 * steps)
+    assert f"follows the recorded twist by {0.1 * steps:.3f} s" in " ".join(found.remarks)
+    assert found.estimates["alpha1"].value == pytest.approx(by_truth.estimates["alpha1"].value, rel=0.05)
+
+
+def test_a_twist_that_comes_late_is_said_and_left(known):
+    late = np.concatenate([np.zeros((2, 2)), known.twist[:-2]])
+    found = calibrate(known._replace(twist=late))
+    assert found.delay.value == pytest.approx(-0.2)
+    assert "comes late" in " ".join(found.remarks)
+    assert calibrate(known._replace(twist=late), delay=-0.2).estimates["alpha1"].value < found.estimates["alpha1"].value
+
+
+def test_another_frame_and_another_clock_of_the_truth_are_found_out(known, by_truth):
+    cosine, sine = math.cos(0.7), math.sin(0.7)
+    x, y, theta = known.truth.T
+    turned = np.column_stack([3.0 + cosine * x - sine * y, -2.0 + sine * x + cosine * y, theta + 0.7])
+    found = calibrate(known._replace(truth=turned))
+    assert (found.frame.x, found.frame.y, found.frame.theta) == pytest.approx((3.0, -2.0, 0.7), abs=0.06)
+    assert "another frame" in " ".join(found.remarks)
+    assert set(found.unknown) == {"bias_x", "bias_y"}
+    assert found.estimates["bias_theta"].low < 0.03 < found.estimates["bias_theta"].high
+    assert found.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)
+
+    before = known._replace(odometry=np.concatenate([known.odometry[:1], known.odometry[:1], known.odometry[:-2]]))
+    late = calibrate(before)
+    assert late.truth_delay.value == pytest.approx(0.2, abs=0.01)
+    assert "behind the truth" in " ".join(late.remarks)
+
+
+def test_real_wheels_are_fitted_over_segments(draw_drive):
+    # an error of the speed that lasts adds up faster than white noise: rows know nothing of that
+    drive = draw_drive(3000, alphas=(0.0, 0.0, 0.0, 0.0), seed=8)
+    random, drift_of = np.random.default_rng(1), np.zeros(3000)
+    for k in range(1, 3000):
+        drift_of[k] = 0.97 * drift_of[k - 1] + 0.01 * random.standard_normal()
+    lasting = drive.twist * (1.0 + drift_of[:, None]) + 1e-4 * random.standard_normal((3000, 2))
+    found = calibrate(make_log(drive.time, lasting, truth=drive.truth))
+    assert found.segment == 1.0
+    assert found.segments == count(segment_rows(found.log, 1.0))
+    told = drift(found, lengths=(0.25,))
+    assert told.fitted[0, 0] == pytest.approx(told.measured[0, 0], rel=0.5)
+    rows = drift(calibrate(make_log(drive.time, lasting, truth=drive.truth), segment=0.0), lengths=(1.0,))
+    assert rows.fitted[0, 0] < 0.5 * rows.measured[0, 0]  # row by row it would be overconfident
+
+
+def test_the_kind_of_odometry_shows(known):
+    assert detect_kind(known) == "pose"
+    assert detect_kind(known._replace(odometry=known.truth)) == "wheel"
+    assert detect_kind(known._replace(odometry=np.full_like(known.odometry, np.nan))) == "wheel"
+
+
+def test_wheels_alone_are_refused(known):
+    with pytest.raises(ValueError, match="wheel odometry alone says nothing about its error"):
+        calibrate(known._replace(odometry=known.truth), use_truth=False)
+    with pytest.raises(ValueError, match="kind must be one of"):
+        calibrate(known, kind="laser")
+
+
+def test_residuals_are_as_large_as_fitted(by_truth, blind):
+    for found in (by_truth, blind):
+        shown = residuals(found)
+        np.testing.assert_allclose(((shown.values / shown.deviations) ** 2).mean(axis=0), 1.0, atol=0.12)
+
+
+def test_the_noise_file_is_read_again(by_truth, tmp_path):
+    write_parameters(by_truth.noise, tmp_path / "mine.yaml", comment="mine")
+    assert read_parameters(Noise, tmp_path / "mine.yaml") == by_truth.noise
+
+
+def test_coordinates_and_values_are_inverse():
+    noise = Noise(
+        process=ProcessNoise(alpha1=0.1, alpha2=0.2, alpha3=0.3, alpha4=0.4, scale=0.9),
+        odometry=OdometryNoise(R=(0.1, 0.2, 0.3), bias=(0.1, -0.2, 0.3), spike_probability=0.05, spike=0.4),
+    )
+    again = from_coordinates(Noise(), tuple(PARAMETERS), to_coordinates(noise, tuple(PARAMETERS)))
+    for name in PARAMETERS:
+        assert value_of(again, name) == pytest.approx(value_of(noise, name))
+    assert with_values(noise, {"R_y": 0.7}).odometry == replace(noise.odometry, R=(0.1, 0.7, 0.3))

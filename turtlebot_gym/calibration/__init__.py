@@ -1,0 +1,7 @@
+"""Calibration: from a recorded drive to the noise model that makes it likeliest, with intervals, and what stays unknown."""
+
+from turtlebot_gym.calibration.calibrate import KINDS, Calibration, calibrate, detect_kind
+from turtlebot_gym.calibration.estimates import Estimate
+from turtlebot_gym.calibration.log import Log, make_log
+
+__all__ = ["KINDS", "Calibration", "Estimate", "Log", "calibrate", "detect_kind", "make_log"]

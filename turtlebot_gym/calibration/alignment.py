@@ -1,0 +1,178 @@
+"""Clocks and frames: by how much a twist, or the truth, is off in time, and in which frame the truth is."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from turtlebot_gym.calibration.log import Log
+from turtlebot_gym.estimation.consistency import difference
+
+WINDOW = 0.1
+"""Time over which motions are compared where the truth is known, s ..."""
+NOISY_WINDOW = 1.0
+"""... and where they are those of measured poses."""
+REACH = 0.6
+"""Longest time by which clocks are thought to be apart, s."""
+SURE = 10.0
+"""By how much a shift must raise the logarithm of the likelihood to be believed."""
+SAME_PLACE, SAME_DIRECTION = 0.25, 0.1
+"""Truth within so many m and rad of the measured poses is taken to be in their frame, and what is left is the bias."""
+
+
+class Shift(NamedTuple):
+    """A difference of two clocks, s, with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    is_sure: bool
+    """Whether no shift at all is far less likely."""
+
+
+NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
+
+
+class Frame(NamedTuple):
+    """Where the measured poses' frame is in the truth's."""
+
+    x: float
+    """m"""
+    y: float
+    """m"""
+    theta: float
+    """rad"""
+    is_other: bool
+    """Whether it is another frame, not the same one with a bias."""
+
+
+SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
+
+
+def shift_twist(log: Log, delay: float) -> Log:
+    """Return a log whose twists come later; rows without a twist then are not joined.
+
+    Args:
+        log: The drive.
+        delay: Time by which the motion follows the recorded twist, s.
+    """
+    if delay == 0.0:
+        return log
+    steps = np.diff(log.time)
+    driven = np.concatenate([np.zeros((1, 2)), np.cumsum(log.twist[1:] * steps[:, None], axis=0)])
+    then = log.time - delay
+    moved = np.stack([np.interp(then, log.time, driven[:, k]) for k in (0, 1)], axis=1)
+    twist = np.concatenate([log.twist[:1], np.diff(moved, axis=0) / steps[:, None]])
+    known = (then >= log.time[0] - 1e-9) & (then <= log.time[-1] + 1e-9)
+    joined = log.joined.copy()
+    joined[1:] &= known[1:] & known[:-1]
+    return log._replace(twist=twist, joined=joined)
+
+
+def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
+    """Return the likeliest shift of a grid with the logarithms of their likelihoods, refined by a parabola."""
+    at = int(np.argmax(score))
+    value = float(shifts[at])
+    if 0 < at < len(shifts) - 1:
+        before, here, after = score[at - 1 : at + 2]
+        bend = before - 2.0 * here + after
+        if bend < 0.0:
+            value += 0.5 * (before - after) / bend * (shifts[1] - shifts[0])
+    near = np.flatnonzero(score >= score[at] - 0.5 * stats.chi2.ppf(0.95, 1))
+    step = shifts[1] - shifts[0]
+    none = float(np.interp(0.0, shifts, score))
+    return Shift(value, float(shifts[near[0]] - step), float(shifts[near[-1]] + step), bool(score[at] - none > SURE))
+
+
+def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses at other times, between known ones, shape (n, 3)."""
+    known = np.isfinite(poses).all(axis=1)
+    heading = np.unwrap(poses[known, 2])
+    columns = [np.interp(then, time[known], values) for values in (poses[known, 0], poses[known, 1], heading)]
+    return np.stack(columns, axis=1)
+
+
+def twist_delay(log: Log, poses: NDArray[np.float64], window: float) -> Shift:
+    """Return by how much the motion follows the recorded twist.
+
+    Args:
+        log: The drive.
+        poses: True or measured ones, shape (T, 3).
+        window: Time over which motions are compared, s.
+    """
+    begin = np.arange(log.time[0] + REACH, log.time[-1] - REACH - window, 0.5 * window)
+    if len(begin) < 20:
+        return NO_SHIFT
+    steps = np.diff(log.time)
+    driven = np.concatenate([np.zeros((1, 2)), np.cumsum(log.twist[1:] * steps[:, None], axis=0)])
+    first, last = _at(log.time, poses, begin), _at(log.time, poses, begin + window)
+    middle = 0.5 * (first[:, 2] + last[:, 2])
+    way = np.cos(middle) * (last[:, 0] - first[:, 0]) + np.sin(middle) * (last[:, 1] - first[:, 1])
+    moved = np.stack([way, last[:, 2] - first[:, 2]], axis=1)
+    step = max(0.25 * log.period, 0.005)
+    reach = math.floor(REACH / step)
+    shifts = np.asarray(step * np.arange(-reach, reach + 1), np.float64)
+    score = np.zeros(len(shifts))
+    for at, shift in enumerate(shifts):
+        for k in (0, 1):
+            told = np.interp(begin + window - shift, log.time, driven[:, k]) - np.interp(begin - shift, log.time, driven[:, k])
+            rest = float(((moved[:, k] - told) ** 2).sum())
+            score[at] -= 0.25 * len(begin) * math.log(rest + 1e-12 * len(begin))  # windows overlap by half
+    return _best(shifts, score)
+
+
+def truth_delay(log: Log) -> Shift:
+    """Return by how much the measured poses lag behind the true ones."""
+    measured = np.isfinite(log.odometry).all(axis=1)
+    inside = measured & (log.time > log.time[0] + REACH) & (log.time < log.time[-1] - REACH)
+    if inside.sum() < 20:
+        return NO_SHIFT
+    z, time = log.odometry[inside], log.time[inside]
+    step = max(0.1 * log.period, 0.002)
+    reach = math.floor(REACH / step)
+    shifts = np.asarray(step * np.arange(-reach, reach + 1), np.float64)
+    score = np.zeros(len(shifts))
+    for at, shift in enumerate(shifts):
+        error = difference(z, _at(log.time, log.truth, time - shift))
+        score[at] = -0.5 * len(z) * np.log(np.maximum(error.var(axis=0), 1e-12)).sum()
+    return _best(shifts, score)
+
+
+def shift_truth(log: Log, delay: float) -> Log:
+    """Return a log whose truth is told by the clock of the measured poses, which lag behind it."""
+    then = log.time - delay
+    known = np.asarray(np.isfinite(log.truth).all(axis=1))
+    truth = _at(log.time, log.truth, then)
+    truth[:, 2] = difference(truth, np.zeros(3))[:, 2]
+    truth[(then < log.time[known][0]) | (then > log.time[known][-1])] = np.nan
+    return log._replace(truth=truth)
+
+
+def find_frame(log: Log) -> Frame:
+    """Return where the measured poses' frame is in the truth's, from positions: headings may have a bias.
+
+    References:
+        Umeyama, "Least-squares estimation of transformation parameters between two point patterns", *IEEE Transactions on
+        Pattern Analysis and Machine Intelligence* 13 (1991): here without a scale, in the plane.
+    """
+    both = np.isfinite(log.odometry).all(axis=1) & np.isfinite(log.truth).all(axis=1)
+    z = log.odometry[both, 0] + 1j * log.odometry[both, 1]
+    true = log.truth[both, 0] + 1j * log.truth[both, 1]
+    spread = (np.conj(z - z.mean()) * (true - true.mean())).sum()
+    theta = float(np.angle(spread)) if abs(spread) > 0.0 else 0.0
+    there = true.mean() - z.mean() * np.exp(1j * theta)
+    apart = abs((true - z).mean())
+    is_other = bool(apart > SAME_PLACE or abs(theta) > SAME_DIRECTION)
+    return Frame(float(there.real), float(there.imag), theta, is_other)
+
+
+def into_measured_frame(log: Log, frame: Frame) -> Log:
+    """Return a log whose truth is in the frame of the measured poses, in which their noise is stated."""
+    away = log.truth[:, 0] - frame.x + 1j * (log.truth[:, 1] - frame.y)
+    turned = away * np.exp(-1j * frame.theta)
+    heading = np.remainder(log.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi
+    return log._replace(truth=np.stack([turned.real, turned.imag, heading], axis=1))

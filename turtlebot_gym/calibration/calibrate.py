@@ -1,0 +1,211 @@
+"""From a log to a noise model: align, fit, and say what remains unknown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from turtlebot_gym.calibration.alignment import (
+    NO_SHIFT,
+    NOISY_WINDOW,
+    SAME_FRAME,
+    WINDOW,
+    Frame,
+    Shift,
+    find_frame,
+    into_measured_frame,
+    shift_truth,
+    shift_twist,
+    truth_delay,
+    twist_delay,
+)
+from turtlebot_gym.calibration.coordinates import value_of, with_values
+from turtlebot_gym.calibration.estimates import Estimate, of_share
+from turtlebot_gym.calibration.excitation import ONLY_TRUTH
+from turtlebot_gym.calibration.fitting import by_innovations, by_truth, lost
+from turtlebot_gym.calibration.log import POSE, WHEELS, Log
+from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.presets import WHEEL
+from turtlebot_gym.validation import choose
+
+KINDS = (POSE, WHEELS)
+"""What odometry may be."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """The noise of a robot, as far as a log tells."""
+
+    noise: Noise
+    """What to use: the likeliest values, but of alphas that the log does not determine, and of all where they were fitted over
+    segments, the upper ends of the intervals."""
+    likeliest: Noise
+    """The likeliest values alone."""
+    estimates: dict[str, Estimate]
+    """By name: of each parameter that could be looked for."""
+    unknown: dict[str, str]
+    """What this kind of log can never determine, and why."""
+    kind: str
+    """"pose" or "wheel"."""
+    has_truth: bool
+    """Whether the truth was used, or the innovations alone."""
+    integrator: str
+    """"euler" or "midpoint", whichever tells the motion better."""
+    segment: float
+    """Length of the longest segments from which the alphas are, m; 0 for row by row."""
+    segments: int
+    """How many there were."""
+    delay: Shift
+    """Time by which the motion follows the recorded twist, s."""
+    truth_delay: Shift
+    """Time by which the measured poses lag behind the truth, s."""
+    frame: Frame
+    """Where the frame of the measured poses is in the truth's."""
+    remarks: tuple[str, ...]
+    """What was found in the log on the way."""
+    log: Log = field(repr=False)
+    """The log, aligned."""
+
+
+def detect_kind(log: Log) -> str:
+    """Return what the odometry is: that of the wheels if its poses move as the recorded twist does, or if there are none.
+
+    White noise on a pose makes one step too long and the next one too short: steps whose errors are so are measured poses.
+    """
+    z = log.odometry
+    step, dt = difference(z[1:], z[:-1]), np.diff(log.time)
+    good = np.isfinite(step).all(axis=1) & log.joined[1:]
+    if good.sum() < 10:
+        return WHEELS if not log.has_odometry else POSE
+    middle = z[:-1, 2] + 0.5 * step[:, 2]
+    forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
+    rest = np.where(good, forward - log.twist[1:, 0] * dt, 0.0)
+    size = float((rest**2).sum())
+    return POSE if size > 0.0 and float((rest[1:] * rest[:-1]).sum()) < -0.25 * size else WHEELS
+
+
+def calibrate(
+    log: Log,
+    *,
+    kind: str | None = None,
+    use_truth: bool = True,
+    integrator: str | None = None,
+    segment: float | None = None,
+    delay: float | None = None,
+    start: ProcessNoise = WHEEL.process,
+    progress: Callable[[str], None] = lambda done: None,
+) -> Calibration:
+    """Fit the noise model to a drive.
+
+    Args:
+        log: The drive.
+        kind: "pose" for odometry that measures the pose, "wheel" for the wheels'; None to find out.
+        use_truth: Whether to use the truth where there is one, or the innovations alone.
+        integrator: "euler" or "midpoint"; None for the one that tells the motion better.
+        segment: Length of the segments from which the alphas are fitted, m, 0 for row by row; None for row by row where
+            that tells the drift over `fitting.SEGMENTS`, too, and else those. With truth only.
+        delay: Time by which the motion follows the recorded twist, s; None to find out.
+        start: Where the search for the alphas begins; where the log says nothing of one, its value stands.
+        progress: Called with the name of each part that is done.
+
+    Raises:
+        ValueError: If the log holds too little, or an argument is unknown.
+    """
+    has_truth = log.has_truth and use_truth
+    kind = detect_kind(log) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
+    if not has_truth and kind == WHEELS:
+        raise ValueError(
+            "wheel odometry alone says nothing about its error: record the truth, or measured poses (a fix) beside it."
+        )
+    if kind == POSE and not log.has_odometry:
+        raise ValueError("there are no measured poses to calibrate.")
+    log, delays, frame, remarks = _aligned(log, kind, has_truth, delay)
+    progress("alignment")
+    started = Noise(process=replace(start, scale=1.0, slip=0.0), odometry=OdometryNoise(wheel=kind == WHEELS))
+    if has_truth:
+        found = by_truth(log, kind, started, integrator, segment, progress)
+    else:
+        found = by_innovations(log, started, integrator, progress)
+    told, likeliest = dict(found.estimates), found.likeliest
+    if kind == POSE:
+        missing, among = lost(log)
+        told["dropout_probability"] = of_share(missing, among, "record for longer")
+        likeliest = _with_dropouts(likeliest, missing / max(among, 1))
+    noise = _wary(likeliest, told, started, is_certain=found.segment == 0.0)
+    unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
+    if kind == WHEELS:
+        unknown = {}
+    return Calibration(
+        noise=noise,
+        likeliest=likeliest,
+        estimates=told,
+        unknown=unknown,
+        kind=kind,
+        has_truth=has_truth,
+        integrator=found.integrator,
+        segment=found.segment,
+        segments=found.segments,
+        delay=delays[0],
+        truth_delay=delays[1],
+        frame=frame,
+        remarks=(*log.remarks, *remarks),
+        log=log,
+    )
+
+
+def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple[Log, tuple[Shift, Shift], Frame, list[str]]:
+    """Return a log by one clock and in one frame, and what it took."""
+    remarks, frame, late = [], SAME_FRAME, NO_SHIFT
+    if has_truth and kind == POSE:
+        frame = find_frame(log)
+        if frame.is_other:
+            log = into_measured_frame(log, frame)
+            remarks.append(
+                f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
+                f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be told from that"
+            )
+        late = truth_delay(log)
+        if late.is_sure:
+            log = shift_truth(log, late.value)
+            remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
+            if frame.is_other:
+                again = find_frame(log)
+                log = into_measured_frame(log, again)
+    poses, window = (log.truth, WINDOW) if has_truth else (log.odometry, NOISY_WINDOW)
+    if delay is None:
+        twist_late = twist_delay(log, poses, max(window, log.period))
+        rows = twist_late.value / log.period
+        if abs(rows - round(rows)) < 0.25:  # what comes a step late comes a whole step late
+            twist_late = twist_late._replace(value=round(rows) * log.period)
+    else:
+        twist_late = Shift(delay, delay, delay, True)
+    if twist_late.is_sure:
+        told = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
+        if twist_late.value > 0.0 or delay is not None:
+            log = shift_twist(log, twist_late.value)
+        else:  # who has the twist only then has to live with that
+            told += ", that is, the twist comes late; this is left as it is, as the filter meets it"
+        remarks.append(told)
+    return log, (twist_late, late), frame, remarks
+
+
+def _with_dropouts(noise: Noise, share: float) -> Noise:
+    return replace(noise, odometry=replace(noise.odometry, dropout_probability=share))
+
+
+def _wary(noise: Noise, told: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
+    """Return a noise model with the largest execution noise that the log allows, where it does not determine it.
+
+    Where errors are correlated white noise is not what they are, and the largest stands for all of it.
+    """
+    worst = {
+        name: one.high
+        for name, one in told.items()
+        if name.startswith("alpha") and not (is_certain and one.is_determined) and math.isfinite(one.high)
+    }
+    worst |= {name: value_of(start, name) for name, one in told.items() if name.startswith("alpha") and math.isinf(one.high)}
+    return with_values(noise, worst)

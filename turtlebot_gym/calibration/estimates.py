@@ -1,0 +1,155 @@
+"""Numbers of a noise model with their intervals: one group of parameters, one likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from turtlebot_gym.calibration.coordinates import (
+    PARAMETERS,
+    PLAIN,
+    VARIANCE,
+    from_coordinates,
+    natural_interval,
+    to_coordinates,
+    value_of,
+    with_values,
+)
+from turtlebot_gym.calibration.excitation import verdict
+from turtlebot_gym.calibration.fit import LEVEL, Fit, climb, interval, maximize, valley
+from turtlebot_gym.parameters import Noise
+
+NoiseLikelihood = Callable[[Noise], float]
+
+SPIKES = ("spike_probability", "spike")
+SPIKY = float(stats.chi2.ppf(0.999, 2))
+"""Twice the gain in the logarithm of the likelihood from which on spikes are believed."""
+SPIKE_SIZES = (2.0, 4.0, 8.0)
+"""Sizes of spikes from which the search starts, in standard deviations of the heading."""
+SPREAD = (0.3, 1.0, 3.0)
+"""Shares of the roots of variances from which a wide search starts."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """What a log says of one number."""
+
+    value: float
+    """The likeliest value."""
+    low: float
+    """Ends of the 95 % interval."""
+    high: float
+    unit: str
+    is_profile: bool
+    """Whether the interval is the profile likelihood's, because the quadratic one is wrong."""
+    is_determined: bool
+    """Whether the log determines it."""
+    remedy: str = ""
+    """What would determine it, where it is not."""
+
+
+def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
+    """Return the maximum of a likelihood over some parameters of a noise model.
+
+    Args:
+        likelihood: Of a noise model, its logarithm.
+        start: Where to begin.
+        names: The parameters.
+        widely: Whether to begin elsewhere, too, and to search without slopes at first: for few data, whose likelihood has
+            narrow valleys.
+    """
+    scales = np.array([PARAMETERS[name].scale for name in names])
+    begin = to_coordinates(start, names)
+
+    def of(x: NDArray[np.float64]) -> float:
+        return likelihood(from_coordinates(start, names, x))
+
+    if widely:
+        spread = np.array([PARAMETERS[name].kind == VARIANCE for name in names])
+        begins = [np.where(spread, share * begin, begin) for share in SPREAD]
+        begin = max((valley(of, each, scales) for each in begins), key=lambda found: found[1])[0]
+    return maximize(of, begin, scales)
+
+
+def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
+    """Return the parameters that there are, where their search began, and the maximum: with spikes, if the log has any.
+
+    Args:
+        likelihood: Of a noise model, its logarithm.
+        start: Where to begin; without spikes.
+        names: All parameters, those of spikes among them.
+    """
+    plain = tuple(name for name in names if name not in SPIKES)
+    scales = np.array([PARAMETERS[name].scale for name in plain])
+    x, without = climb(lambda x: likelihood(from_coordinates(start, plain, x)), to_coordinates(start, plain), scales)
+    smooth = from_coordinates(start, plain, x)
+    rest = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
+    sizes = [size * math.sqrt(smooth.odometry.R[2]) for size in SPIKE_SIZES]
+    begin = max((with_values(smooth, {**rest, "spike": size}) for size in sizes), key=likelihood)
+    found = search(likelihood, begin, names)
+    if 2.0 * (found.value - without) > SPIKY:
+        return tuple(names), begin, found
+    return plain, smooth, search(likelihood, smooth, plain)
+
+
+def estimates(
+    likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
+) -> dict[str, Estimate]:
+    """Return the values and intervals of parameters at the maximum of their likelihood.
+
+    Args:
+        likelihood: Of a noise model, its logarithm.
+        start: The parameters that are not searched.
+        names: Those that are.
+        fit: The maximum.
+        has_truth: Whether the truth was used.
+    """
+    likeliest = from_coordinates(start, names, fit.x)
+    upright = fit._replace(x=np.where([PARAMETERS[name].kind == PLAIN for name in names], fit.x, np.abs(fit.x)))
+    signs = np.where(upright.x == fit.x, 1.0, -1.0)
+    upright = upright._replace(
+        information=fit.information * np.outer(signs, signs), covariance=fit.covariance * np.outer(signs, signs)
+    )
+    told = {}
+    for at, name in enumerate(names):
+        least = -math.inf if PARAMETERS[name].kind == PLAIN else 0.0
+        ends = interval(lambda x: likelihood(from_coordinates(start, names, x)), upright, at, least=least)
+        low, high = natural_interval(name, ends.low, ends.high)
+        found = verdict(name, upright.x[at], upright.deviations[at], low, high, has_truth=has_truth)
+        told[name] = Estimate(
+            value=value_of(likeliest, name),
+            low=low,
+            high=high,
+            unit=PARAMETERS[name].unit,
+            is_profile=ends.is_profile,
+            is_determined=found.is_determined,
+            remedy=found.remedy,
+        )
+    return told
+
+
+def of_share(happened: int, among: int, remedy: str) -> Estimate:
+    """Return the probability of an event that was counted, with the interval by Jeffreys' prior.
+
+    References:
+        Brown, Cai, DasGupta, "Interval estimation for a binomial proportion", *Statistical Science* 16 (2001).
+    """
+    tail = 0.5 * (1.0 - LEVEL)
+    posterior = stats.beta(happened + 0.5, among - happened + 0.5)
+    low = 0.0 if happened == 0 else float(posterior.ppf(tail))
+    high = 1.0 if happened == among else float(posterior.ppf(1.0 - tail))
+    share = happened / among if among else 0.0
+    return Estimate(
+        value=share,
+        low=low,
+        high=high,
+        unit="",
+        is_profile=False,
+        is_determined=among >= 100,
+        remedy="" if among >= 100 else remedy,
+    )

@@ -1,0 +1,298 @@
+"""Maximum likelihood with intervals, for whatever likelihood.
+
+Parameters are searched in coordinates without bounds, in which a likelihood is about quadratic: variances by their square
+roots, probabilities by their arc sine. Where it is not, which is checked, the interval is that of the profile likelihood.
+
+References:
+    Venzon, Moolgavkar, "A method for computing profile-likelihood-based confidence intervals", *Applied Statistics* 37 (1988).
+    Pawitan, *In All Likelihood* (2001), sections 3.4 and 9.4: profiles, and intervals by Wald and by Wilks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import minimize
+
+LEVEL = 0.95
+"""Of the intervals."""
+Z = float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
+"""Standard deviations to either side that this is of a normal distribution."""
+STEP = 1e-3
+"""Of finite differences at first, in units of a coordinate's scale."""
+QUADRATIC = 0.08
+"""By how much the root of the deviance at a quadratic interval's end may differ from `Z`, for that interval to be believed."""
+ACCURATE = 0.04
+"""By how much the root of the deviance at a profile's end may differ from `Z`."""
+FAR = 8.0
+"""Standard deviations beyond which no end of an interval is sought: the log does not say."""
+
+CONVERGED = 5e-3
+"""Gain in the logarithm of the likelihood for which no step is made."""
+BEND = (0.02, 0.3)
+"""Second difference of the cost that is wanted of a step: its square in standard deviations, with the others held."""
+LONGEST = 3.0
+"""Longest step, in units of a coordinate's scale."""
+NEWTON, DESCENTS = 4, 8
+"""How often, at most, the second derivatives are taken anew, and how many steps are made with them."""
+
+Vector = NDArray[np.float64]
+Likelihood = Callable[[Vector], float]
+
+
+class Fit(NamedTuple):
+    """The maximum of a likelihood of n coordinates."""
+
+    x: Vector
+    """Where it is, shape (n,)."""
+    value: float
+    """Logarithm of the likelihood there."""
+    information: Vector
+    """Observed Fisher information, minus the second derivatives, shape (n, n)."""
+    covariance: Vector
+    """Its inverse; a direction of which the log says nothing has a huge variance."""
+
+    @property
+    def deviations(self) -> Vector:
+        """Standard deviations of the coordinates, shape (n,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def _finite(likelihood: Likelihood) -> Likelihood:
+    """Return minus a likelihood, with a great number where it has none: where coordinates break a parameter's rule, too."""
+
+    def cost(x: Vector) -> float:
+        try:
+            value = likelihood(x)
+        except ValueError:
+            return 1e15
+        return -value if math.isfinite(value) else 1e15
+
+    return cost
+
+
+def _gradient(cost: Likelihood, steps: Vector) -> Callable[[Vector], Vector]:
+    def gradient(x: Vector) -> Vector:
+        slopes = np.empty(len(x))
+        for k, step in enumerate(steps):
+            there, back = x.copy(), x.copy()
+            there[k] += step
+            back[k] -= step
+            slopes[k] = (cost(there) - cost(back)) / (2.0 * step)
+        return slopes
+
+    return gradient
+
+
+def _curvature(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
+    """Return the second derivatives of a function by central differences, shape (n, n)."""
+    n, middle = len(x), cost(x)
+    curvature = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            corners = [cost(x + a * steps[i] * np.eye(n)[i] + b * steps[j] * np.eye(n)[j]) for a, b in _corners(i == j)]
+            if i == j:
+                curvature[i, i] = (corners[0] - 2.0 * middle + corners[1]) / steps[i] ** 2
+            else:
+                rise = corners[0] - corners[1] - corners[2] + corners[3]
+                curvature[i, j] = curvature[j, i] = rise / (4.0 * steps[i] * steps[j])
+    return curvature
+
+
+def _corners(same: bool) -> Sequence[tuple[float, float]]:
+    return [(1.0, 0.0), (-1.0, 0.0)] if same else [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)]
+
+
+def _inverse(information: Vector) -> Vector:
+    """Return the inverse of an information matrix; what is negative in it, where the likelihood bends upwards, counts as is."""
+    sizes = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-12))
+    values, directions = np.linalg.eigh(information / np.outer(sizes, sizes))
+    inverse = (directions / np.maximum(np.abs(values), 1e-4)) @ directions.T
+    return inverse / np.outer(sizes, sizes)
+
+
+def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
+    """Return about where a likelihood has its maximum, and its logarithm there; see `maximize`."""
+    cost = _finite(likelihood)
+
+    def scaled(u: Vector) -> float:
+        return cost(u * scales)
+
+    slope = _gradient(scaled, np.full(len(start), STEP))
+    found = minimize(scaled, start / scales, jac=slope, method="BFGS", options={"gtol": 0.1, "maxiter": 200})
+    return found.x * scales, -float(found.fun)
+
+
+def valley(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
+    """Return about where a likelihood has a maximum, without its slopes, and its logarithm there."""
+    cost = _finite(likelihood)
+    corners = start + np.concatenate([np.zeros((1, len(start))), np.diag(scales)])
+    options = {"maxfev": 2000, "xatol": 1e-5, "fatol": 1e-3, "initial_simplex": corners}
+    found = minimize(cost, start, method="Nelder-Mead", options=options)
+    return found.x, -float(found.fun)
+
+
+def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
+    """Return the maximum of a likelihood.
+
+    Args:
+        likelihood: Its logarithm, from coordinates of shape (n,).
+        start: Where the search begins, shape (n,).
+        scales: The size of a step that changes something, by coordinate, shape (n,).
+    """
+    cost = _finite(likelihood)
+
+    def scaled(u: Vector) -> float:
+        return cost(u * scales)
+
+    steps = np.full(len(start), STEP)
+    u = climb(likelihood, start, scales)[0] / scales
+    information, rest = np.eye(len(start)), math.inf
+    for _ in range(NEWTON):
+        if rest < CONVERGED:
+            break
+        steps = _steps(scaled, u, steps)
+        information = _curvature(scaled, u, steps)
+        u, rest = _descend(scaled, u, _inverse(information), steps)
+    covariance = _inverse(information)
+    return Fit(u * scales, -scaled(u), information / np.outer(scales, scales), covariance * np.outer(scales, scales))
+
+
+def _steps(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
+    """Return steps that change a cost enough to stand out from rounding, and little enough for it to be quadratic."""
+    here, found = cost(x), steps.copy()
+    low, high = BEND
+    for k in range(len(x)):
+        for _ in range(20):
+            off = found[k] * np.eye(len(x))[k]
+            bend = cost(x + off) + cost(x - off) - 2.0 * here
+            if low <= bend <= high or (bend < low and found[k] >= LONGEST):
+                break
+            found[k] *= 2.5 if bend < low else 0.4
+    return np.minimum(found, LONGEST)
+
+
+def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tuple[Vector, float]:
+    """Go down by the quadratic that a metric, the inverse of the second derivatives, makes of a cost.
+
+    Returns:
+        Where that led, and how much lower the quadratic puts the minimum still.
+    """
+    here, expected, slope_of = cost(x), math.inf, _gradient(cost, steps)
+    for _ in range(DESCENTS):
+        slope = slope_of(x)
+        move = -metric @ slope
+        expected = -0.5 * float(slope @ move)
+        if expected < CONVERGED:
+            break
+        share = 1.0
+        while share > 0.1 and not cost(x + share * move) < here:
+            share *= 0.5
+        there = cost(x + share * move)
+        if not there < here:
+            break
+        x, here = x + share * move, there
+    return x, expected
+
+
+class Interval(NamedTuple):
+    """A coordinate's interval."""
+
+    low: float
+    high: float
+    is_profile: bool
+    """Whether it comes from the profile likelihood."""
+
+
+def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> Interval:
+    """Return the interval of a coordinate, infinite to a side to which the log sets no bound.
+
+    The quadratic one stands if the deviance at its ends, with the other coordinates where the quadratic puts them, is the
+    one that it promises.
+
+    Args:
+        likelihood: Logarithm of the likelihood.
+        fit: Its maximum.
+        at: Which coordinate.
+        least: Coordinates below this mean nothing else: where the log does not exclude it, the interval begins there.
+    """
+    deviation = fit.deviations[at]
+    direction = fit.covariance[at] / fit.covariance[at, at]
+
+    cost = _finite(likelihood)
+
+    def root_of(x: Vector) -> float:
+        return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
+
+    ends, profile = [], False
+    for side in (-1.0, 1.0):
+        there = root_of(fit.x + side * Z * deviation * direction)
+        if abs(there - Z) < QUADRATIC:
+            ends.append(float(fit.x[at] + side * Z * deviation))
+        else:
+            profile = True
+            ends.append(_profile_end(likelihood, fit, at, side, least))
+    return Interval(ends[0], ends[1], profile)
+
+
+def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: float) -> float:
+    """Return where the profile's deviance reaches that of the interval, to a side."""
+    others = np.arange(len(fit.x)) != at
+    deviation = fit.deviations[at]
+    direction = fit.covariance[at] / fit.covariance[at, at]
+    inner = fit.information[np.ix_(others, others)]
+    metric = _inverse(inner)
+    scales = np.sqrt(np.diag(metric))
+    limits = np.maximum(fit.deviations[others], 1e-9)
+    cost = _finite(likelihood)
+    best = {0.0: fit.x}
+
+    def root_at(distance: float) -> float:
+        """Return the root of the deviance of the profile so many standard deviations off."""
+        value = fit.x[at] + side * distance * deviation
+        nearest = min(best, key=lambda known: abs(known - distance))
+        x = best[nearest] + side * (distance - nearest) * deviation * direction
+        x[at] = value
+        if not others.any():
+            return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
+
+        def rest(free: Vector) -> float:
+            full = x.copy()
+            full[others] = free
+            return cost(full)
+
+        x[others], _ = _descend(rest, x[others], metric, 0.1 * np.minimum(scales, limits))
+        best[distance] = x
+        return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
+
+    low, high, low_root = 0.0, Z, 0.0
+    room = (fit.x[at] - least) / deviation if side < 0.0 else math.inf
+    if room < 2.0 * Z:
+        high = room
+        if root_at(room) <= Z:
+            return least
+    high_root = root_at(high)
+    while high_root < Z:
+        if high >= FAR * Z:
+            return side * math.inf
+        low, low_root = high, high_root
+        high *= 2.0 if high_root < 0.5 * Z else 1.1 * Z / high_root
+        high_root = root_at(high)
+    distance = high
+    for _ in range(20):
+        if abs(high_root - Z) < ACCURATE or abs(low_root - Z) < ACCURATE:
+            break
+        share = (Z - low_root) / (high_root - low_root)
+        distance = low + min(max(share, 0.01), 0.99) * (high - low)
+        root = root_at(distance)
+        if root < Z:
+            low, low_root = distance, root
+        else:
+            high, high_root = distance, root
+    distance = high if abs(high_root - Z) < abs(low_root - Z) else low
+    return float(fit.x[at] + side * distance * deviation)

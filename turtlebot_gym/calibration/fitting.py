@@ -1,0 +1,143 @@
+"""Fitting the noise model to an aligned log: to the truth, or to the innovations alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from turtlebot_gym.calibration.coordinates import MEASURED, MOTION, from_coordinates
+from turtlebot_gym.calibration.estimates import Estimate, NoiseLikelihood, estimates, search, search_with_spikes
+from turtlebot_gym.calibration.excitation import ONLY_TRUTH
+from turtlebot_gym.calibration.likelihood import Rows, innovations, measurements
+from turtlebot_gym.calibration.log import POSE, Log, known
+from turtlebot_gym.calibration.segments import count, segment_rows
+from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import Noise, OdometryNoise
+from turtlebot_gym.validation import choose
+
+SEGMENTS = (0.25, 0.5, 1.0)
+"""Lengths of the segments where errors are correlated from row to row, m: errors in time show over short ways, drift over long
+ones. All together count as many as those of the last length: what is correlated is no further evidence."""
+EXACT = (1e-6) ** 2
+"""Variance of the truth row by row, m^2 and rad^2 ..."""
+CAPTURED = (1e-3) ** 2
+"""... and over segments: motion capture's, a millimetre and a milliradian."""
+FEWEST = 6
+"""Segments or poses below which nothing is fitted to them."""
+FALSE_ALARM = 1e-4
+"""Of the test whether errors are correlated from row to row."""
+
+
+class Found(NamedTuple):
+    """What was fitted."""
+
+    estimates: dict[str, Estimate]
+    likeliest: Noise
+    integrator: str
+    segment: float
+    segments: int
+
+
+def by_truth(
+    log: Log, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
+) -> Found:
+    """Fit to a log whose true poses are known: the execution and the measurements apart."""
+    told: dict[str, Estimate] = {}
+    noise = start
+    every = segment_rows(log, 0.0)
+    if integrator is None:
+        integrator = _better(lambda middle: innovations(every, _exactly(start, CAPTURED), middle=middle))
+    middle = choose("integrator", integrator, INTEGRATORS)
+
+    if not segment:
+        length, rows, likelihood = 0.0, every, _over([every], EXACT, middle)
+    else:
+        length, rows = segment, segment_rows(log, segment)
+        likelihood = _over([rows], CAPTURED, middle)
+    fit = search(likelihood, start, MOTION, widely=length > 0.0)
+    if segment is None:
+        longer = [segment_rows(log, each) for each in SEGMENTS]
+        if count(longer[-1]) >= FEWEST:
+            over = _over(longer, CAPTURED, middle)
+            best = search(over, start, MOTION, widely=True)
+            gain = 2.0 * (best.value - over(from_coordinates(start, MOTION, fit.x)))
+            if gain > stats.chi2.ppf(1.0 - FALSE_ALARM, len(MOTION)):
+                length, rows, likelihood, fit = SEGMENTS[-1], longer[-1], over, best
+    told |= estimates(likelihood, start, MOTION, fit, has_truth=True)
+    noise = from_coordinates(noise, MOTION, fit.x)
+    progress("execution")
+    if kind == POSE:
+        measured = measured_rows(log)
+        true = known(log.truth)
+        measured = measured._replace(due=measured.due & true)
+        truth = np.where(true[:, None], log.truth, 0.0)
+        error = difference(log.odometry, log.truth)[measured.due]
+        if len(error) < FEWEST:
+            raise ValueError(f"only {len(error)} measured poses have a true one beside them.")
+        begin = replace(noise.odometry, R=tuple(np.maximum(error.var(axis=0), 1e-12)), bias=tuple(error.mean(axis=0).tolist()))
+        begun = Noise(process=noise.process, odometry=begin)
+        likely = lambda model: measurements(measured, truth, model)  # noqa: E731
+        names, base, best = search_with_spikes(likely, begun, MEASURED)
+        told |= estimates(likely, base, names, best, has_truth=True)
+        noise = from_coordinates(base, names, best.x)
+        progress("measurements")
+    return Found(told, noise, integrator, length, count(rows))
+
+
+def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
+    """Return the likelihood of a noise model over segments of some lengths, which count as many as those of the last one."""
+    counts = [count(rows) for rows in sets]
+    shares = [counts[-1] / (len(sets) * max(each, 1)) for each in counts]
+
+    def likelihood(model: Noise) -> float:
+        exact = _exactly(model, variance)
+        return sum(share * innovations(rows, exact, middle=middle) for share, rows in zip(shares, sets, strict=True))
+
+    return likelihood
+
+
+def by_innovations(log: Log, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> Found:
+    """Fit to a log without truth: execution and measurements at once, by the innovations of a filter that knows both."""
+    rows = measured_rows(log)
+    step = difference(log.odometry[rows.due][1:], log.odometry[rows.due][:-1])
+    spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
+    begun = replace(start, odometry=replace(start.odometry, R=tuple(np.maximum(spread, 1e-8).tolist()), wheel=False))
+    if integrator is None:
+        integrator = _better(lambda middle: innovations(rows, begun, middle=middle))
+    middle = choose("integrator", integrator, INTEGRATORS)
+    likely = lambda model: innovations(rows, model, middle=middle)  # noqa: E731
+    names = tuple(name for name in (*MEASURED, *MOTION) if name not in ONLY_TRUTH)
+    names, base, best = search_with_spikes(likely, begun, names)
+    progress("search")
+    told = estimates(likely, base, names, best, has_truth=False)
+    progress("intervals")
+    return Found(told, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
+
+
+def _better(likelihood: Callable[[float], float]) -> str:
+    """Return the name of the likelier integrator."""
+    return max(INTEGRATORS, key=lambda name: likelihood(INTEGRATORS[name]))
+
+
+def _exactly(noise: Noise, variance: float) -> Noise:
+    """Return a noise model of poses that are as good as true."""
+    return Noise(process=noise.process, odometry=OdometryNoise(R=(variance,) * 3))
+
+
+def measured_rows(log: Log) -> Rows:
+    """Return a log's measured poses."""
+    due = known(log.odometry)
+    poses = np.where(due[:, None], log.odometry, 0.0)
+    return Rows(log.time, log.twist, poses, due, np.zeros(len(due), np.bool_), log.joined)
+
+
+def lost(log: Log) -> tuple[int, int]:
+    """Return how many measured poses were lost, among how many, at the rate at which they usually come."""
+    gaps = np.diff(log.time[known(log.odometry)])
+    among = np.rint(gaps / np.median(gaps))
+    return int((among - 1.0).clip(0.0).sum()), int(among.sum())

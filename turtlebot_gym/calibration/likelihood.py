@@ -1,0 +1,183 @@
+"""How likely a noise model makes a recorded drive: the core's own filter, run over the rows in compiled loops.
+
+Two views of the same equations, those of `estimation.mixture`:
+
+* `innovations`: each pose given all before it. Of measured poses it needs no truth. Of true poses at the ends of segments,
+  begun anew at each, it says how far the wheels are off after each segment, given the true pose at its start.
+* `measurements`: each measured pose given the true one.
+
+References:
+    Schweppe, "Evaluation of likelihood functions for Gaussian signals", *IEEE Transactions on Information Theory* 11 (1965).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.compiled.cache import bind, compiled, fingerprint
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.estimation.ekf import predict
+from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+
+CERTAIN = 1.0 - 1e-13
+"""Probability of a hypothesis from which on the others are forgotten."""
+
+
+class Rows(NamedTuple):
+    """A drive as the loops take it; T rows."""
+
+    time: NDArray[np.float64]
+    """Shape (T,), s."""
+    twist: NDArray[np.float64]
+    """Shape (T, 2); row k's covers the interval from row k-1 to row k."""
+    poses: NDArray[np.float64]
+    """What the filter is given, shape (T, 3); m, m, rad."""
+    due: NDArray[np.bool_]
+    """Whether it is given a pose, shape (T,)."""
+    begins: NDArray[np.bool_]
+    """Whether it begins anew at a row's pose, after that has been weighed; shape (T,)."""
+    joined: NDArray[np.bool_]
+    """Whether a row continues the one before it, shape (T,)."""
+
+
+@kernel
+def _shifted(poses: Any, row: int, bias: Three) -> Pose:
+    return Pose(poses[row, 0] - bias[0], poses[row, 1] - bias[1], poses[row, 2] - bias[2])
+
+
+@kernel
+def _depart(z: Pose, twist: Command, tuning: Any, dt: float, middle: float) -> tuple[Hypotheses, Three]:
+    """Return a belief for each explanation of the first pose, with the twist that follows, and their probabilities."""
+    (true, high, low), weights = begin(z, tuning)
+    hypotheses = Hypotheses(
+        predict(true, twist, tuning, dt, middle),  # at rest: nothing moves yet
+        predict(high, twist, tuning, dt, middle),
+        predict(low, twist, tuning, dt, middle),
+    )
+    return hypotheses, weights
+
+
+@kernel
+def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
+    return hypotheses.high if weights[1] > 0.5 else (hypotheses.low if weights[2] > 0.5 else hypotheses.true)
+
+
+@kernel
+def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale, middle):
+    rows, total, running, alone = len(time), 0.0, False, False
+    hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
+    belief = hypotheses.true
+    for row in range(rows):
+        is_last = row == rows - 1
+        after = 0 if is_last else row + 1
+        twist_then = Command(scale * twist[after, 0], scale * twist[after, 1])
+        running = running and joined[row]
+        z = _shifted(poses, row, bias)
+        if running:
+            dt = time[row] - time[row - 1]
+            senses = Senses(z, twist_then, due[row])
+            if alone:
+                now = track(belief, senses, tuning, dt, middle)
+                total += math.log(now.factor) - now.exponent if due[row] else 0.0
+                belief = now.belief
+            else:
+                tracks = track_all(hypotheses, senses, tuning, dt, middle)
+                least = least_exponent(tracks)
+                likely = weigh(weights, tracks, least)
+                amount = likely[0] + likely[1] + likely[2]
+                total += math.log(amount) - least
+                weights = scaled(likely, 1.0 / amount)
+                hypotheses = Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
+                alone = max(weights[0], max(weights[1], weights[2])) > CERTAIN
+                belief = _surest(hypotheses, weights)
+        if due[row] and (begins[row] or not running) and not is_last:
+            hypotheses, weights = _depart(z, twist_then, tuning, time[after] - time[row], middle)
+            belief, running, alone = hypotheses.true, True, tuning.spike_probability == 0.0
+    return total
+
+
+@kernel
+def _of_measurements(poses, truth, due, tuning, bias):
+    total = 0.0
+    nothing = Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for row in range(len(poses)):
+        if due[row]:
+            there = Belief(State(truth[row, 0], truth[row, 1], truth[row, 2], 0.0, 0.0), nothing)
+            senses = Senses(_shifted(poses, row, bias), Command(0.0, 0.0), True)
+            now = track(there, senses, tuning, REFERENCE_PERIOD, 0.0)  # at rest: nothing moves
+            total += math.log(now.factor) - now.exponent
+    return total
+
+
+def _work(*arguments: Any) -> float:
+    """Stand for a kernel, which `_loops` binds to this name."""
+    raise NotImplementedError
+
+
+def _innovations_loop(identity: str) -> Callable[..., float]:
+    def loop(time, twist, poses, due, begins, joined, tuning, bias, scale, middle):
+        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
+        return _work(time, twist, poses, due, begins, joined, tuning, bias, scale, middle)
+
+    return loop
+
+
+def _measurements_loop(identity: str) -> Callable[..., float]:
+    def loop(poses, truth, due, tuning, bias):
+        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
+        return _work(poses, truth, due, tuning, bias)
+
+    return loop
+
+
+@cache
+def _loops() -> tuple[Callable[..., float], Callable[..., float]]:
+    loops = []
+    for make, work in ((_innovations_loop, _of_innovations), (_measurements_loop, _of_measurements)):
+        identity = f"{fingerprint(make(''), work)} parallel=False"
+        loops.append(compiled(bind(make(identity), _work=work), parallel=False))
+    return loops[0], loops[1]
+
+
+def tuning_of(noise: Noise) -> FilterTuning:
+    """Return what the likelihood assumes: the noise as it is, without floors; bias and scale are arguments of their own."""
+    odometry = noise.odometry
+    return FilterTuning(
+        Q=(0.0,) * 5,
+        R=odometry.R,
+        process=noise.process,
+        spike_probability=odometry.spike_probability,
+        spike=odometry.spike,
+    )
+
+
+def innovations(rows: Rows, noise: Noise, *, middle: float) -> float:
+    """Return the logarithm of the likelihood of poses, each given those before it, but for a constant.
+
+    Args:
+        rows: The drive.
+        noise: Noise of the execution, and of the poses. Where these are true ones, its R is how well they are known.
+        middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
+    """
+    bias, scale = noise.odometry.bias, noise.process.scale
+    return _loops()[0](*rows, as_tuple(tuning_of(noise)), bias, scale, middle)
+
+
+def measurements(rows: Rows, truth: NDArray[np.float64], noise: Noise) -> float:
+    """Return the logarithm of the likelihood of measured poses, each given the true one, but for a constant.
+
+    Args:
+        rows: The drive.
+        truth: True poses, shape (T, 3); finite where a pose was measured.
+        noise: Noise of the poses.
+    """
+    return _loops()[1](rows.poses, truth, rows.due, as_tuple(tuning_of(noise)), noise.odometry.bias)

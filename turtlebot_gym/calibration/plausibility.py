@@ -1,0 +1,94 @@
+"""Whether a log's numbers can be in metres, seconds and radians, and whether there is anything in it to fit to."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.calibration.log import Log, path_of
+from turtlebot_gym.robots import Robot
+
+DEGREES = 180.0 / math.pi
+FASTER = 20.0
+"""Times a robot's limit that no robot of its kind reaches."""
+STILL = (0.5, 1.0)
+"""Way, m, and turn, rad, below which there is nothing to fit to."""
+TURN = 2.0 * math.pi
+
+
+def check(log: Log, robot: Robot, where: str) -> None:
+    """Refuse a log whose units are wrong, or in which nothing moves.
+
+    Args:
+        log: The drive.
+        robot: Its speed limits say which speeds are possible.
+        where: The file, for messages.
+
+    Raises:
+        ValueError: If a speed is impossible, a heading is in degrees, or the robot stands; the message says what to do.
+    """
+    steps = np.diff(log.time)
+    _check_clock(log, where)
+    speed, rate = (float(np.percentile(np.abs(log.twist[:, k]), 99.0)) for k in (0, 1))
+    for name, value, limit, unit, wrong, factor in (
+        ("speed", speed, robot.max_linear, "m/s", "mm/s", 1000.0),
+        ("turning rate", rate, robot.max_angular, "rad/s", "deg/s", DEGREES),
+    ):
+        if value > FASTER * limit:
+            raise ValueError(
+                f"{where}: the {name} reaches {value:.4g} {unit}, and the robot's limit is {limit:.4g}: if it is in {wrong}, "
+                f"divide it by {factor:.4g}; another robot is chosen by its name or file."
+            )
+    way = float((np.abs(log.twist[1:, 0]) * steps).sum())
+    turn = float((np.abs(log.twist[1:, 1]) * steps).sum())
+    for what, poses in (("measured", log.odometry), ("true", log.truth)):
+        _check_poses(log, poses, way, turn, f"{where}: the {what}")
+    if way < STILL[0] and turn < STILL[1]:
+        raise ValueError(
+            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; "
+            "record a drive of 10 m or more, with turns."
+        )
+
+
+def _check_clock(log: Log, where: str) -> None:
+    """Refuse time in milli-, micro- or nanoseconds."""
+    if log.period > 1.5:
+        for unit, factor in (("nanoseconds", 1e9), ("microseconds", 1e6), ("milliseconds", 1e3)):
+            if log.period / factor > 5e-4:
+                raise ValueError(
+                    f"{where}: rows are {log.period:.4g} s apart: if time is in {unit}, divide it by {factor:.0e}."
+                )
+
+
+def _check_poses(log: Log, poses: NDArray[np.float64], way: float, turn: float, what: str) -> None:
+    """Refuse poses in millimetres, or with headings in degrees, judged by the way and the turn of the twist."""
+    known = np.isfinite(poses).all(axis=1)
+    if known.sum() < 10:
+        return
+    heading = poses[known, 2]
+    change = np.abs(np.diff(heading))
+    jumps = change[(change > 0.9 * 360.0) & (change < 1.02 * 360.0)]
+    if jumps.size or (np.ptp(heading) > 8.0 * TURN and _turn(heading) > 8.0 * (turn + TURN)):
+        told = f"{what} heading runs from {heading.min():.4g} to {heading.max():.4g}"
+        raise ValueError(f"{told}: if it is in degrees, multiply it by pi/180.")
+    # over a second each, so that the noise of measured poses does not count for way
+    every = max(round(1.0 / log.period), 1)
+    driven = float(path_of(poses[known][::every])[-1])
+    told = f"{what} positions move by {driven:.4g} m while the speed makes {way:.4g} m"
+    if way >= STILL[0] and driven > 100.0 * way:
+        raise ValueError(f"{told}: if they are in millimetres, divide them by 1000.")
+    if driven >= STILL[0] and way > 100.0 * driven:
+        raise ValueError(f"{told}: if the speed is in mm/s, divide it by 1000.")
+    turned = _turn(np.arctan2(np.sin(heading[::every]), np.cos(heading[::every])))
+    if turn > 0.5 * DEGREES * max(turned, 1.0):
+        raise ValueError(
+            f"{what} heading turns by {turned:.4g} rad while the turning rate makes {turn:.4g}: in deg/s? Multiply by pi/180."
+        )
+
+
+def _turn(heading: NDArray[np.float64]) -> float:
+    """Return by how much a heading changes in all, each change the shorter way round, rad."""
+    change = np.diff(heading)
+    return float(np.abs(np.remainder(change + math.pi, TURN) - math.pi).sum())
