@@ -218,6 +218,8 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
         ({"world": "jungle"}, "world must be one of"),
         ({"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
         ({"world": "nowhere.world"}, "nowhere.world"),
+        ({"friction": 0.5}, "friction and caster_friction are for the plant 'mujoco', not for 'unicycle'"),
+        ({"plant": "mujoco", "world": "dense", "policy": "vfh"}, "plant must be 'unicycle' in a world"),
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_starts(options, said, tmp_path, monkeypatch, capsys):
@@ -228,7 +230,7 @@ def test_what_does_not_fit_is_refused_before_anything_starts(options, said, tmp_
         Graph(**options).start()
     assert said in str(refused.value)
     if options.get("lidar") != "sonar":  # which argparse refuses by itself
-        argv = [word for name, value in options.items() for word in (f"--{name}", value)]
+        argv = [word for name, value in options.items() for word in (f"--{name}", str(value))]
         assert bringup([*argv, "--duration", "1"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert said in line
