@@ -28,7 +28,7 @@ ONLY_TRUTH = {
 }
 """What no motion determines without truth."""
 HIDDEN = ("alpha1", "alpha3")
-"""What measured poses hide as long as the robot turns much: the other alphas, and the noise of the poses, are larger."""
+"""What measured poses hide, because their noise is larger: where one of these seems to show, it is by chance as a rule."""
 
 
 class Verdict(NamedTuple):
@@ -53,9 +53,8 @@ def verdict(name: str, x: float, deviation: float, low: float, high: float, *, h
         clear = deviation <= FINE[name]
     else:
         clear = deviation <= CLEAR * abs(x) and low > 0.0 and high < float("inf")
-    if clear:
+    is_hidden = name in HIDDEN and not has_truth
+    if clear and not is_hidden:
         return Verdict(True, "")
     remedy = MOTIONS.get(name, "record for longer")
-    if name in HIDDEN and not has_truth:
-        remedy += ", or record the truth"
-    return Verdict(False, remedy)
+    return Verdict(False, f"record the truth, and {remedy}" if is_hidden else remedy)

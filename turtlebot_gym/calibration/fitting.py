@@ -55,7 +55,8 @@ def by_truth(
     middle = choose("integrator", integrator, INTEGRATORS)
 
     if not segment:
-        length, rows, likelihood = 0.0, every, _over([every], EXACT, middle)
+        length, rows = 0.0, every
+        likelihood: NoiseLikelihood = lambda model: innovations(every, _exactly(model, EXACT), middle=middle)  # noqa: E731
     else:
         length, rows = segment, segment_rows(log, segment)
         likelihood = _over([rows], CAPTURED, middle)
@@ -90,9 +91,15 @@ def by_truth(
 
 
 def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
-    """Return the likelihood of a noise model over segments of some lengths, which count as many as those of the last one."""
+    """Return the likelihood of a noise model over segments of some lengths, which count as many as those of the last one.
+
+    They count less the parameters that are fitted to them: of few errors, three for each segment, the likeliest variances are
+    too small by that share.
+    """
     counts = [count(rows) for rows in sets]
-    shares = [counts[-1] / (len(sets) * max(each, 1)) for each in counts]
+    errors = 3.0 * counts[-1]
+    rest = max(errors - len(MOTION), 0.2 * errors) / errors
+    shares = [rest * counts[-1] / (len(sets) * max(each, 1)) for each in counts]
 
     def likelihood(model: Noise) -> float:
         exact = _exactly(model, variance)
