@@ -23,15 +23,15 @@ def test_intervals_hold_the_truth_as_often_as_they_say(view):
     for name in names:
         one = told[name]
         n, hits = one["drives"], round(one["coverage"] * one["drives"])
-        # each alone: a correct 95 % interval fails this for one in 1000 parameters, one of 88 % for a third of them (n = 200)
+        # each alone: a correct 95 % interval fails this for one in 1000 parameters
         low, high = stats.binom.interval(0.999, n, 0.95)
         assert low <= hits <= high, name
         held, drives = held + hits, drives + n
-    assert 0.93 <= held / drives <= 0.97
+    assert 0.93 <= held / drives <= 0.97  # all together; intervals of 88 %, as those of a quadratic one would be, fail this
 
 
 def test_a_calibrated_filter_knows_its_error_on_the_other_recorded_drive():
     for drive, told in measured("calibration_recorded.json")["recorded"].items():
         judged = told["judged"]
         assert judged["calibrated"]["nees"] <= 4.0 < judged["matched, uncalibrated"]["nees"], drive
-        assert judged["calibrated"]["position"] <= 0.0265, drive
+        assert judged["calibrated"]["position"] <= judged["matched, uncalibrated"]["position"], drive
