@@ -97,7 +97,12 @@ class VectorFieldHistogramPolicy(_Reactive):
         dt: Control interval, s.
         ahead: Weight of the angle to the present direction, that to the goal's having 1.
         last: Weight of the angle to the last direction chosen.
-        **driving: See `_Reactive`.
+        margin: See `_Reactive`, as of the next five.
+        lag: See there.
+        sight: See there.
+        gain: See there.
+        focus: See there.
+        caution: See there.
 
     References:
         Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
@@ -150,7 +155,12 @@ class FollowTheGapPolicy(_Reactive):
         dt: Control interval, s.
         alpha: Distance of an obstacle at which gap and goal count alike, m.
         field: Angle to both sides of the goal in which gaps are looked for, rad.
-        **driving: See `_Reactive`.
+        margin: See `_Reactive`, as of the next five.
+        lag: See there.
+        sight: See there.
+        gain: See there.
+        focus: See there.
+        caution: See there.
 
     References:
         Sezer, Gokasan, "A novel obstacle avoidance algorithm: Follow the Gap Method", *Robotics and Autonomous Systems* 60
