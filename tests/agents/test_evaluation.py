@@ -43,7 +43,7 @@ def by_hand(policy: str, seed: int, *, env: str, radius: float, **options) -> di
         away = math.dist(true[:2], due[:2])
         shown = {"ekf": info["estimate"], "odometry": info["odometry"], "truth": true}[options.get("observation", "ekf")]
         reached[-1] |= away < radius
-        if believed_at[-1] is None and math.dist(shown[:2], due[:2]) < radius:
+        if believed_at[-1] is None and math.dist(shown[:2], due[:2]) < radius - 0.05:  # by the margin
             believed_at[-1] = away
             false_arrival |= away >= radius
         if ended or not np.array_equal(info["reference"], due):
