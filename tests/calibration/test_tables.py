@@ -114,6 +114,7 @@ def test_a_table_that_is_mostly_bad_is_refused(tmp_path, drawn, write):
     [
         (("v",), 1000.0, "the speed reaches 200 m/s, and the robot's limit is 0.2108: if it is in mm/s, divide it by 1000"),
         (("omega",), 180.0 / np.pi, "deg/s"),
+        (("omega", "theta", "true_theta"), 180.0 / np.pi, "the turning rate reaches .* if it is in deg/s"),
         (("t",), 1e3, r"rows are 100 s apart: if time is in milliseconds, divide it by 1e\+03"),
         (("t",), 1e9, "nanoseconds"),
         (("x", "y"), 1000.0, "the measured positions move by .* if they are in millimetres, divide them by 1000"),

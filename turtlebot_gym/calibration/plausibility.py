@@ -11,8 +11,9 @@ from turtlebot_gym.calibration.log import Log, path_of
 from turtlebot_gym.robots import Robot
 
 DEGREES = 180.0 / math.pi
-FASTER = 20.0
-"""Times a robot's limit that no robot of its kind reaches."""
+FASTER, TURNING_FASTER = 20.0, 3.0
+"""Times a robot's limits of speed and turning rate that no robot of its kind reaches: robots differ in speed more than in turning,
+and degrees are but 57 times radians."""
 STILL = (0.5, 1.0)
 """Way, m, and turn, rad, below which there is nothing to fit to."""
 TURN = 2.0 * math.pi
@@ -32,11 +33,11 @@ def check(log: Log, robot: Robot, where: str) -> None:
     steps = np.diff(log.time)
     _check_clock(log, where)
     speed, rate = (float(np.percentile(np.abs(log.twist[:, k]), 99.0)) for k in (0, 1))
-    for name, value, limit, unit, wrong, factor in (
-        ("speed", speed, robot.max_linear, "m/s", "mm/s", 1000.0),
-        ("turning rate", rate, robot.max_angular, "rad/s", "deg/s", DEGREES),
+    for name, value, limit, times, unit, wrong, factor in (
+        ("speed", speed, robot.max_linear, FASTER, "m/s", "mm/s", 1000.0),
+        ("turning rate", rate, robot.max_angular, TURNING_FASTER, "rad/s", "deg/s", DEGREES),
     ):
-        if value > FASTER * limit:
+        if value > times * limit:
             raise ValueError(
                 f"{where}: the {name} reaches {value:.4g} {unit}, and the robot's limit is {limit:.4g}: if it is in {wrong}, "
                 f"divide it by {factor:.4g}; another robot is chosen by its name or file."
