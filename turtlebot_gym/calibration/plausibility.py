@@ -12,8 +12,8 @@ from turtlebot_gym.robots import Robot
 
 DEGREES = 180.0 / math.pi
 FASTER, TURNING_FASTER = 20.0, 3.0
-"""Times a robot's limits of speed and turning rate that no robot of its kind reaches: robots differ in speed more than in turning,
-and degrees are but 57 times radians."""
+"""Times a robot's limits of speed and of turning rate that no robot of its kind reaches: robots differ in speed more than in
+turning, and degrees are but 57 times radians."""
 STILL = (0.5, 1.0)
 """Way, m, and turn, rad, below which there is nothing to fit to."""
 TURN = 2.0 * math.pi
