@@ -117,7 +117,7 @@ build: $(READY)  ## build the wheel, install it alone, and try it
 	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt "$$(ls dist/*.whl)[gym]"
 	cd dist && try/bin/turtlebot-gym evaluate --episodes 20
 	$(PYTHON) -m venv dist/thin && dist/thin/bin/pip install --quiet --constraint constraints.txt dist/*.whl
-	cd dist && thin/bin/python ../tests/bridges/thin.py
+	cd dist && thin/bin/python ../tests/bridges/thin.py > thin.txt  # filter, policies and guard, with numpy and PyYAML alone
 
 clean:  ## remove the virtual environment and all output
 	rm -rf $(VENV) $(KILTED) $(OUT) dist build
