@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.log import Log, interpolated, make_log
+from turtlebot_gym.models.angles import yaw_of_quaternion
 
 SUFFIXES = (".db3", ".mcap")
 """What the name of a bag's file ends with."""
@@ -172,8 +173,7 @@ def _row(message: Any, received: float) -> list[float]:
     pose = [math.nan] * 3
     if inner is not None:
         q = inner.orientation
-        heading = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-        pose = [inner.position.x, inner.position.y, heading]
+        pose = [inner.position.x, inner.position.y, yaw_of_quaternion(q.w, q.x, q.y, q.z)]
     speeds = [math.nan] * 2 if twist is None else [twist.linear.x, twist.angular.z]
     return [stamp or received, *pose, *speeds]
 

@@ -50,3 +50,8 @@ def sincos(angle: float) -> tuple[float, float]:
     a = cosine if odd else sine
     b = sine if odd else cosine
     return (-a if half >= 2 else a), (-b if half == 1 or half == 2 else b)
+
+
+def yaw_of_quaternion(w: float, x: float, y: float, z: float) -> float:
+    """Return the heading of a rotation that is given as a unit quaternion, rad, in [-pi, pi]."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

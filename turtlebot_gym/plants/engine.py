@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import wrap, yaw_of_quaternion
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.plants.burger import MujocoBurger
 from turtlebot_gym.values import Command, Pose, State
@@ -156,7 +156,7 @@ class Engine:
 
     def _truth(self) -> State:
         x, y, _, w, i, j, k = self._data.qpos[_POSE].tolist()
-        theta = wrap(math.atan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k)))
+        theta = wrap(yaw_of_quaternion(w, i, j, k))
         vx, vy, *_, omega = self._data.qvel[:6].tolist()
         return State(x, y, theta, vx * math.cos(theta) + vy * math.sin(theta), omega)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from geometry_msgs.msg import Quaternion, Twist
 
+from turtlebot_gym.models.angles import yaw_of_quaternion
 from turtlebot_gym.values import Command, Pose
 
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
@@ -26,7 +27,7 @@ def yaw_of(q: Quaternion) -> float:
         raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
     if q.x == q.y == 0.0:
         return _planar_yaw(q.z, q.w)
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    yaw = yaw_of_quaternion(q.w, q.x, q.y, q.z)
     return -math.pi if yaw >= math.pi else yaw
 
 
