@@ -9,16 +9,16 @@ A file is YAML, with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`;
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
-from turtlebot_gym.parameters import FixNoise, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import FixNoise, Noise
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.validation import made
 
 SUFFIXES = (".yaml", ".yml")
 """What a file's name ends with."""
-_PARTS = {"process": ProcessNoise, "odometry": OdometryNoise}
 
 KINDS = {Robot: "robot", Noise: "noise", FixNoise: "fix"}
 """What may be in a file, as messages call it."""
@@ -43,7 +43,11 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
             file and field.
         ImportError: If PyYAML is not installed.
     """
-    return _made(kind, _read(Path(path), KINDS[kind]), str(path))
+    said = _with_numbers(_read(Path(path), KINDS[kind]))
+    try:
+        return made(kind, said, KINDS[kind])
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def write_parameters(value: Noise | Robot | FixNoise, path: Path, *, comment: str = "") -> None:
@@ -91,39 +95,13 @@ def _read(path: Path, what: str) -> Any:
         raise ValueError(f"{path} is no YAML: {error}.") from error
 
 
-def _made(kind: type[Any], said: Any, where: str) -> Any:
-    """Return parameters from what a file says of them."""
-    known = {item.name: item for item in fields(kind)}
-    if not isinstance(said, Mapping):
-        raise ValueError(f"{where} must hold fields of {kind.__name__}, {', '.join(known)}, got {said!r}.")
-    unknown = [str(name) for name in said if name not in known]
-    if unknown:
-        raise ValueError(f"{where}: {kind.__name__} has no {', '.join(unknown)}; it has {', '.join(known)}.")
-    values = {}
-    for name, value in said.items():
-        if kind is Noise:
-            values[name] = _made(_PARTS[name], value, f"{where}, {name}")
-        else:
-            values[name] = _value(value, str(known[name].type), f"{where}: {kind.__name__}.{name}")
+def _with_numbers(said: Any) -> Any:
+    """Return what a file says with numbers for text that is one: YAML takes 1e-3 for text."""
+    if isinstance(said, Mapping):
+        return {name: _with_numbers(value) for name, value in said.items()}
+    if isinstance(said, list):
+        return [_with_numbers(value) for value in said]
     try:
-        return kind(**values)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{where}: {error}") from error
-
-
-def _value(value: Any, type_name: str, where: str) -> Any:
-    """Return a field's value; text that is a number counts, because YAML takes 1e-3 for text."""
-    if type_name == "bool":
-        if not isinstance(value, bool):
-            raise ValueError(f"{where} must be true or false, got {value!r}.")
-        return value
-    many = isinstance(value, list)
-    if many != type_name.startswith("tuple"):
-        raise ValueError(f"{where} must be {'one number' if many else 'a list of numbers'}, got {value!r}.")
-    numbers = []
-    for item in value if many else [value]:
-        try:
-            numbers.append(float("nan" if isinstance(item, bool) else item))
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{where} must hold numbers, got {item!r}.") from error
-    return tuple(numbers) if many else numbers[0]
+        return float(said) if isinstance(said, str) else said
+    except ValueError:
+        return said

@@ -6,12 +6,9 @@ They are frozen dataclasses that check themselves: whoever holds one holds a val
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
-from numbers import Real
-from typing import Any
 
-from turtlebot_gym.validation import require, variances
+from turtlebot_gym.validation import require, typed, variances
 
 REFERENCE_PERIOD = 0.1
 """Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
@@ -54,10 +51,10 @@ class ProcessNoise:
     """Probability per 0.1 s that a burst ends."""
 
     def __post_init__(self) -> None:
+        typed(self)
         require(self, "non-negative", "alpha1", "alpha2", "alpha3", "alpha4")
         require(self, "a probability", "slip", "slip_start", "slip_end")
         require(self, "positive", "scale")
-        require(self, "finite", "scale")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,11 +83,11 @@ class OdometryNoise:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "R", variances("OdometryNoise.R", self.R, 3))
+        typed(self)
         for name, size in (("bias", 3), ("quantization", 2)):
             value = getattr(self, name)
-            if not isinstance(value, Sequence) or len(value) != size:
+            if len(value) != size:
                 raise ValueError(f"OdometryNoise.{name} must be a sequence of {size} numbers, got {value!r}.")
-            object.__setattr__(self, name, tuple(value))
         require(self, "finite", "bias")
         require(self, "non-negative", "spike", "quantization")
         require(self, "a probability", "spike_probability", "dropout_probability")
@@ -111,14 +108,12 @@ class FixNoise:
     """Probability per measurement that it is lost."""
 
     def __post_init__(self) -> None:
-        given: Any = self.R
-        R = tuple(given) if isinstance(given, Iterable) else ()
-        numbers = [isinstance(one, Real) and float(one) > 0.0 for one in R]
-        if len(R) not in (2, 3) or not all(numbers) or math.inf in R[:2]:
-            raise ValueError(f"FixNoise.R must be two or three positive variances, of x and y finite ones, got {given!r}.")
-        object.__setattr__(self, "R", tuple(map(float, (*R, math.inf)[:3])))
+        typed(self)
+        if len(self.R) not in (2, 3) or not all(one > 0.0 for one in self.R) or math.inf in self.R[:2]:
+            raise ValueError(f"FixNoise.R must be two or three positive variances, of x and y finite ones, got {self.R!r}.")
+        object.__setattr__(self, "R", (*self.R, math.inf)[:3])
+        require(self, "positive or infinite", "R")
         require(self, "positive", "period")
-        require(self, "finite", "period")
         require(self, "a probability", "dropout_probability")
         if not 0.0 <= self.delay <= MAX_FIX_AGE:
             raise ValueError(f"FixNoise.delay must be in [0, {MAX_FIX_AGE}] s, got {self.delay!r}.")
@@ -132,6 +127,9 @@ class Noise:
     """Noise of the executed twist."""
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
     """Noise of the measured pose."""
+
+    def __post_init__(self) -> None:
+        typed(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,7 +172,8 @@ class FilterTuning:
         object.__setattr__(self, "Q", variances("FilterTuning.Q", self.Q, 5))
         object.__setattr__(self, "R", variances("FilterTuning.R", self.R, 3))
         object.__setattr__(self, "P0", variances("FilterTuning.P0", self.P0, 5))
-        require(self, "positive", "gate", "max_rejections", "heading_gate")
+        typed(self)
+        require(self, "positive or infinite", "gate", "max_rejections", "heading_gate")
         require(self, "a probability", "spike_probability")
         require(self, "non-negative", "spike", "scale_deviation")
         if self.kind not in (KALMAN, GATED, MIXTURE, SLIP, SCALE):
@@ -201,5 +200,6 @@ class Reward:
     """Clearance below which it counts, m."""
 
     def __post_init__(self) -> None:
+        typed(self)
         require(self, "finite", *(weight.name for weight in fields(self) if weight.name != "near"))
         require(self, "positive", "near")

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from turtlebot_gym.files import KINDS, T, is_file, read_parameters
 from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, made
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 """Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s: one that
@@ -132,10 +133,10 @@ FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {
 """Filter tunings by name, for the noise in force."""
 
 
-def _found(kind: type[T], given: str | Path | T, known: Mapping[str, T]) -> T:
-    """Return parameters as they are given, from a file, or by their name."""
-    if isinstance(given, kind):
-        return given
+def _found(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
+    """Return parameters as they are given, as a mapping of their fields, from a file, or by their name."""
+    if isinstance(given, (kind, Mapping)):
+        return made(kind, given, KINDS[kind])
     return read_parameters(kind, given) if is_file(given) else choose(KINDS[kind], given, known)
 
 
@@ -172,6 +173,6 @@ def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:
     Raises:
         ValueError: If there is none of that name.
     """
-    if isinstance(tuning, FilterTuning):
-        return tuning
+    if isinstance(tuning, (FilterTuning, Mapping)):
+        return made(FilterTuning, tuning, "filter")
     return choose("filter", tuning, FILTERS)(noise)

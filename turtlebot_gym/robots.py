@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from turtlebot_gym.validation import require
+from turtlebot_gym.validation import require, typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,9 +30,9 @@ class Robot:
     """Radius of the footprint, m; for drawing."""
 
     def __post_init__(self) -> None:
-        finite = ("max_linear", "max_angular", "wheel_separation", "radius")
-        require(self, "positive", *finite, "max_wheel", "max_linear_acceleration", "max_angular_acceleration")
-        require(self, "finite", *finite)
+        typed(self)
+        require(self, "positive", "max_linear", "max_angular", "wheel_separation", "radius")
+        require(self, "positive or infinite", "max_wheel", "max_linear_acceleration", "max_angular_acceleration")
 
 
 ROBOTS = {

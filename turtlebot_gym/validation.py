@@ -3,10 +3,76 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from numbers import Integral, Real
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+LARGEST, LEAST = 1e6, 1e-15
+"""Magnitudes between which a parameter's numbers lie, besides 0 and, where a rule says so, infinity. In SI units all that a
+robot is and does lies well between them, and squares, products and ratios of a few such numbers are finite."""
 
 T = TypeVar("T")
+
+
+def number(name: str, value: Any) -> float:
+    """Return a real number, of Python or NumPy, as a float; truth values are none.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    if type(value) is float:
+        return value
+    value = _item(value)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ValueError(f"{name} must be a number, got {value!r}.")
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{name} must be at most {LARGEST:g} in size, got a whole number beyond all floats.") from None
+
+
+def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
+    """Return a whole number in a range, of Python or NumPy, as an int.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    found = _item(value)
+    if isinstance(found, bool) or not isinstance(found, Integral) or not least <= found <= most:
+        bounds = f" from {least} to {most:g}" if most < math.inf else f" of at least {least}"
+        raise ValueError(f"{name} must be a whole number{bounds}, got {value!r}.")
+    return int(found)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return a truth value, of Python or NumPy.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    found = _item(value)
+    if not isinstance(found, bool):
+        raise ValueError(f"{name} must be True or False, got {value!r}.")
+    return found
+
+
+def numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Return a list, a tuple or an array of one dimension as a tuple of floats.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    rows = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(rows, (list, tuple)):
+        raise ValueError(f"{name} must be a sequence of numbers, got {value!r}.")
+    return tuple(number(f"{name}[{at}]", item) for at, item in enumerate(rows))
+
+
+def _item(value: Any) -> Any:
+    """Return a NumPy scalar, or an array without dimensions, as Python's own; others as they are."""
+    return value.item() if hasattr(value, "item") and getattr(value, "shape", None) == () else value
 
 
 def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
@@ -21,19 +87,20 @@ def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
         ValueError: If the shape is wrong, a variance is negative or not finite, or a matrix is not symmetric and diagonal.
     """
     rows = value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(rows, Sequence) or len(rows) != size:
+    if not isinstance(rows, (list, tuple)) or len(rows) != size:
         raise ValueError(f"{name} must hold {size} variances or be a {size} x {size} matrix, got {value!r}.")
-    if any(isinstance(row, Sequence) for row in rows):
-        if any(len(row) != size for row in rows):
+    if any(isinstance(row, (list, tuple)) for row in rows):
+        if any(not isinstance(row, (list, tuple)) or len(row) != size for row in rows):
             raise ValueError(f"{name} must be a {size} x {size} matrix, got {value!r}.")
         if any(rows[i][j] != rows[j][i] for i in range(size) for j in range(i)):
             raise ValueError(f"{name} must be symmetric, got {value!r}.")
         if any(rows[i][j] != 0.0 for i in range(size) for j in range(i)):
             raise ValueError(f"{name} must be diagonal (the components' noises are independent), got {value!r}.")
         rows = [rows[i][i] for i in range(size)]
-    diagonal = tuple(float(variance) for variance in rows)
+    diagonal = numbers(name, rows)
     if not all(0.0 <= variance < math.inf for variance in diagonal):  # also rejects NaN
         raise ValueError(f"{name} must hold finite variances >= 0, got {value!r}.")
+    _require_size(name, diagonal, value, least=LEAST**2)
     return diagonal
 
 
@@ -43,9 +110,18 @@ def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
     Raises:
         ValueError: If there is none of that name; the message lists those that there are.
     """
-    if name not in known:
+    if not isinstance(name, Hashable) or name not in known:
         raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {name!r}.")
     return known[name]
+
+
+_RULES: dict[str, Callable[[float], bool]] = {
+    "positive": lambda number: 0.0 < number < math.inf,
+    "positive or infinite": lambda number: number > 0.0,
+    "non-negative": lambda number: 0.0 <= number < math.inf,
+    "finite": math.isfinite,
+    "a probability": lambda number: 0.0 <= number <= 1.0,
+}
 
 
 def require(owner: Any, rule: str, *names: str) -> None:
@@ -53,20 +129,82 @@ def require(owner: Any, rule: str, *names: str) -> None:
 
     Args:
         owner: The parameters.
-        rule: "positive", "non-negative", "finite" or "a probability"; "positive" admits infinity.
+        rule: "positive", "positive or infinite", "non-negative", "finite" or "a probability"; besides, what is finite and not
+            0 has a magnitude from `LEAST` to `LARGEST`.
         *names: The fields.
 
     Raises:
         ValueError: If a field breaks the rule; the message names it.
     """
-    holds = {
-        "positive": lambda number: number > 0.0,
-        "non-negative": lambda number: 0.0 <= number < math.inf,
-        "finite": math.isfinite,
-        "a probability": lambda number: 0.0 <= number <= 1.0,
-    }[rule]
+    holds = _RULES[rule]
     for name in names:
         value = getattr(owner, name)
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(isinstance(number, (int, float)) and holds(number) for number in numbers):
-            raise ValueError(f"{type(owner).__name__}.{name} must be {rule}, got {value!r}.")
+        items = value if isinstance(value, tuple) else (value,)
+        where = f"{type(owner).__name__}.{name}"
+        if not all(isinstance(item, (int, float)) and not isinstance(item, bool) and holds(item) for item in items):
+            raise ValueError(f"{where} must be {rule}, got {value!r}.")
+        _require_size(where, items, value)
+
+
+def _require_size(where: str, items: tuple[float, ...], value: Any, *, least: float = LEAST) -> None:
+    if any(item != 0.0 and not least <= abs(item) <= LARGEST and not math.isinf(item) for item in items):
+        raise ValueError(f"{where} must be 0 or from {least:g} to {LARGEST:g} in size, got {value!r}.")
+
+
+def typed(owner: Any) -> None:
+    """Give each field of a parameter class the type that it is declared with, where that loses nothing.
+
+    NumPy's numbers become Python's, sequences and arrays become tuples, and a mapping becomes the parameter class that is
+    asked for.
+
+    Args:
+        owner: An instance of a frozen dataclass, in its ``__post_init__``.
+
+    Raises:
+        ValueError: If a field is of another type; the message names it.
+    """
+    kind = type(owner)
+    for name, read in _readers(kind):
+        value = getattr(owner, name)
+        found = read(f"{kind.__name__}.{name}", value)
+        if found is not value:
+            object.__setattr__(owner, name, found)
+
+
+def made(kind: type[T], value: Any, name: str) -> T:
+    """Return parameters of a class that are given as such, or as a mapping of its fields.
+
+    Raises:
+        ValueError: If they are given as something else, a field is unknown, missing or breaks its rule.
+    """
+    if isinstance(value, kind):
+        return value
+    assert is_dataclass(kind)
+    known = {item.name: item for item in fields(kind)}
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} must be a {kind.__name__} or a mapping of its fields ({', '.join(known)}), got {value!r}.")
+    unknown = [str(key) for key in value if key not in known]
+    if unknown:
+        raise ValueError(f"{name}: {kind.__name__} has no {', '.join(unknown)}; it has {', '.join(known)}.")
+    needed = [key for key, item in known.items() if item.default is MISSING and item.default_factory is MISSING]
+    missing = [key for key in needed if key not in value]
+    if missing:
+        raise ValueError(f"{name}: {kind.__name__} needs {', '.join(missing)}.")
+    return kind(**value)
+
+
+@cache
+def _readers(kind: type) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
+    """Return the name of each field of a parameter class, with the function that reads its value."""
+    hints = get_type_hints(kind)
+    readers: dict[Any, Callable[[str, Any], Any]] = {float: number, int: whole, bool: flag}
+    found = []
+    for item in fields(kind):
+        hint = hints[item.name]
+        if hint in readers:
+            found.append((item.name, readers[hint]))
+        elif is_dataclass(hint):
+            found.append((item.name, lambda name, value, hint=hint: made(hint, value, name)))
+        elif get_origin(hint) is tuple and get_args(hint) == (float, ...):
+            found.append((item.name, numbers))
+    return tuple(found)

@@ -124,7 +124,7 @@ def test_unknown_names_are_answered_with_the_known_ones(maker, name, known):
         (gym.make, {"dt": -0.1}, "dt must be positive"),
         (gym.make, {"dt": NAN}, "dt must be positive"),
         (gym.make_vec, {"dt": INF}, "dt must be positive"),
-        (gym.make, {"laps": 0}, "laps must be a positive whole number"),
+        (gym.make, {"laps": 0}, "laps must be a whole number of at least 1, got 0"),
         (gym.make, {"switch": "sometimes"}, "switch must be one of 'arrival', 'time', got 'sometimes'"),
         (gym.make, {"waypoints": []}, "waypoints must be"),
         (gym.make, {"waypoints": [(0.0, NAN, 0.0)]}, "waypoints must be"),
@@ -145,7 +145,7 @@ def test_arguments_that_do_not_go_together_are_refused():
         gym.make(NAV, waypoints=[(1.0, 0.0, 0.0)])
     with pytest.raises(ValueError, match=r"Task.min_distance must be at most arena"):
         Task(arena=1.0, min_distance=1.5)
-    with pytest.raises(ValueError, match=r"Robot.max_linear must be finite"):
+    with pytest.raises(ValueError, match=r"Robot.max_linear must be positive, got inf"):
         Robot(max_linear=INF, max_angular=1.0)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from turtlebot_gym.validation import choose, require, variances
+from turtlebot_gym.validation import choose, made, require, typed, variances
 
 
 @pytest.mark.parametrize(
@@ -32,6 +34,7 @@ def test_variances_are_a_diagonal_of_floats(given):
 @pytest.mark.parametrize(
     ("given", "rule"),
     [
+        ((1.0, [0.0, 1.0]), "be a 2 x 2 matrix, got (1.0, [0.0, 1.0])."),
         (3.0, "hold 2 variances or be a 2 x 2 matrix, got 3.0."),
         (None, "hold 2 variances or be a 2 x 2 matrix, got None."),
         ((1.0,), "hold 2 variances or be a 2 x 2 matrix, got (1.0,)."),
@@ -85,18 +88,114 @@ def test_every_field_that_is_named_is_checked():
         require(owner, "non-negative", "first", "third")
 
 
+SIZES = [1e-15, 1, np.nextafter(1e6, 0.0).item(), 1e6]
+NONE = [math.nan, "1", None, True, np.bool_(True)]
+
+
 @pytest.mark.parametrize(
     ("rule", "holds", "fails"),
     [
-        ("positive", [1e-300, 1, math.inf], [0.0, -1e-300, math.nan, "1", None]),
-        ("non-negative", [0.0, 0, 1e300], [-1e-300, math.inf, math.nan, "1", None]),
-        ("finite", [-1e300, 0, 1e300], [math.inf, -math.inf, math.nan, "1", None]),
-        ("a probability", [0.0, 0, 0.5, 1, 1.0], [-1e-300, math.nextafter(1.0, 2.0), math.nan, "1", None]),
+        ("positive", SIZES, [0.0, -1e-15, math.inf, *NONE]),
+        ("positive or infinite", [*SIZES, math.inf], [0.0, -1e-15, -math.inf, *NONE]),
+        ("non-negative", [0.0, 0, *SIZES], [-1e-15, math.inf, *NONE]),
+        ("finite", [-1e6, -1e-15, 0, *SIZES], [math.inf, -math.inf, *NONE]),
+        ("a probability", [0.0, 0, 1e-15, 0.5, 1, 1.0], [-1e-15, math.nextafter(1.0, 2.0), *NONE]),
     ],
 )
 def test_the_rules(rule, holds, fails):
     for value in holds:
         require(SimpleNamespace(x=value), rule, "x")
     for value in fails:
-        with pytest.raises(ValueError, match=f"SimpleNamespace.x must be {rule}"):
+        with pytest.raises(ValueError, match=f"SimpleNamespace.x must be {rule}, got"):
             require(SimpleNamespace(x=value), rule, "x")
+
+
+@pytest.mark.parametrize("rule", ["positive", "positive or infinite", "non-negative", "finite"])
+def test_what_is_finite_has_a_size_with_which_one_can_calculate(rule):
+    for value in (9e-16, 1.1e6, (1.0, 1.1e6), 1e308, 5e-324):
+        with pytest.raises(ValueError, match=r"SimpleNamespace.x must be 0 or from 1e-15 to 1e\+06 in size, got"):
+            require(SimpleNamespace(x=value), rule, "x")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part of `Whole`."""
+
+    size: float = 1.0
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Whole:
+    """A field of each type that parameters have."""
+
+    length: float
+    count: int = 1
+    heavy: bool = False
+    sides: tuple[float, ...] = ()
+    part: Part = Part()
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "kept"),
+    [
+        ("length", 2, 2.0),
+        ("length", np.float32(0.5), 0.5),
+        ("length", np.int64(3), 3.0),
+        ("length", np.array(4.0), 4.0),
+        ("length", Fraction(1, 4), 0.25),
+        ("count", np.int8(7), 7),
+        ("heavy", np.bool_(True), True),
+        ("sides", [1, np.float64(2.0)], (1.0, 2.0)),
+        ("sides", np.array([3, 4]), (3.0, 4.0)),
+        ("part", {"size": np.float32(2.0)}, Part(size=2.0)),
+        ("part", {}, Part()),
+    ],
+)
+def test_fields_get_the_types_that_they_are_declared_with(name, given, kept):
+    found = getattr(Whole(**({"length": 1.0} | {name: given})), name)
+    assert found == kept
+    assert type(found) is type(kept)
+    assert not isinstance(found, tuple) or [type(item) for item in found] == [float] * len(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "rule"),
+    [
+        ("length", True, "must be a number, got True"),
+        ("length", "1", "must be a number, got '1'"),
+        ("length", 1j, "must be a number, got 1j"),
+        ("length", [1.0], r"must be a number, got \[1.0\]"),
+        ("length", np.array([1.0]), r"must be a number, got array\(\[1.\]\)"),
+        ("length", 10**400, r"must be at most 1e\+06 in size, got a whole number beyond all floats"),
+        ("count", 1.0, "must be a whole number of at least 0, got 1.0"),
+        ("count", -1, "must be a whole number of at least 0, got -1"),
+        ("count", True, "must be a whole number of at least 0, got True"),
+        ("heavy", 1, "must be True or False, got 1"),
+        ("heavy", math.nan, "must be True or False, got nan"),
+        ("heavy", "yes", "must be True or False, got 'yes'"),
+        ("sides", 1.0, "must be a sequence of numbers, got 1.0"),
+        ("sides", "12", "must be a sequence of numbers, got '12'"),
+        ("sides", {1.0}, r"must be a sequence of numbers, got \{1.0\}"),
+        ("sides", [[1.0]], r"\[0\] must be a number, got \[1.0\]"),
+        ("part", 1, r"must be a Part or a mapping of its fields \(size\), got 1"),
+        ("part", {"weight": 1.0}, ": Part has no weight; it has size"),
+    ],
+)
+def test_other_types_are_refused_by_the_fields_name(name, given, rule):
+    with pytest.raises(ValueError, match=rf"^Whole\.{name}:? ?{rule}") as caught:
+        Whole(**({"length": 1.0} | {name: given}))
+    assert "\n" not in str(caught.value)
+
+
+def test_parameters_are_made_of_a_mapping():
+    assert made(Whole, {"length": 2, "part": {"size": 3}}, "it") == Whole(length=2.0, part=Part(size=3.0))
+    whole_ = Whole(length=1.0)
+    assert made(Whole, whole_, "it") is whole_
+    with pytest.raises(ValueError, match=r"^it: Whole needs length\.$"):
+        made(Whole, {"count": 2}, "it")

@@ -167,8 +167,8 @@ def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"beams": 0}, "Lidar.beams must be a positive whole number, got 0"),
-        ({"beams": 3.5}, "Lidar.beams must be a positive whole number, got 3.5"),
+        ({"beams": 0}, "Lidar.beams must be a whole number from 1 to 10000, got 0"),
+        ({"beams": 3.5}, "Lidar.beams must be a whole number of at least 0, got 3.5"),
         ({"range_min": 2.0, "range_max": 1.0}, "Lidar.range_min must be below range_max, got 2.0 >= 1.0"),
         ({"rate": 0.0}, "Lidar.rate must be positive, got 0.0"),
         ({"dropout": 1.5}, "Lidar.dropout must be a probability, got 1.5"),

@@ -16,7 +16,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.models.odometry import quantize
 from turtlebot_gym.models.random import normals, uniforms
-from turtlebot_gym.validation import require
+from turtlebot_gym.validation import LARGEST, numbers, require, typed, whole
 
 SECTORS = 36
 """Sectors into which a policy's ranges are pooled: the first one lies ahead, the others follow counter-clockwise."""
@@ -24,6 +24,8 @@ SIGHT = 3.5
 """Range beyond which a policy sees free space, m: that of the shortest LiDAR, so that one policy serves them all."""
 MAX_AGE = 1.0
 """Age of a scan that a policy sees at most, s."""
+MAX_BEAMS = 10_000
+"""Most beams of a revolution: five times those of the finest LiDARs for robots of this size."""
 DEAD_SECTORS = 4
 """Most sectors in which a LiDAR may be blind."""
 
@@ -63,17 +65,20 @@ class Lidar:
     """Whether a scan's stamp is the time of its last beam instead of its first."""
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.beams, int) and self.beams >= 1):
-            raise ValueError(f"Lidar.beams must be a positive whole number, got {self.beams!r}.")
+        typed(self)
+        whole("Lidar.beams", self.beams, 1, MAX_BEAMS)
         require(self, "positive", "rate", "range_max")
-        require(self, "finite", "rate", "range_max", "x", "y", "yaw")
+        require(self, "finite", "x", "y", "yaw")
         require(self, "non-negative", "range_min", "deviation", "deviation_share", "quantization")
         require(self, "a probability", "accuracy", "dropout")
         if not self.range_min < self.range_max:
             raise ValueError(f"Lidar.range_min must be below range_max, got {self.range_min!r} >= {self.range_max!r}.")
-        sectors = tuple(tuple(map(float, sector)) for sector in self.dead)
+        try:
+            sectors = tuple(numbers("Lidar.dead", sector) for sector in self.dead)
+        except TypeError:
+            raise ValueError(f"Lidar.dead must hold pairs of a direction and a width, got {self.dead!r}.") from None
         if len(sectors) > DEAD_SECTORS or not all(
-            len(s) == 2 and 0.0 <= s[1] <= TWO_PI and math.isfinite(s[0]) for s in sectors
+            len(s) == 2 and 0.0 <= s[1] <= TWO_PI and abs(s[0]) <= LARGEST for s in sectors
         ):
             raise ValueError(
                 f"Lidar.dead must hold at most {DEAD_SECTORS} pairs of a direction and a width, got {self.dead!r}."

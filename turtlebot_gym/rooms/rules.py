@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from turtlebot_gym.validation import require
+from turtlebot_gym.validation import LARGEST, choose, require, typed
 
 GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
 """Kinds of rooms: one that is given, obstacles at random places, rooms with doors, and a cellular automaton's caves."""
 KINDS = {"given": GIVEN, "scattered": SCATTERED, "office": OFFICE, "cellular": CELLULAR}
 MAX_CIRCLES, MAX_BOXES = 384, 80
 """Most obstacles that are drawn in a room: each takes draws of its own, see `drawing`."""
+MAX_HALF = 20.0
+"""Most half extent of a room that is drawn, m: its ways are found on a grid of cells of a few centimetres."""
 ANYWHERE = (math.nan, math.nan, math.nan)
 """Stands for a pose that is drawn."""
 
@@ -52,8 +54,10 @@ class RoomRules:
     """The pose that it is to reach; NaN where it is drawn."""
 
     def __post_init__(self) -> None:
-        require(self, "positive", "half_length", "half_width", "radius", "max_distance")
-        require(self, "finite", "half_length", "half_width", "radius")
+        typed(self)
+        choose("RoomRules.kind", self.kind, dict.fromkeys(KINDS.values()))
+        require(self, "positive", "half_length", "half_width", "radius")
+        require(self, "positive or infinite", "max_distance", "total")
         require(self, "non-negative", "circles", "boxes", "speed", "courtesy", "min_distance")
         require(self, "a probability", "fill")
         if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
@@ -61,6 +65,15 @@ class RoomRules:
                 f"RoomRules must have at most {MAX_CIRCLES} circles and {MAX_BOXES} boxes, "
                 f"got at most {self.circles[-1]:g} and {self.boxes[-1]:g}."
             )
+        if self.kind != GIVEN and not max(self.half_length, self.half_width) <= MAX_HALF:
+            raise ValueError(
+                f"RoomRules.half_length and half_width must be at most {MAX_HALF:g} m, "
+                f"got {self.half_length!r} and {self.half_width!r}."
+            )
+        for name in ("start", "goal"):
+            pose = getattr(self, name)
+            if len(pose) != 3 or not (all(map(math.isnan, pose)) or all(abs(value) <= LARGEST for value in pose)):
+                raise ValueError(f"RoomRules.{name} must be a pose (x, y, theta), or NaN where it is drawn, got {pose!r}.")
         for name in ("circles", "boxes", "radius", "speed"):
             value = getattr(self, name)
             if len(value) != 2 or value[0] > value[1]:

@@ -14,10 +14,10 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, made
 from turtlebot_gym.values import Pose
 
-World = str | Path | RoomRules | FloorPlan
+World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
 """How a world may be named."""
 GAZEBO = (".world", ".sdf")
 """How the names of Gazebo's files end."""
@@ -29,21 +29,24 @@ def find_world(world: World) -> RoomRules | FloorPlan:
     """Return the rules or the floor plan of a world.
 
     Args:
-        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules, or a floor plan.
+        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules or a mapping of some of their fields, or a
+            floor plan.
 
     Raises:
         ValueError: If there is no such world, or its file cannot be read.
     """
     if isinstance(world, (RoomRules, FloorPlan)):
         return world
-    if Path(world).suffix in GAZEBO:
+    if isinstance(world, Mapping):
+        return made(RoomRules, world, "world")
+    if isinstance(world, (str, Path)) and Path(world).suffix in GAZEBO:
         return read_gazebo(world)
-    if Path(world).suffix in MAPS:
+    if isinstance(world, (str, Path)) and Path(world).suffix in MAPS:
         return read_map(world)
-    if world not in ROOMS:
+    if not isinstance(world, str) or world not in ROOMS:
         files = ", ".join((*GAZEBO, *MAPS))
         raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file ({files}), got {world!r}.")
-    return ROOMS[str(world)]
+    return ROOMS[world]
 
 
 def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> RoomRules | FloorPlan:
@@ -83,13 +86,13 @@ def _pose(name: str, value: Any) -> Pose:
     return pose
 
 
-def find_lidar(lidar: str | Lidar) -> Lidar:
-    """Return a LiDAR, or the one of a name in `lidar.LIDARS`.
+def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
+    """Return a LiDAR: as it is given, as a mapping of some of its fields, or by a name in `lidar.LIDARS`.
 
     Raises:
-        ValueError: If the name is unknown.
+        ValueError: If the name is unknown, or a field is unknown or breaks its rule.
     """
-    return lidar if isinstance(lidar, Lidar) else choose("lidar", lidar, LIDARS)
+    return made(Lidar, lidar, "lidar") if isinstance(lidar, (Lidar, Mapping)) else choose("lidar", lidar, LIDARS)
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:

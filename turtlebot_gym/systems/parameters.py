@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from turtlebot_gym.models.unicycle import INTEGRATORS
@@ -11,7 +11,7 @@ from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.tasks import NAV, Task
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, made, number, whole
 
 BELIEVED, MEASURED, TRUE = 0.0, 1.0, 2.0
 OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
@@ -19,6 +19,8 @@ OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
+MIN_DT, MAX_DT = 1e-4, 10.0
+"""Shortest and longest control interval, s."""
 
 
 class Parameters(NamedTuple):
@@ -53,7 +55,7 @@ def make_parameters(
     filter: str | FilterTuning = "matched",
     integrator: str = "euler",
     observation: str = "ekf",
-    reward: Reward | None = None,
+    reward: Reward | Mapping[str, float] | None = None,
     dt: float = REFERENCE_PERIOD,
     delay: int = 0,
     fix: str | FixNoise | None = None,
@@ -68,7 +70,7 @@ def make_parameters(
         filter: A name in `presets.FILTERS`, or a tuning.
         integrator: "euler" or "midpoint".
         observation: What the policy is shown as the robot's pose: "ekf", "odometry" or "truth".
-        reward: Weights; None for the default ones.
+        reward: Weights, or a mapping of some of them; None for the default ones.
         dt: Control interval, s.
         delay: Steps by which a command comes late, 0 to 3.
         fix: What measures the pose from outside, now and then: a name in `presets.FIXES`, or its noise; None for nothing.
@@ -78,13 +80,12 @@ def make_parameters(
         ValueError: If a name is unknown, dt is not positive, the delay is out of its range, or the plant is not this robot or
             has steps that do not fit into dt.
     """
-    if delay not in range(MAX_DELAY + 1):
-        raise ValueError(f"delay must be a whole number from 0 to {MAX_DELAY}, got {delay!r}.")
-    if not 0.0 < dt < math.inf:
-        raise ValueError(f"dt must be positive and finite, got {dt!r}.")
+    late, interval = whole("delay", delay, 0, MAX_DELAY), number("dt", dt)
+    if not MIN_DT <= interval <= MAX_DT:
+        raise ValueError(f"dt must be positive, from {MIN_DT:g} to {MAX_DT:g} s, got {dt!r}.")
     model, body, physics = make_noise(noise), make_robot(robot), make_plant(plant)
     if physics:
-        physics.steps(dt)
+        physics.steps(interval)
         if body.wheel_separation != physics.wheel_separation:
             raise ValueError(
                 f"plant is a robot with a track of {physics.wheel_separation:g} m, so robot must be 'burger', 'tutorial' or "
@@ -95,11 +96,11 @@ def make_parameters(
         model,
         make_filter(filter, model),
         task,
-        reward or Reward(),
-        float(dt),
+        Reward() if reward is None else made(Reward, reward, "reward"),
+        interval,
         choose("integrator", integrator, INTEGRATORS),
         choose("observation", observation, OBSERVED),
-        float(delay),
+        float(late),
         fix=() if fix is None else make_fix(fix),
         plant=physics,
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from turtlebot_gym.models.angles import PI, wrap
-from turtlebot_gym.validation import choose, require
+from turtlebot_gym.validation import LARGEST, choose, require, typed, whole
 from turtlebot_gym.values import Pose
 
 
@@ -41,8 +41,10 @@ class Task:
     """Steps after which an episode is truncated."""
 
     def __post_init__(self) -> None:
-        positive = ("arena", "radius", "heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps")
-        require(self, "positive", *positive)
+        typed(self)
+        require(self, "positive", "arena", "radius")
+        without_limit = ("heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps")
+        require(self, "positive or infinite", *without_limit)
         require(self, "non-negative", "min_distance", "margin")
         if not self.min_distance <= self.arena:
             raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
@@ -104,16 +106,16 @@ def make_task(
     if switch is not None:
         changes["switch_period"] = choose("switch", switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
     if laps is not None:
-        if not (isinstance(laps, int) and laps > 0):
-            raise ValueError(f"laps must be a positive whole number, got {laps!r}.")
-        changes["laps"] = float(laps)
+        changes["laps"] = float(whole("laps", laps, 1))
     if max_steps is not None:
-        changes["max_steps"] = float(max_steps)
+        changes["max_steps"] = max_steps
     try:
         given = tuple(Pose(*map(float, waypoint)) for waypoint in (SQUARE_WAYPOINTS if waypoints is None else waypoints))
     except (TypeError, ValueError):
         given = ()
-    if not given or not all(math.isfinite(number) for waypoint in given for number in waypoint):
-        raise ValueError(f"waypoints must be one or more finite poses (x, y, theta), got {waypoints!r}.")
+    if not given or not all(abs(number) <= LARGEST for waypoint in given for number in waypoint):
+        raise ValueError(
+            f"waypoints must be one or more finite poses (x, y, theta), at most {LARGEST:g} m away, got {waypoints!r}."
+        )
     poses = tuple(Pose(waypoint.x, waypoint.y, wrap(waypoint.theta)) for waypoint in given)
     return replace(chosen, **changes), poses[:1] if chosen.random else poses

@@ -1,0 +1,240 @@
+"""Whatever an environment is given, it works with finite numbers or answers with one line that names what is wrong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, fields, replace
+from typing import get_type_hints
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
+
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task, make_parameters
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.plants import MujocoBurger
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.rules import RoomRules
+
+NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
+VALID = [
+    Robot(max_linear=0.2, max_angular=2.0),
+    ProcessNoise(),
+    OdometryNoise(),
+    Noise(),
+    FixNoise(R=(0.1, 0.1, 0.1)),
+    FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3),
+    Reward(),
+    Task(),
+    RoomRules(),
+    Lidar(),
+    MujocoBurger(),
+]
+FIELDS = [(value, item.name) for value in VALID for item in fields(value)]
+NUMBERS = [(value, name) for value, name in FIELDS if get_type_hints(type(value))[name] in (float, int)]
+FLAGS = [(value, name) for value, name in FIELDS if get_type_hints(type(value))[name] is bool]
+NO_NUMBERS = (None, "1", "", b"1", True, [], [1.0], {}, object(), 1j, math.nan, -math.inf, -1e308, 1e308)
+
+
+def named(value):
+    return value if isinstance(value, str) else type(value).__name__
+
+
+@pytest.mark.parametrize(("value", "name"), NUMBERS, ids=named)
+def test_no_number_is_anything_else(value, name):
+    for bad in NO_NUMBERS:
+        with pytest.raises(ValueError, match=rf"^{named(value)}\.{name} ") as caught:
+            replace(value, **{name: bad})
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("value", "name"), FLAGS, ids=named)
+def test_no_truth_value_is_anything_else(value, name):
+    for bad in (None, "x", "True", 0, 1, math.nan, 1e308, []):
+        with pytest.raises(ValueError, match=rf"^{named(value)}\.{name} must be True or False, got"):
+            replace(value, **{name: bad})
+
+
+@pytest.mark.parametrize(("value", "name"), [pair for pair in FIELDS if pair not in NUMBERS + FLAGS], ids=named)
+def test_no_sequence_and_no_part_is_anything_else(value, name):
+    for bad in (None, "x", 0, 1.0, math.nan, ["x"], [[None]], {"x": 1}, object()):
+        with pytest.raises(ValueError, match=rf"^{named(value)}\.{name}[: \[]"):
+            replace(value, **{name: bad})
+
+
+@pytest.mark.parametrize(("value", "name"), NUMBERS, ids=named)
+def test_numbers_of_numpy_are_numbers(value, name):
+    kept = getattr(value, name)
+    for given_ in (np.float64(kept), np.array(kept)) if type(kept) is float else (np.int64(kept), np.array(kept)):
+        again = replace(value, **{name: given_})
+        assert again == value
+        assert type(getattr(again, name)) is type(kept)
+
+
+@pytest.mark.parametrize("maker", [gym.make, gym.make_vec], ids=["scalar", "vector"])
+@pytest.mark.parametrize("name", ["reward", "robot", "noise", "filter"])
+@pytest.mark.parametrize("bad", ["", [], 0, 0.5, True, ["x"], {"nonsense": 1.0}, object()], ids=repr)
+def test_parameters_are_given_as_such_or_by_their_fields(maker, name, bad):
+    with pytest.raises(ValueError, match=rf"^{name}\b") as caught:
+        maker(NAV, **{name: bad})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["task", "integrator", "observation", "arrival", "fix", "plant"])
+@pytest.mark.parametrize("bad", ["", [], {}, 0, True, {"nonsense": 1.0}, object()], ids=repr)
+def test_choices_are_one_of_those_that_there_are(name, bad):
+    for maker in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=rf"^{name}\b"):
+            maker(NAV, **{name: bad})
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"dt": "0.1"}, "dt must be a number, got '0.1'"),
+        ({"dt": True}, "dt must be a number, got True"),
+        ({"dt": 1e300}, "dt must be positive, from 0.0001 to 10 s, got 1e\\+300"),
+        ({"dt": 1e-5}, "dt must be positive, from 0.0001 to 10 s, got 1e-05"),
+        ({"delay": 1.0}, "delay must be a whole number from 0 to 3, got 1.0"),
+        ({"delay": 4}, "delay must be a whole number from 0 to 3, got 4"),
+        ({"delay": True}, "delay must be a whole number from 0 to 3, got True"),
+        ({"laps": True}, "laps must be a whole number of at least 1, got True"),
+        (
+            {"waypoints": [(1e300, 0.0, 0.0)]},
+            r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+06 m away",
+        ),
+        ({"waypoints": 3}, "waypoints must be one or more finite poses"),
+        ({"waypoints": "abc"}, "waypoints must be one or more finite poses"),
+        ({"robot": {"max_linear": 0.2}}, "robot: Robot needs max_angular"),
+        ({"noise": {"odometry": {"R": [1, 2]}}}, "OdometryNoise.R must hold 3 variances"),
+        ({"reward": {"time": "much"}}, "Reward.time must be a number, got 'much'"),
+    ],
+)
+def test_other_arguments_are_refused_by_name(options, told):
+    for maker in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=f"^{told}"):
+            maker(SQUARE, **options)
+
+
+@pytest.mark.parametrize("name", ["world", "lidar"])
+@pytest.mark.parametrize("bad", ["", [], 0, True, {"nonsense": 1.0}, object()], ids=repr)
+def test_rooms_are_refused_by_name(name, bad):
+    for maker in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=rf"^{name}\b"):
+            maker(ROOMS, **{name: bad})
+
+
+def test_mappings_stand_for_parameters():
+    given_ = make_parameters(
+        reward={"time": 0.2},
+        noise={"odometry": {"R": (0.01, 0.01, 0.02)}, "process": {"alpha1": 0.1}},
+        robot={"max_linear": 0.3, "max_angular": 1.0, "reverse": False},
+        filter={"Q": (0.1,) * 5, "R": (0.1,) * 3},
+        fix={"R": (0.1, 0.1)},
+    )
+    assert given_.reward == Reward(time=0.2)
+    assert given_.noise == Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.02)), process=ProcessNoise(alpha1=0.1))
+    assert given_.robot == Robot(max_linear=0.3, max_angular=1.0, reverse=False)
+    assert given_.tuning == FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3)
+    assert given_.fix == FixNoise(R=(0.1, 0.1))
+
+
+EXTREME = st.one_of(
+    st.sampled_from([0.0, 1e-15, 1e-12, 1e-6, 1e-3, 0.1, 0.5, 1.0, 2.0, 1e3, 1e6]),
+    st.floats(1e-15, 1e6),
+    st.floats(0.0, 1.0),
+)
+WRONG = st.one_of(
+    st.sampled_from([math.nan, math.inf, -1.0, 1e300, 5e-324, True, None, "1", "", 1j]),
+    st.lists(EXTREME, max_size=4),
+    st.text(),
+)
+
+
+def some_fields_of(value):
+    """Return some fields of a parameter class, the needed ones among them, each with what it may be or almost may be."""
+    kinds = get_type_hints(type(value))
+    number = {float: EXTREME, bool: st.booleans()}
+
+    def for_field(item):
+        kind = kinds[item.name]
+        if kind in number:
+            return number[kind]
+        return st.lists(EXTREME, min_size=(size := len(getattr(value, item.name))), max_size=size)
+
+    needed = {item.name for item in fields(value) if item.default is MISSING and item.default_factory is MISSING}
+    given_ = {item.name: for_field(item) for item in fields(value) if item.name not in ("process", "kind")}
+    return st.fixed_dictionaries(
+        {name: one for name, one in given_.items() if name in needed},
+        optional={name: one for name, one in given_.items() if name not in needed},
+    )
+
+
+robot, process, odometry, fix, tuning, reward = (some_fields_of(VALID[at]) for at in (0, 1, 2, 4, 5, 6))
+ARGUMENTS = st.fixed_dictionaries(
+    {},
+    optional={
+        "robot": st.one_of(st.sampled_from(["burger", "waffle"]), robot),
+        "noise": st.fixed_dictionaries({}, optional={"process": process, "odometry": odometry}),
+        "filter": st.one_of(st.sampled_from(["matched", "tutorial", "mixture", "slip", "scale", "gated"]), tuning),
+        "reward": reward,
+        "fix": st.one_of(st.none(), fix),
+        "dt": st.sampled_from([1e-4, 0.05, 0.1, 0.2, 10.0]),
+        "delay": st.integers(0, 3),
+        "observation": st.sampled_from(["ekf", "odometry", "truth"]),
+        "waypoints": st.lists(st.tuples(EXTREME, EXTREME, EXTREME), min_size=1, max_size=3),
+        "laps": st.integers(1, 3),
+    },
+)
+
+
+def drives(arguments):
+    """Return whether an environment takes its arguments; if so, drive it, and find finite numbers alone."""
+    told = None
+    try:
+        env = gym.make(SQUARE, disable_env_checker=True, **arguments)
+    except ValueError as error:
+        told = str(error)
+    if told is not None:
+        assert "\n" not in told, arguments
+        return False
+    observation, info = env.reset(seed=1)
+    for k in range(20):
+        assert env.observation_space.contains(observation), (arguments, observation)
+        assert math.isfinite(info["distance"]), arguments
+        assert np.isfinite(info["covariance"]).all(), arguments
+        action = np.array([math.cos(k), math.sin(3.0 * k)], np.float32)
+        observation, one, terminated, truncated, info = env.step(action)
+        assert math.isfinite(one), (arguments, one)
+        if terminated or truncated:
+            observation, info = env.reset()
+    return True
+
+
+def fuzzed(examples):
+    """Return settings for so many inputs, the same in each run."""
+    return settings(max_examples=examples, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+
+
+def finite(arguments):
+    event("driven" if drives(arguments) else "refused")
+
+
+def wrong(arguments, data):
+    if not arguments:
+        return
+    name = data.draw(st.sampled_from(sorted(arguments)))
+    inside = arguments[name]
+    if isinstance(inside, dict) and inside and data.draw(st.booleans()):
+        inside[data.draw(st.sampled_from(sorted(inside)))] = data.draw(WRONG)
+    else:
+        arguments[name] = data.draw(WRONG)
+    drives(arguments)
+
+
+test_what_is_taken_leads_to_finite_numbers = fuzzed(300)(given(ARGUMENTS)(finite))
+test_one_wrong_value_anywhere_is_one_line = fuzzed(300)(given(ARGUMENTS, st.data())(wrong))
+test_many_are_taken_and_lead_to_finite_numbers = pytest.mark.slow(fuzzed(4000)(given(ARGUMENTS)(finite)))
+test_many_wrong_values_are_one_line = pytest.mark.slow(fuzzed(6000)(given(ARGUMENTS, st.data())(wrong)))
