@@ -300,3 +300,146 @@ print(len(os.listdir("/proc/self/task")) - before)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert int(done.stdout) == 0
+
+
+# Bundles with a correct hash that somebody, or a newer version, has made otherwise.
+
+
+def rewritten(bundle, *, card=None, change=lambda model: None):
+    """Write a bundle with another card and another model, and its own hash."""
+    model = onnx.load(bundle)
+    content = metadata(bundle)
+    change(model)
+    del model.metadata_props[:]
+    told = {"sha256": "0" * 64, "card": content["card"] if card is None else card(content["card"])}
+    model.metadata_props.add(key="turtlebot_gym", value=json.dumps(told))
+    blank = model.SerializeToString()
+    bundle.write_bytes(blank.replace(b"0" * 64, hashlib.sha256(blank).hexdigest().encode(), 1))
+    return bundle
+
+
+def test_a_rewritten_bundle_is_one(bundle):
+    assert BundlePolicy(rewritten(bundle)).card == CARD
+
+
+def test_what_a_newer_version_adds_to_a_card_is_left_out(bundle):
+    assert BundlePolicy(rewritten(bundle, card=lambda card: card | {"license": "MIT"})).card == CARD
+
+
+CARD_FIELDS = ["env", "robot", "dt", "noise", "filter", "observation", "training", "format", "layout", "action"]
+
+
+@pytest.mark.parametrize("name", CARD_FIELDS)
+def test_a_malformed_card_is_refused_in_one_line(bundle, name):
+    original = bundle.read_bytes()
+    for wrong in (None, 3, -1.0, 0, "x", "", [], [1], True, float("nan"), float("inf"), 1e300):
+        bundle.write_bytes(original)
+        kept = metadata(bundle)["card"][name]
+        if wrong == kept or (isinstance(kept, str) and name in ("env", "noise", "filter") and isinstance(wrong, str)):
+            continue  # any text names a task, a noise or a filter
+        with pytest.raises(ValueError, match=re.escape(str(bundle))) as caught:
+            BundlePolicy(rewritten(bundle, card=lambda card, wrong=wrong: card | {name: wrong}), robot="burger", dt=0.1)
+        assert "\n" not in str(caught.value)
+    bundle.write_bytes(original)
+    if name != "training":
+        with pytest.raises(ValueError, match=re.escape(str(bundle))):
+            BundlePolicy(rewritten(bundle, card=lambda card: {key: card[key] for key in card if key != name}))
+
+
+@pytest.mark.parametrize("card", [None, [], "x", 3, {}])
+def test_a_card_that_is_none_is_refused(bundle, card):
+    with pytest.raises(ValueError, match=re.escape(str(bundle))):
+        BundlePolicy(rewritten(bundle, card=lambda _: card))
+
+
+@pytest.mark.parametrize("robot", [{}, {"name": "burger"}, {"max_linear": "fast"}])
+def test_a_robot_that_is_not_whole_is_another_one(bundle, robot):
+    with pytest.raises(ValueError, match="made for 10 Hz"):
+        BundlePolicy(rewritten(bundle, card=lambda card: card | {"robot": robot}), robot="burger", dt=0.1)
+
+
+def test_weights_in_another_file_are_refused(bundle, tmp_path):
+    (tmp_path / "secret.bin").write_bytes(WEIGHTS.tobytes())
+
+    def outside(model):
+        (weights,) = model.graph.initializer
+        weights.ClearField("raw_data")
+        weights.data_location = TensorProto.EXTERNAL
+        for key, value in (("location", "secret.bin"), ("offset", "0"), ("length", str(WEIGHTS.nbytes))):
+            weights.external_data.add(key=key, value=value)
+
+    with pytest.raises(ValueError, match="its weights are in another file"):
+        BundlePolicy(rewritten(bundle, change=outside))
+
+
+def test_weights_in_another_file_are_found_in_a_subgraph(bundle):
+    def hidden(model):
+        inner = helper.make_graph([], "inner", [], [], [numpy_helper.from_array(WEIGHTS, "V")])
+        inner.initializer[0].data_location = TensorProto.EXTERNAL
+        node = model.graph.node.add(op_type="If", input=["observation"], output=["unused"])
+        node.attribute.append(helper.make_attribute("then_branch", inner))
+
+    with pytest.raises(ValueError, match="its weights are in another file"):
+        BundlePolicy(rewritten(bundle, change=hidden))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("packed", [True, False])
+def test_weights_that_are_not_finite_are_refused(bundle, bad, packed):
+    def spoil(model):
+        values = WEIGHTS.copy()
+        values[12, 1] = bad
+        spoiled = numpy_helper.from_array(values, "W")
+        if not packed:
+            spoiled = helper.make_tensor("W", TensorProto.FLOAT, values.shape, values.ravel().tolist())
+        model.graph.initializer[0].CopyFrom(spoiled)
+
+    with pytest.raises(ValueError, match="its weights are not all finite numbers"):
+        BundlePolicy(rewritten(bundle, change=spoil))
+
+
+def widths(inputs, outputs):
+    def change(model):
+        model.graph.initializer[0].CopyFrom(numpy_helper.from_array(np.zeros((inputs, outputs), np.float32), "W"))
+        for info, size in ((model.graph.input[0], inputs), (model.graph.output[0], outputs)):
+            info.type.tensor_type.shape.dim[1].dim_value = size
+
+    return change
+
+
+def fixed_batch(model):
+    model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
+
+
+def doubles(model):
+    model.graph.initializer[0].CopyFrom(numpy_helper.from_array(WEIGHTS.astype(np.float64), "W"))
+    for info in (model.graph.input[0], model.graph.output[0]):
+        info.type.tensor_type.elem_type = TensorProto.DOUBLE
+
+
+def two_outputs(model):
+    model.graph.output.append(helper.make_tensor_value_info("product", TensorProto.FLOAT, ["n", 2]))
+
+
+@pytest.mark.parametrize("change", [widths(12, 2), widths(50, 2), widths(13, 3), fixed_batch, doubles, two_outputs])
+def test_a_model_of_another_shape_or_type_is_refused(bundle, change):
+    with pytest.raises(ValueError, match=r"its model must be from float observations \(n, 13\) to float actions \(n, 2\)"):
+        BundlePolicy(rewritten(bundle, change=change))
+
+
+def test_a_model_that_answers_nan_is_refused(bundle):
+    def root(model):
+        model.graph.node[1].op_type = "Log"  # of the zeros that it is tried with
+
+    with pytest.raises(ValueError, match="must give 1 finite actions"):
+        BundlePolicy(rewritten(bundle, change=root))
+
+
+def test_random_bytes_with_a_hash_are_refused(tmp_path):
+    path = tmp_path / "policy.onnx"
+    for seed in range(200):
+        noise = np.random.default_rng(seed).bytes(seed)
+        blank = noise + b'{"sha256": "' + b"0" * 64 + b'"}'
+        path.write_bytes(blank.replace(b"0" * 64, hashlib.sha256(blank).hexdigest().encode(), 1))
+        with pytest.raises(ValueError, match="not a policy bundle"):
+            BundlePolicy(path)

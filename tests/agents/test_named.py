@@ -9,6 +9,7 @@ import pytest
 from turtlebot_gym import ROBOTS
 from turtlebot_gym.systems import SIZES
 from turtlebot_gym_agents import make_policy
+from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.policies import POLICIES, BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.named import pretrained_folder
@@ -100,3 +101,16 @@ def test_what_cannot_be_called_is_no_policy(name):
 
 def test_a_function_of_ones_own_is_the_policy_itself():
     assert make_policy("numpy:zeros_like") is np.zeros_like
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "told"),
+    [
+        ("ppo-square", {"env": NAV}, "ppo-square: made for turtlebot_gym/TurtleBotSquare-v0 and observation 'ekf'"),
+        ("ppo-nav", {"env": NAV, "observation": "odometry"}, f"asked for {NAV} and 'odometry'; --allow-mismatch"),
+    ],
+)
+def test_a_bundle_for_another_task_or_observation_drives_only_if_it_may(policy, options, told):
+    with pytest.raises(ValueError, match=told):
+        evaluate(policy, episodes=4, **options)
+    assert len(evaluate(policy, episodes=4, allow_mismatch=True, **options).episodes.seed) == 4

@@ -51,6 +51,8 @@ class _Driven(Setting):
     """With the plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
     caster_friction: float | None = None
     """Likewise, between caster and floor; by default 0.05. A slippery floor is --friction 0.5 --caster-friction 0.3."""
+    allow_mismatch: bool = False
+    """Drive policies that were made for another task or another observation, too."""
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""
@@ -62,7 +64,11 @@ class _Driven(Setting):
             if self.env == ROOMS:
                 raise ValueError(f"plant must be 'unicycle' for {ROOMS}: in MuJoCo there is open ground alone.")
             given["plant"] = plant
-        return {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay")} | self.given() | given
+        return (
+            {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay", "allow_mismatch")}
+            | self.given()
+            | given
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

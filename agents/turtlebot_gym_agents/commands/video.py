@@ -49,6 +49,7 @@ def record(
     fps: int = 20,
     width: int = SIDE,
     progress: Callable[[int, int], None] = lambda steps, limit: None,
+    allow_mismatch: bool = False,
     **options: Any,
 ) -> Video:
     """Drive an episode, and write it as a video: the first episode of `evaluate` with the same arguments.
@@ -62,6 +63,7 @@ def record(
         fps: Frames per second.
         width: Of the frames, pixels.
         progress: Called with the number of steps so far, and the most that there can be.
+        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
         **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
 
     Raises:
@@ -82,7 +84,7 @@ def record(
     assert world.spec is not None
     limit = world.spec.max_episode_steps or 0
     p: Parameters = world.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    driver = driver_of(policy, p)
+    driver = driver_of(policy, world, allow_mismatch=allow_mismatch)
     size = width, 2 * round(0.5 * width * (HEADER + SIDE) / SIDE)  # even, which an MP4 needs
     frames, steps, success = 0, 0, False
 

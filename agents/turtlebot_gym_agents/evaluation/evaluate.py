@@ -16,7 +16,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from turtlebot_gym.systems import Parameters
+from turtlebot_gym.systems import OBSERVED, Parameters
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation import metrics
@@ -24,6 +24,7 @@ from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatena
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
+from turtlebot_gym_agents.policies.fit import require_task
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 ORACLE = "oracle"
@@ -110,6 +111,7 @@ def evaluate(
     episodes: int = 1000,
     seed: int = 0,
     progress: Callable[[int], None] = lambda ended: None,
+    allow_mismatch: bool = False,
     **options: Any,
 ) -> Evaluation:
     """Drive one episode for each seed, and measure.
@@ -120,6 +122,7 @@ def evaluate(
         episodes: How many; episode i has the seed ``seed + i``.
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
+        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
         **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
 
     Raises:
@@ -132,7 +135,8 @@ def evaluate(
     for start in range(0, episodes, BATCH):
         size = min(BATCH, episodes - start)
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
-        runs.append(drive(envs, policy, seed + start, lambda ended, start=start: progress(start + ended)))
+        told = lambda ended, start=start: progress(start + ended)  # noqa: E731
+        runs.append(drive(envs, policy, seed + start, told, allow_mismatch=allow_mismatch))
         envs.close()
     parts, trajectories, parameters = zip(*runs, strict=True)
     p: Parameters = parameters[0]
@@ -152,13 +156,35 @@ def require_known(env: str, seed: int) -> None:
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 
-def driver_of(policy: str | Policy, p: Parameters) -> Policy:
-    """Return a policy, made for an environment's robot and control interval where it is given by name."""
-    return make_policy(policy, robot=p.robot, dt=p.dt) if isinstance(policy, str) else policy
+def driver_of(policy: str | Policy, envs: Any, *, allow_mismatch: bool = False) -> Policy:
+    """Return a policy, made for an environment's robot and control interval where it is given by name.
+
+    Args:
+        policy: Its name for `turtlebot_gym_agents.make_policy`, or the policy.
+        envs: The environment, or many in one, made by Gymnasium.
+        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
+
+    Raises:
+        ValueError: If it may not, or there is no policy of that name.
+    """
+    if not isinstance(policy, str):
+        return policy
+    parameters = envs.unwrapped.parameters
+    p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
+    found = make_policy(policy, robot=p.robot, dt=p.dt)
+    if not allow_mismatch and envs.spec is not None:
+        shown = next(name for name, code in OBSERVED.items() if code == p.observed)
+        require_task(found, policy, envs.spec.id, shown)
+    return found
 
 
 def drive(
-    envs: VectorEnv, policy: str | Policy, seed: int, progress: Callable[[int], None] = lambda ended: None
+    envs: VectorEnv,
+    policy: str | Policy,
+    seed: int,
+    progress: Callable[[int], None] = lambda ended: None,
+    *,
+    allow_mismatch: bool = False,
 ) -> tuple[Episodes, Trajectory, Parameters]:
     """Drive an episode in each of some environments.
 
@@ -167,12 +193,14 @@ def drive(
         policy: See `evaluate`.
         seed: Of the first environment.
         progress: Called with the number of episodes that have ended so far.
+        allow_mismatch: See `driver_of`.
 
     Returns:
         The episodes, the first one's trajectory, and the environments' parameters.
     """
     p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    record = _record(envs, Oracle(envs) if policy == ORACLE else driver_of(policy, p), seed, progress)
+    driver = Oracle(envs) if policy == ORACLE else driver_of(policy, envs, allow_mismatch=allow_mismatch)
+    record = _record(envs, driver, seed, progress)
     return measure(record, p, seed), record.trajectory(dt=p.dt), p
 
 

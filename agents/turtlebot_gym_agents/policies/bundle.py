@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.systems import SIZES
+from turtlebot_gym.systems.parameters import MAX_DT, MIN_DT, OBSERVED
+from turtlebot_gym.validation import choose, number
 from turtlebot_gym_agents.policies.fit import require_fit
+from turtlebot_gym_agents.policies.weights import require_own_finite_weights
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
@@ -96,24 +99,39 @@ class BundlePolicy:
         self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
+        require_own_finite_weights(path, content)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4
         try:
             self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-            told = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
+            told: Any = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
         except Exception as error:  # onnxruntime has no common base class for its errors
-            raise ValueError(f"{path} is not a policy bundle: {error}.") from error
-        ours = {"format": FORMAT, "layout": sorted(SIZES), "action": ACTION}
-        theirs = {name: told.get(name) for name in ours}
-        if theirs | {"layout": ours["layout"]} != ours or theirs["layout"] not in SIZES:
-            raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
-        self.card = Card(**told)
+            raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
+        self.card = _read_card(path, told)
         """What it was trained for."""
         self.layout: int = self.card.layout
         """Layout of the observations that it takes."""
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self._input = self._session.get_inputs()[0].name
+        self._require_shapes()
+
+    def _require_shapes(self) -> None:
+        """Refuse a model that is not one from any number of observations to as many finite actions."""
+        inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), SIZES[self.layout]
+        found = [(one.type, one.shape[1:]) for one in (*inputs, *outputs)]
+        if found != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
+            raise ValueError(
+                f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2), it is from "
+                f"{[(one.type, one.shape) for one in inputs]} to {[(one.type, one.shape) for one in outputs]}."
+            )
+        for rows in (1, 3):
+            try:
+                actions: Any = self._session.run(None, {self._input: np.zeros((rows, size), np.float32)})[0]
+            except Exception as error:  # onnxruntime has no common base class for its errors
+                raise ValueError(f"{self._path}: its model does not run: {' '.join(str(error).split())}") from error
+            if actions.shape != (rows, 2) or not np.isfinite(actions).all():
+                raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n), as many as its layout has.
@@ -127,6 +145,36 @@ class BundlePolicy:
             raise ValueError(f"{self._path}: made for observations (..., {size}), layout {self.card.layout}, got {rows.shape}.")
         actions: Any = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
         return np.asarray(actions).reshape(*rows.shape[:-1], 2)
+
+
+def _read_card(path: str | Path, told: Any) -> Card:
+    """Return the card that a bundle's metadata hold; fields that this version does not know are left out.
+
+    Whatever changes what the others mean has another `FORMAT`, `ACTION` or layout, which is refused.
+
+    Raises:
+        ValueError: If it is of another format, or a field is missing, of another type or out of its range.
+    """
+    if not isinstance(told, Mapping):
+        raise ValueError(f"{path}: its card must be a mapping, got {told!r}.")
+    ours = {"format": FORMAT, "layout": sorted(SIZES), "action": ACTION}
+    theirs = {name: told.get(name) for name in ours}
+    if theirs | {"layout": ours["layout"]} != ours or theirs["layout"] not in list(SIZES):
+        raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
+    texts = ("env", "noise", "filter", "observation")
+    missing = [name for name in (*texts, "robot", "dt") if name not in told]
+    if missing:
+        raise ValueError(f"{path}: its card has no {', '.join(missing)}.")
+    for name in texts:
+        if not isinstance(told[name], str):
+            raise ValueError(f"{path}: {name} on its card must be text, got {told[name]!r}.")
+    choose(f"{path}: observation on its card", told["observation"], OBSERVED)
+    for name in ("robot", "training"):
+        if not isinstance(told.get(name, {}), Mapping):
+            raise ValueError(f"{path}: {name} on its card must be a mapping, got {told[name]!r}.")
+    if not MIN_DT <= number(f"{path}: dt on its card", told["dt"]) <= MAX_DT:
+        raise ValueError(f"{path}: dt on its card must be from {MIN_DT:g} to {MAX_DT:g} s, got {told['dt']!r}.")
+    return Card(**{item.name: told[item.name] for item in fields(Card) if item.name in told})
 
 
 def _verified_hash(path: str | Path, content: bytes) -> str:

@@ -18,6 +18,26 @@ def describe_robot(robot: str | Robot) -> dict[str, Any]:
     return plain({"name": name, **asdict(make_robot(robot))})
 
 
+def require_task(policy: object, name: str, env: str, observation: str) -> None:
+    """Refuse a policy that says for which task and observation it was made, where they are others.
+
+    Args:
+        policy: It; one without a card says nothing.
+        name: What the message calls it.
+        env: Id of the environment that it is to drive in.
+        observation: What it is to be shown as the robot's pose.
+
+    Raises:
+        ValueError: If one of them differs; the message names both.
+    """
+    card: Any = getattr(policy, "card", None)
+    if card is not None and (card.env, card.observation) != (env, observation):
+        raise ValueError(
+            f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; "
+            "--allow-mismatch (allow_mismatch=True) drives it all the same."
+        )
+
+
 def require_fit(
     path: str | Path, made_for: Mapping[str, Any], made_dt: float, robot: str | Robot | None, dt: float | None
 ) -> None:
@@ -40,6 +60,6 @@ def require_fit(
     if others or abs(period - made_dt) > 1e-9:
         details = "; ".join(f"{name} {made_for.get(name)} there, {wanted[name]} here" for name in others)
         raise ValueError(
-            f"{path}: made for {1.0 / made_dt:g} Hz {made_for['name']}, asked for {1.0 / period:g} Hz "
-            f"{wanted['name']}{f' ({details})' if others else ''}."
+            f"{path}: made for {1.0 / made_dt:g} Hz {made_for.get('name')}, asked for {1.0 / period:g} Hz "
+            f"{wanted.get('name')}{f' ({details})' if others else ''}."
         )

@@ -52,6 +52,8 @@ class SafetyLayer:
     ) -> None:
         require_positive(dt=dt, reserve=reserve)
         require_non_negative(margin=margin, lag=lag)
+        self.card = getattr(policy, "card", None)
+        """What the policy was trained for, if it says so."""
         self._policy, self._robot, self._dt = policy, make_robot(robot), dt
         self._reserve, self._radius, self._lag = reserve, self._robot.radius + margin, lag
 

@@ -1,0 +1,68 @@
+"""What the weights of an ONNX model must be in a policy bundle: inside the file, and finite.
+
+The format's messages are read by their field numbers with protobuf, which onnxruntime brings; a robot has no ``onnx``.
+
+References:
+    ONNX, *onnx.proto* (onnx.ai/onnx/repo-docs/IR.html), field numbers of ModelProto, GraphProto, NodeProto, TensorProto.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+_PARTS: dict[str, dict[int, str]] = {
+    "model": {7: "graph", 20: "training", 25: "function"},
+    "training": {1: "graph", 2: "graph"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
+    "function": {7: "node"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
+    "tensor": {},
+}
+"""In each kind of message, the numbers of the fields that hold messages, and their kinds."""
+_DATA_TYPE, _FLOATS, _RAW, _EXTERNAL_DATA, _LOCATION = 2, 4, 9, 13, 14
+_FLOAT32 = 1
+_BYTES = 2
+"""Wire type of what has a length: messages, texts and packed numbers."""
+
+
+def require_own_finite_weights(path: object, content: bytes) -> None:
+    """Refuse an ONNX model whose weights are in other files, or not all finite.
+
+    Args:
+        path: Its file, for the message.
+        content: What the file holds.
+
+    Raises:
+        ValueError: If a weight is elsewhere or not finite, or the file cannot be read so far.
+    """
+    from google.protobuf.message import DecodeError
+
+    try:
+        tensors = list(_tensors(content, "model"))
+    except (DecodeError, RecursionError) as error:
+        raise ValueError(f"{path} is not a policy bundle: it is no ONNX model.") from error
+    for fields in tensors:
+        if any(number == _EXTERNAL_DATA or (number == _LOCATION and value) for number, _, value in fields):
+            raise ValueError(f"{path}: its weights are in another file, which its hash does not cover; a bundle holds its own.")
+        if (_DATA_TYPE, 0, _FLOAT32) in fields:
+            blocks = [value for number, wire, value in fields if number in (_RAW, _FLOATS) and wire == _BYTES]
+            if not all(len(block) % 4 == 0 and np.isfinite(np.frombuffer(block, "<f4")).all() for block in blocks):
+                raise ValueError(f"{path}: its weights are not all finite numbers.")
+
+
+def _tensors(content: bytes, kind: str) -> Iterator[list[tuple[int, int, object]]]:
+    """Yield the fields of all tensors in a message, each as its number, its wire type and its value."""
+    from google.protobuf import empty_pb2, unknown_fields
+
+    message = empty_pb2.Empty()
+    message.MergeFromString(content)
+    fields = [(field.field_number, field.wire_type, field.data) for field in unknown_fields.UnknownFieldSet(message)]
+    if kind == "tensor":
+        yield fields
+    for number, wire, value in fields:
+        if wire == _BYTES and number in _PARTS[kind]:
+            yield from _tensors(value, _PARTS[kind][number])
