@@ -75,13 +75,21 @@ GOOD = "t,vx,gyro,px,py,theta"
     ("text", "message"),
     [
         ("t,vx,px,py,theta\n0,0,0,0,0\n1,0,0,0,0\n", "column 'gyro' is missing; there are 't', 'vx', 'px', 'py', 'theta'"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,nan,0,0,0,0\n", "column 'vx' must be finite, got nan in row 2"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0,0,0,inf\n", "column 'theta' must be finite, got inf in row 2"),
-        (f"{GOOD}\n0,0,0,0,0,0\n2,0,0,0,0,0\n2,0,0,0,0,0\n", "column 't' must increase, got 2.0 after 2.0 in row 3"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n", "could not convert string 'zero'"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0\n", "row 2|index 3"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,nan,0,0,0,0\n", "line 3: column 'vx' must be finite, .* got nan"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0,0,0,inf\n", "line 3: column 'theta' must be finite, .* got inf"),
+        (f"{GOOD}\n0,0,0,0,0,0\n2,0,0,0,0,0\n2,0,0,0,0,0\n", "line 4: column 't' must increase, got 2.0 after 2.0"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n2,0,0,0,0,0\n", "line 3: could not convert string to float: 'zero'"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0\n2,0,0,0,0,0\n", "line 3: 3 cells instead of 6"),
+        (f"{GOOD}\n\n0,0,0,0,0,0\n1,0,0,0,0,0\n\n2,0,0,0,0,0,7\n", "line 6: 7 cells instead of 6"),
+        (
+            f"{GOOD}\n0,0,0,0,0,0\n1,1e308,0,0,0,0\n",
+            "line 3: column 'vx' must be finite, at most 1e\\+15 in size, got 1e\\+308",
+        ),
+        (f"{GOOD},vx\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "column 'vx' is there more than once"),
+        ("\0\1\2", "this is no text but binary"),
+        (",".join(f"c{k}" for k in range(40)) + "\n", "there are 'c0', .*'c11' and 28 more"),
         (f"{GOOD}\n0,0,0,0,0,0\n", "at least two rows, got 1"),
-        ("", "is missing"),
+        ("", "the file is empty"),
     ],
 )
 def test_bad_tables_are_refused_with_the_place(tmp_path, text, message):
@@ -90,6 +98,30 @@ def test_bad_tables_are_refused_with_the_place(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as refusal:
         read_drive(path)
     assert str(path) in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("factors", "told"),
+    [
+        ({0: 1e3}, "if time is in milliseconds, divide it by 1e"),
+        ({0: 1e9}, "if time is in nanoseconds, divide it by 1e"),
+        ({1: 1e3}, "if it is in mm/s, divide it by 1000"),
+        ({2: 57.3}, "if it is in deg/s, divide it by 57.3"),
+        ({3: 1e3, 4: 1e3}, "if they are in millimetres, divide them by 1000"),
+        ({5: 57.29578}, "if it is in degrees, multiply it by pi/180"),
+    ],
+)
+def test_other_units_are_refused_with_the_remedy(tmp_path, factors, told):
+    drive = perfect_drive(2000)
+    rows = np.column_stack([drive.time, drive.twist, drive.truth])
+    path = tmp_path / "drive.csv"
+    for scaled in ({}, factors):
+        changed = rows * [scaled.get(at, 1.0) for at in range(6)]
+        path.write_text(GOOD + "\n" + "\n".join(",".join(map(repr, row)) for row in changed.tolist()) + "\n")
+        if not scaled:
+            read_drive(path)
+    with pytest.raises(ValueError, match=told):
+        read_drive(path)
 
 
 def test_a_missing_file_is_told(tmp_path):

@@ -30,7 +30,26 @@ def check(log: Log, robot: Robot, where: str) -> None:
     Raises:
         ValueError: If a speed is impossible, a heading is in degrees, or the robot stands; the message says what to do.
     """
-    steps = np.diff(log.time)
+    require_units(log, robot, where)
+    way, turn = _moved(log)
+    if way < STILL[0] and turn < STILL[1]:
+        raise ValueError(
+            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; "
+            "record a drive of 10 m or more, with turns."
+        )
+
+
+def require_units(log: Log, robot: Robot, where: str) -> None:
+    """Refuse a log that is not in metres, seconds and radians.
+
+    Args:
+        log: The drive.
+        robot: Its speed limits say which speeds are possible.
+        where: The file, for messages.
+
+    Raises:
+        ValueError: If a speed is impossible, or a heading is in degrees; the message says what to do.
+    """
     _check_clock(log, where)
     speed, rate = (float(np.percentile(np.abs(log.twist[:, k]), 99.0)) for k in (0, 1))
     for name, value, limit, times, unit, wrong, factor in (
@@ -42,15 +61,15 @@ def check(log: Log, robot: Robot, where: str) -> None:
                 f"{where}: the {name} reaches {value:.4g} {unit}, and the robot's limit is {limit:.4g}: if it is in {wrong}, "
                 f"divide it by {factor:.4g}; another robot is chosen by its name or file."
             )
-    way = float((np.abs(log.twist[1:, 0]) * steps).sum())
-    turn = float((np.abs(log.twist[1:, 1]) * steps).sum())
+    way, turn = _moved(log)
     for what, poses in (("measured", log.odometry), ("true", log.truth)):
         _check_poses(log, poses, way, turn, f"{where}: the {what}")
-    if way < STILL[0] and turn < STILL[1]:
-        raise ValueError(
-            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; "
-            "record a drive of 10 m or more, with turns."
-        )
+
+
+def _moved(log: Log) -> tuple[float, float]:
+    """Return the way, m, and the turn, rad, that the twists of a log make in all."""
+    way, turn = (np.abs(log.twist[1:]) * np.diff(log.time)[:, None]).sum(axis=0)
+    return float(way), float(turn)
 
 
 def _check_clock(log: Log, where: str) -> None:

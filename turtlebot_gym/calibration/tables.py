@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.calibration.columns import read_text_table, some_of
 from turtlebot_gym.calibration.log import Log, interpolated, make_log
 
 NAMES: dict[str, tuple[str, ...]] = {
@@ -27,7 +28,6 @@ NAMES: dict[str, tuple[str, ...]] = {
 """What columns are called, by what they hold: the first that a table has. ``theta`` is the true heading in a table with
 ``px`` and ``py``, as in those that `turtlebot-gym replay` reads; the measured one beside ``x`` and ``y``."""
 _TWIST, _MEASURED, _TRUE = ("v", "omega"), ("x", "y", "theta"), ("true_x", "true_y", "true_theta")
-_BINARY = "this is no text but binary; a table with named columns, or a bag, is needed."
 MOST = 0.5
 """Share of rows that must be good."""
 FEWEST = 20
@@ -49,17 +49,12 @@ def read_table(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
         ValueError: If it is no text, a column is missing or there twice, a number is not one, or too few rows are good; the
             message names file and row.
     """
-    header, lines, first = _text(Path(path))
-    mark = next((mark for mark in ",;\t" if mark in header), None)
-    found = [name.strip().strip('"') for name in header.split(mark)]
-    twice = sorted({name for name in found if name and found.count(name) > 1})
-    if twice:
-        raise ValueError(f"{path}: column {', '.join(map(repr, twice))} is there more than once; rename one of them.")
-    chosen = _choose(path, found, columns or {})
-    rows = _numbers(path, lines, first, mark, [found.index(name) for name in chosen.values()], len(found))
+    table = read_text_table(path)
+    chosen = _choose(path, table.names, columns or {})
+    rows = table.numbers(tuple(chosen.values()))
     part = dict(zip(chosen, rows.T, strict=True))
     time, twist = part["time"], np.stack([part[name] for name in _TWIST], axis=1)
-    keep, remarks = _good(str(path), time, twist, first)
+    keep, remarks = _good(str(path), time, twist, table.lines)
     if keep.sum() < max(FEWEST, MOST * len(keep)):
         told = "; ".join(remarks) or "nothing is wrong with them"
         raise ValueError(f"{path}: only {keep.sum()} of {len(keep)} rows are good, too few to calibrate: {told}.")
@@ -71,21 +66,6 @@ def read_table(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     if true is not None:
         remarks += _holes(f"{path}: true poses", true)
     return make_log(time[keep], twist[keep], measured, true, joined=joined, remarks=tuple(remarks))
-
-
-def _text(path: Path) -> tuple[str, list[str], int]:
-    """Return a table's header, its lines, and the number of the first of them in the file."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: {_BINARY}") from None
-    if "\0" in text:
-        raise ValueError(f"{path}: {_BINARY}")
-    lines = text.splitlines()
-    start = next((at for at, line in enumerate(lines) if line.strip()), None)
-    if start is None:
-        raise ValueError(f"{path}: the file is empty.")
-    return lines[start].lstrip("#").strip(), lines[start + 1 :], start + 2
 
 
 def _choose(path: str | Path, found: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
@@ -112,42 +92,25 @@ def _choose(path: str | Path, found: Sequence[str], columns: Mapping[str, str]) 
         missing += ["x or true_x"]
     if missing:
         asked = ", ".join(f"{name} ({' or '.join(NAMES[name])})" if name in NAMES else name for name in missing)
-        raise ValueError(f"{path}: no column for {asked}; there are {', '.join(map(repr, found))}.")
+        raise ValueError(f"{path}: no column for {asked}; there are {some_of(found)}.")
     return chosen
 
 
-def _numbers(
-    path: str | Path, lines: Sequence[str], first: int, mark: str | None, places: Sequence[int], width: int
-) -> NDArray[np.float64]:
-    """Return the wanted numbers of each line, shape (T, n); NaN for empty cells. A last line that was cut short is left out."""
-    numbered = [(number, line) for number, line in enumerate(lines, start=first) if line.strip()]
-    rows = []
-    for at, (number, line) in enumerate(numbered):
-        cells = line.split(mark)
-        try:
-            if len(cells) != width:
-                raise ValueError(f"{len(cells)} cells instead of {width}")
-            rows.append([float(cells[place].strip().strip('"') or "nan") for place in places])
-        except ValueError as error:
-            if at == len(numbered) - 1 and at > 0:
-                break
-            raise ValueError(f"{path}: line {number}: {error}.") from None
-    return np.array(rows, np.float64).reshape(-1, len(places))
-
-
-def _good(path: str, time: NDArray[np.float64], twist: NDArray[np.float64], first: int) -> tuple[NDArray[np.bool_], list[str]]:
+def _good(
+    path: str, time: NDArray[np.float64], twist: NDArray[np.float64], lines: Sequence[int]
+) -> tuple[NDArray[np.bool_], list[str]]:
     """Return which rows are good, and what the others were."""
     remarks = []
     finite = np.isfinite(time) & np.isfinite(twist).all(axis=1)
     if not finite.all():
-        place = f"first in line {first + _first(~finite)}"
+        place = f"first in line {lines[_first(~finite)]}"
         remarks.append(f"{path}: {_count(~finite)} without a finite time and twist, {place}: left out")
     newest = np.maximum.accumulate(np.where(finite, time, -np.inf))
     before = np.concatenate([[-np.inf], newest[:-1]])
     back, still = finite & (time < before), finite & (time == before)
     for bad, what in ((back, "in which time runs backwards"), (still, "in which time stands still")):
         if bad.any():
-            remarks.append(f"{path}: {_count(bad)} {what}, first in line {first + _first(bad)}: left out")
+            remarks.append(f"{path}: {_count(bad)} {what}, first in line {lines[_first(bad)]}: left out")
     return finite & ~back & ~still, remarks
 
 
@@ -194,19 +157,15 @@ def with_truth(log: Log, path: str | Path) -> Log:
         OSError: If the file cannot be read.
         ValueError: If a column is missing, or the two share less than a second.
     """
-    header, lines, first = _text(Path(path))
-    mark = next((mark for mark in ",;\t" if mark in header), None)
-    found = [name.strip().strip('"') for name in header.split(mark)]
-    places = []
+    table = read_text_table(path)
+    names = []
     for name in ("time", "x", "y", "theta"):
         known_as = (*NAMES[name], *NAMES.get(f"true_{name}", ()))
-        there = [each for each in known_as if each in found]
+        there = [each for each in known_as if each in table.names]
         if not there:
-            raise ValueError(
-                f"{path}: no column for {name} ({' or '.join(known_as)}); there are {', '.join(map(repr, found))}."
-            )
-        places.append(found.index(there[0]))
-    rows = _numbers(path, lines, first, mark, places, len(found))
+            raise ValueError(f"{path}: no column for {name} ({' or '.join(known_as)}); there are {some_of(table.names)}.")
+        names.append(there[0])
+    rows = table.numbers(names)
     rows = rows[np.isfinite(rows).all(axis=1)]
     rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(rows[:, 0])) > 0.0])]
     if len(rows) < FEWEST or min(rows[-1, 0], log.time[-1]) - max(rows[0, 0], log.time[0]) < 1.0:

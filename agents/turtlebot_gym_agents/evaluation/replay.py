@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.calibration.columns import read_text_table, some_of
+from turtlebot_gym.calibration.log import make_log
+from turtlebot_gym.calibration.plausibility import require_units
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.odometry import sense
@@ -23,6 +26,7 @@ from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
+from turtlebot_gym.robots import Robot
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Pose, Senses
@@ -50,6 +54,12 @@ class Columns:
     """True heading, rad."""
 
 
+ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)
+"""Limits of speed for robots of which nothing else is known: of their multiples none is reached by a small one."""
+LARGEST_NUMBER = 1e15
+"""Greatest number in a table: time in seconds since 1970, or by mistake in nanoseconds, is less."""
+
+
 class Drive(NamedTuple):
     """A recorded drive of T rows."""
 
@@ -61,42 +71,40 @@ class Drive(NamedTuple):
     """True poses, shape (T, 3)."""
 
 
-def read_drive(path: str | Path, *, columns: Columns | None = None) -> Drive:
+def read_drive(path: str | Path, *, columns: Columns | None = None, robot: Robot = ANY_ROBOT) -> Drive:
     """Read a table with named columns: a header line, and numbers that are separated by commas, semicolons or blanks.
 
     Args:
         path: The file.
         columns: What they are called; others are ignored.
+        robot: Its speed limits say which speeds are possible.
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If a column is missing, a number is not one, or time does not increase.
+        ValueError: If a column is missing, a number is not one, time does not increase, or a unit is wrong; the message names
+            the file, and the line in it.
     """
     names = astuple(columns or Columns())
-    with open(path, encoding="utf-8-sig") as file:
-        header = file.readline().lstrip("#").strip()
-        mark = next((mark for mark in ",;" if mark in header), None)
-        found = [name.strip().strip('"') for name in header.split(mark)]
-        missing = [name for name in names if name not in found]
-        if missing:
-            raise ValueError(
-                f"{path}: column {', '.join(map(repr, missing))} is missing; there are {', '.join(map(repr, found))}."
-            )
-        lines = [line for line in file if line.strip()]
-    if len(lines) < 2:
-        raise ValueError(f"{path}: a drive has at least two rows, got {len(lines)}.")
-    try:
-        rows = np.loadtxt(lines, delimiter=mark, usecols=[found.index(name) for name in names], ndmin=2, comments=None)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    bad = np.argwhere(~np.isfinite(rows))
+    table = read_text_table(path)
+    missing = [name for name in names if name not in table.names]
+    if missing:
+        raise ValueError(f"{path}: column {', '.join(map(repr, missing))} is missing; there are {some_of(table.names)}.")
+    rows = table.numbers(names)
+    if len(rows) < 2:
+        raise ValueError(f"{path}: a drive has at least two rows, got {len(rows)}.")
+    bad = np.argwhere(~(np.abs(rows) <= LARGEST_NUMBER))
     if len(bad):
         row, column = bad[0]
-        raise ValueError(f"{path}: column {names[column]!r} must be finite, got {rows[row, column]} in row {row + 1}.")
+        raise ValueError(
+            f"{path}: line {table.lines[row]}: column {names[column]!r} must be finite, at most {LARGEST_NUMBER:g} in size, "
+            f"got {rows[row, column]}."
+        )
     stuck = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
     if len(stuck):
         before, after = rows[stuck[0] : stuck[0] + 2, 0]
-        raise ValueError(f"{path}: column {names[0]!r} must increase, got {after} after {before} in row {stuck[0] + 2}.")
+        line = table.lines[stuck[0] + 1]
+        raise ValueError(f"{path}: line {line}: column {names[0]!r} must increase, got {after} after {before}.")
+    require_units(make_log(rows[:, 0], rows[:, 1:3], None, rows[:, 3:]), robot, str(path))
     return Drive(rows[:, 0], rows[:, 1:3], rows[:, 3:])
 
 
