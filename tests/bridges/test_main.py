@@ -90,6 +90,12 @@ def test_a_node_explains_itself(capsys, name):
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
         (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),
         (["kalman_filter", "quickly"], "unknown argument 'quickly'"),
+        (["bringup", "--policy", "nope.onnx"], "No such file or directory: 'nope.onnx'"),
+        (["bringup", "--seed", str(2**70)], "--seed must be from 0 to 9223372036854775807, got 1180591620717411303424"),
+        (["bringup", "--seed", "-1"], "--seed must be from 0 to"),
+        (["bringup", "--duration", "nan"], "--duration must be positive, got nan"),
+        (["bringup", "--figure", "drive.jpg"], "drive.jpg: its name must end with .png or .pdf or .svg"),
+        (["bringup", "--json", "/proc/none/drive.json"], "/proc/none"),
     ],
 )
 def test_what_is_wrong_is_one_clear_line_and_exit_code_2(capsys, argv, said):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import faulthandler
+import os
 import sys
 from collections.abc import Sequence
 
-from turtlebot_gym_ros.node.discovery import LAST_WORD, prepare
+from turtlebot_gym_ros.node.discovery import prepare
 from turtlebot_gym_ros.nodes import NODES, load
 
 HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
@@ -45,9 +45,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             return entry(rest)
         from turtlebot_gym_ros.node.runner import run
     except ModuleNotFoundError as error:
-        if error.name not in REMEDIES:
+        missing = (error.name or "").partition(".")[0]
+        remedy = REMEDIES.get("rclpy" if missing.endswith(("_msgs", "_srvs", "_interfaces")) else missing)
+        if remedy is None:
             raise
-        print(f"error: {error.name} is missing: {REMEDIES[error.name]}.", file=sys.stderr)
+        print(f"error: {missing} is missing: {remedy}.", file=sys.stderr)
         return 2
     if "-h" in rest or "--help" in rest:
         print(entry.__doc__)
@@ -57,5 +59,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     code = main()
-    faulthandler.dump_traceback_later(LAST_WORD, exit=True)  # the interpreter's own end can hang in DDS too
-    raise SystemExit(code)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)  # the interpreter's own end can hang in DDS, and a refusal would no longer be one

@@ -22,11 +22,14 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.files import require_writable
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.node.runner import refuse
 from turtlebot_gym_ros.nodes import MODES
 
+MAX_SEED = 2**63
+"""Seeds are below this: a ROS parameter has 64 bits."""
 REACHED = 0.3
 """A waypoint counts as reached where a position came this close, m."""
 
@@ -129,8 +132,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = vars(_parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
-    if not duration > 0.0:
-        return refuse(ValueError(f"--duration must be positive, got {duration!r}."))
+    try:
+        if not duration > 0.0:
+            raise ValueError(f"--duration must be positive, got {duration!r}.")
+        if not 0 <= given.get("seed", 0) < MAX_SEED:
+            raise ValueError(f"--seed must be from 0 to {MAX_SEED - 1}, got {given['seed']}.")
+        for path, endings in ((figure, (".png", ".pdf", ".svg")), (report, (".json",))):
+            if path is not None:
+                require_writable(path, endings)
+    except (ValueError, OSError) as error:
+        return refuse(error)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with Graph(**given) as graph:
@@ -143,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             latest = dict(graph.latest)
     except KeyboardInterrupt:
         return 0
-    except (ValueError, RuntimeError, ImportError) as error:
+    except (ValueError, RuntimeError, ImportError, OSError) as error:
         return refuse(error)
     if len(trajectory.time) < 2:
         return 0
