@@ -91,7 +91,7 @@ def test_replay_takes_other_names_of_columns(drive, capsys):
         (["evaluate", "--noise", "loud"], "noise must be one of 'clean', "),
         (
             ["evaluate", "--policy", "clever"],
-            "'rotate-drive-rotate', 'vfh', 'gap', 'dwa', or 'module:callable', got 'clever'",
+            "'dwa', 'ppo-nav', 'ppo-pose', 'ppo-rooms', 'ppo-square', FILE.onnx, FILE.json or 'module:callable', got 'clever'",
         ),
         (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
         (["evaluate", "--env", "CartPole-v1"], "env must be one of "),

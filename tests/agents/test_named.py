@@ -99,10 +99,6 @@ def test_what_cannot_be_called_is_no_policy(name):
         make_policy(name)
 
 
-def test_a_function_of_ones_own_is_the_policy_itself():
-    assert make_policy("numpy:zeros_like") is np.zeros_like
-
-
 @pytest.mark.parametrize(
     ("policy", "options", "told"),
     [

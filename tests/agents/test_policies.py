@@ -208,13 +208,13 @@ def test_a_policy_may_be_ones_own(tmp_path, monkeypatch):
     made = make_policy("own_policies:Made", robot="waffle", dt=0.05)
     assert (made.robot, made.dt) == (ROBOTS["waffle"], 0.05)
     for wrong in ("own_policies:number", "own_policies:missing", "no_such_module:f"):
-        with pytest.raises(ValueError, match=r"'proportional', 'bearing', .*, or 'module:callable'"):
+        with pytest.raises(ValueError, match=r"'proportional', 'bearing', .* or 'module:callable'"):
             make_policy(wrong)
 
 
 @pytest.mark.parametrize("name", ["", "unknown", ":f", "module:"])
 def test_unknown_policies_are_refused_with_the_known_names(name):
-    with pytest.raises(ValueError, match=r"'proportional', 'bearing', .*, or 'module:callable', got"):
+    with pytest.raises(ValueError, match=r"'proportional', 'bearing', .* or 'module:callable', got"):
         make_policy(name)
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from importlib import import_module, resources
+from importlib import resources
 from pathlib import Path
-from typing import Any, cast
 
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
+from turtlebot_gym_agents.policies.own import load_own
 from turtlebot_gym_agents.policies.policy import Policy
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 
@@ -44,24 +44,23 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
         return POLICIES[name](make_robot(robot), dt)
     if name.endswith(".json"):
         return load_baseline(name, robot=robot, dt=dt)
-    shipped = pretrained_folder() / f"{name}.onnx"
-    if name.endswith(".onnx") or (name.isprintable() and "/" not in name and shipped.is_file()):
+    own = pretrained_folder() / f"{name}.onnx"
+    if name.endswith(".onnx") or (name.isprintable() and "/" not in name and own.is_file()):
         from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
-        return BundlePolicy(name if name.endswith(".onnx") else shipped, robot=robot, dt=dt)
+        return BundlePolicy(name if name.endswith(".onnx") else own, robot=robot, dt=dt)
     if name.endswith((".zip", ".pkl", ".pt", ".pth")):
         raise ValueError(
             f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
             f"turtlebot-gym export {name} --allow-pickle"
         )
     module, colon, attribute = name.partition(":")
-    known = f"policy must be one of {', '.join(map(repr, POLICIES))}, or 'module:callable', got {name!r}"
+    shipped = sorted(path.stem for path in pretrained_folder().glob("*.onnx"))
+    names = ", ".join(map(repr, (*POLICIES, *shipped)))
+    known = f"policy must be one of {names}, FILE.onnx, FILE.json or 'module:callable', got {name!r}"
     if not (module and colon and attribute):
         raise ValueError(f"{known}.")
     try:
-        found: Any = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"{known}: {error}.") from error
-    if not callable(found):
-        raise ValueError(f"{known}: it cannot be called.")
-    return cast(Policy, found(robot=make_robot(robot), dt=dt) if isinstance(found, type) else found)
+        return load_own(name, make_robot(robot), dt)
+    except ValueError as error:
+        raise ValueError(f"{known}: {error}") from error

@@ -1,0 +1,113 @@
+"""A policy of somebody's own: it drives like any other, and where it fails, one line says in which file and line."""
+
+import numpy as np
+import pytest
+
+from turtlebot_gym_agents import make_policy
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of
+
+POLICIES = """\
+import numpy as np
+
+def still(observations):
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+def raises(observations):
+    return 1 / 0
+
+def deep(observations):
+    return np.linalg.inv(np.zeros((2, 2)))
+
+def nan(observations):
+    return np.full((*observations.shape[:-1], 2), np.nan)
+
+def one(observations):
+    return observations[..., :1]
+
+def text(observations):
+    return "left"
+
+def nothing(observations):
+    pass
+
+class Unmade:
+    def __init__(self):
+        pass
+
+class Memory:
+    layout = 2
+    def __init__(self, robot, dt):
+        self.asked = []
+    def reset(self, mask):
+        self.asked.append(mask)
+    def __call__(self, observations):
+        return still(observations)
+"""
+
+
+@pytest.fixture(autouse=True)
+def own(tmp_path, monkeypatch):
+    (tmp_path / "drivers.py").write_text(POLICIES)
+    (tmp_path / "slips.py").write_text("import numpy as np\n\ndef policy(observations:\n    return 0\n")
+    (tmp_path / "falls.py").write_text("import math\nprepared = math.sqrt(-1.0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_one_that_answers_drives():
+    policy = make_policy("drivers:still")
+    for shape in ((13,), (4, 13), (2, 3, 13)):
+        assert policy(np.zeros(shape, np.float32)).shape == (*shape[:-1], 2)
+    assert not isinstance(policy, PolicyWithMemory)
+    assert layout_of(policy) is None
+
+
+def test_what_it_has_besides_is_kept():
+    policy = make_policy("drivers:Memory")
+    assert isinstance(policy, PolicyWithMemory)
+    assert layout_of(policy) == 2
+    policy.reset(np.ones(3, np.bool_))
+    assert len(policy.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("slips:policy", r"slips:policy: SyntaxError: .* \(.*slips\.py, line 3\)"),
+        ("falls:policy", r"falls:policy: ValueError: math domain error \(.*falls\.py, line 2\)"),
+        ("drivers:Unmade", r"drivers:Unmade: TypeError: .*unexpected keyword argument"),
+        ("drivers:missing", "module 'drivers' has no attribute 'missing'"),
+        ("no_drivers:still", "No module named 'no_drivers'"),
+        ("drivers:np", "it cannot be called"),
+    ],
+)
+def test_one_that_cannot_be_made_is_refused(name, told):
+    with pytest.raises(ValueError, match=told) as caught:
+        make_policy(name)
+    assert "\n" not in str(caught.value)
+
+
+ANSWERS = [
+    ("raises", r"drivers:raises: ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
+    ("deep", r"drivers:deep: LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
+    ("nan", "drivers:nan: it must answer with finite numbers, got nan"),
+    ("one", r"drivers:one: it must answer with the shape \(5, 2\), got \(5, 1\)"),
+    ("text", "drivers:text: it must answer with numbers, got str"),
+    ("nothing", r"drivers:nothing: it must answer with (numbers|the shape)"),
+]
+
+
+@pytest.mark.parametrize(("name", "told"), ANSWERS)
+def test_one_that_fails_is_told_with_its_place(name, told):
+    with pytest.raises(ValueError, match=told) as caught:
+        make_policy(f"drivers:{name}")(np.zeros((5, 13), np.float32))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", [name for name, _ in ANSWERS])
+def test_the_command_line_says_so_on_one_line(capsys, name):
+    assert main(["evaluate", "--policy", f"drivers:{name}", "--episodes", "4"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"turtlebot-gym: drivers:{name}: ")
