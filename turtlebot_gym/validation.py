@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 LARGEST, LEAST = 1e6, 1e-15
@@ -40,10 +40,10 @@ def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
         ValueError: If it is something else.
     """
     found = _item(value)
-    if isinstance(found, bool) or not isinstance(found, Integral) or not least <= found <= most:
+    if isinstance(found, bool) or not isinstance(found, int) or not least <= found <= most:
         bounds = f" from {least} to {most:g}" if most < math.inf else f" of at least {least}"
         raise ValueError(f"{name} must be a whole number{bounds}, got {value!r}.")
-    return int(found)
+    return found
 
 
 def flag(name: str, value: Any) -> bool:
@@ -203,7 +203,7 @@ def _readers(kind: type) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
         hint = hints[item.name]
         if hint in readers:
             found.append((item.name, readers[hint]))
-        elif is_dataclass(hint):
+        elif isinstance(hint, type) and is_dataclass(hint):
             found.append((item.name, lambda name, value, hint=hint: made(hint, value, name)))
         elif get_origin(hint) is tuple and get_args(hint) == (float, ...):
             found.append((item.name, numbers))

@@ -9,6 +9,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def require_own_finite_weights(path: object, content: bytes) -> None:
                 raise ValueError(f"{path}: its weights are not all finite numbers.")
 
 
-def _tensors(content: bytes, kind: str) -> Iterator[list[tuple[int, int, object]]]:
+def _tensors(content: bytes, kind: str) -> Iterator[list[tuple[int, int, Any]]]:
     """Yield the fields of all tensors in a message, each as its number, its wire type and its value."""
     from google.protobuf import empty_pb2, unknown_fields
 
