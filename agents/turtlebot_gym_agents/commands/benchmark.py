@@ -77,13 +77,14 @@ class Benchmark:
         from turtlebot_gym_agents.speed import environments
         from turtlebot_gym_agents.speed.machine import busy, machine
         from turtlebot_gym_agents.speed.peers import peers
+        from turtlebot_gym_agents.speed.turns import grouped
 
         result: dict[str, Any] = {"machine": machine()}
         with ExitStack() as stack:
             contenders = environments.contenders(self.num_envs)
             if self.peers is not None:
                 present = stack.enter_context(peers(self.peers, self.num_envs))
-                contenders |= present.contenders
+                contenders = grouped(contenders | present.contenders)
                 result["peers"] = present.versions
             key = {name: one for name, one in contenders.items() if one.key}
             trainings = TRAININGS * self.training

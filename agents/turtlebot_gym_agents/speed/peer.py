@@ -19,7 +19,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
-SCANNED = 64
+SCANNED = 16
 """Steps in one call of the form "scan"."""
 
 

@@ -42,7 +42,8 @@ class Peer(NamedTuple):
 
 
 PEERS = {
-    "gymnax": Peer("gymnax", ("gymnax==1.0.1", "jax==0.10.2"), "3.11 to 3.14"),
+    # six: gymnax imports it, but does not ask for it
+    "gymnax": Peer("gymnax", ("gymnax==1.0.1", "jax==0.10.2", "six==1.17.0"), "3.11 to 3.14"),
     "envpool": Peer("EnvPool", ("envpool==1.2.5",), "3.11 to 3.14"),
 }
 

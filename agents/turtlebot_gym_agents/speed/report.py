@@ -111,8 +111,8 @@ def figure(result: Mapping[str, Any]) -> Figure:
         busy = f"beside {result['busy']['processes']} busy processes"
         handles.append(Line2D([], [], linestyle="none", label=busy, **_BESIDE))
     drawn.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=10)
-    title = f"Speed on {result['machine']['cores']} cores\nright: steps per second, and times Gymnasium's CartPole (line; dashed: twice)"
-    drawn.suptitle(title, fontsize=10.5)
+    explained = "right: steps per second, and times Gymnasium's CartPole (line; dashed: twice)"
+    drawn.suptitle(f"Speed on {result['machine']['cores']} cores\n{explained}", fontsize=10.5)
     return drawn
 
 
@@ -129,6 +129,8 @@ def draw_group(axes: Axes, rows: Mapping[str, Any], beside: Mapping[str, Any], b
         beside: Rows beside busy processes, those that there are.
         base: Name of the base.
     """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     at = range(len(rows), 0, -1)
     right = axes.get_yaxis_transform()
     for y, (name, row) in zip(at, rows.items(), strict=True):
@@ -144,9 +146,13 @@ def draw_group(axes: Axes, rows: Mapping[str, Any], beside: Mapping[str, Any], b
     for factor, style in ((1.0, "-"), (2.0, "--")):
         axes.axvline(factor * rows[base]["steps_per_second"], color=BLACK, linestyle=style, linewidth=0.9, zorder=2.5)
     where = base.rpartition(", ")[0]
-    axes.set_yticks(list(at), [name.removeprefix(f"{where}, ") for name in rows], fontsize=10)
+    names = [name.removeprefix(f"{where}, ").removeprefix("vector of ") for name in rows]
+    axes.set_yticks(list(at), names, fontsize=10)
     axes.set_title(where, loc="left", fontsize=11)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.xaxis.set_major_formatter(lambda rate, _: f"{rate / 1e6:g} M" if rate >= 1e6 else f"{rate / 1e3:g} k")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_ylim(0.4, len(rows) + 0.6)
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right"]].set_visible(False)

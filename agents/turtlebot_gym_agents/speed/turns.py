@@ -94,6 +94,12 @@ def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) ->
     return run
 
 
+def grouped(contenders: Mapping[str, Contender]) -> dict[str, Contender]:
+    """Return contenders with those of the same base together, in the order in which the bases come first."""
+    bases = list(dict.fromkeys(one.base for one in contenders.values()))
+    return dict(sorted(contenders.items(), key=lambda each: bases.index(each[1].base)))
+
+
 def calls_for(run: Callable[[int], Turn], seconds: float) -> int:
     """Return how many calls a contender makes in about so many seconds of wall time; the first calls compile."""
     run(1)
