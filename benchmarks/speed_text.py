@@ -21,8 +21,9 @@ def section(found: Mapping[str, Any]) -> str:
         "![Steps per second of ours and of other libraries, by size](benchmarks/speed.png)\n",
         f"`make bench-peers`: contenders take turns in {config['rounds']} rounds, and medians count. Ratios are to Gymnasium's",
         "CartPole, which has neither noise nor filter, in the same rounds. CPU seconds are those of all threads. Measured on",
-        f"{machine['cores']} cores{meanwhile} ({machine['cpu']}, {machine['llvm_cpu']}, {machine['system']}, {machine['python']},",
-        f"numba {machine['numba']}, NumPy {machine['numpy']}, Gymnasium {machine['gymnasium']}). [All numbers](benchmarks/speed.json).",
+        f"{machine['cores']} cores{meanwhile} ({machine['cpu']}, {machine['llvm_cpu']}, {machine['system']},",
+        f"{machine['python']}, numba {machine['numba']}, NumPy {machine['numpy']}, Gymnasium {machine['gymnasium']}).",
+        "[All numbers](benchmarks/speed.json).",
         *_peers(found.get("peers", {})),
         "",
         *_table(found["environments"]),
@@ -62,9 +63,10 @@ def _training(found: Mapping[str, Any]) -> list[str]:
     """Return the sentences on training."""
     one, busy = found["training"], found.get("busy", {}).get("training")
     lines = [
-        f"PPO learns from {one['steps_per_second']:,.0f} steps/s over the vector environment, {one['ratio']:.1f} times as many as",
-        f"over Stable-Baselines3's `DummyVecEnv` of 64 scalar environments ({one['dummy_vec_env']:,.0f} steps/s). The adapter",
-        f"`Sb3VecEnv` adds {found['adapter_ns']:.0f} ns to a step. A million steps take {one['cpu_seconds_per_million']:.1f} CPU seconds",
+        f"PPO learns from {one['steps_per_second']:,.0f} steps/s over the vector environment,",
+        f"{one['ratio']:.1f} times as many as over Stable-Baselines3's `DummyVecEnv` of 64 scalar environments",
+        f"({one['dummy_vec_env']:,.0f} steps/s). The adapter `Sb3VecEnv` adds {found['adapter_ns']:.0f} ns to a step.",
+        f"A million steps take {one['cpu_seconds_per_million']:.1f} CPU seconds",
     ]
     if not busy:
         return [*lines[:-1], f"{lines[-1]}."]

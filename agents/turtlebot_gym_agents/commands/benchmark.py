@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.speed.turns import Contender, Sitting
 
 TRAININGS = 3
-"""Rounds of training in each sitting."""
+"""Rounds of training in each sitting, at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Benchmark:
                 contenders = grouped(contenders | present.contenders)
                 result["peers"] = present.versions
             key = {name: one for name, one in contenders.items() if one.key}
-            trainings = TRAININGS * self.training
+            trainings = min(TRAININGS, self.rounds) * self.training
             sittings = [len(contenders) * self.rounds + trainings]
             if self.busy:
                 sittings.append(len(key) * self.rounds + trainings)
@@ -114,7 +114,7 @@ class Benchmark:
             if usual:
                 result["adapter_ns"] = learning.adapter(rounds=self.rounds)
             result["training"] = learning.training(
-                rounds=TRAININGS, usual=usual, progress=lambda trained: advance_to(done + trained)
+                rounds=min(TRAININGS, self.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
             )
         return result
 
