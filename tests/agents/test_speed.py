@@ -43,7 +43,7 @@ def test_a_disturbance_of_a_whole_round_moves_no_ratio():
     quiet = {"slow": [Turn(2.0, 2.0)] * 3, "fast": [Turn(1.0, 1.0)] * 3}
     busy = {name: [turns[0], Turn(7.0 * turns[1].wall, turns[1].cpu), turns[2]] for name, turns in quiet.items()}
     one, other = (rows_of(both, {"slow": 5, "fast": 5}, turns)["fast"] for turns in (quiet, busy))
-    assert (one.ratio, one.cpu_ratio, one.ratio_range) == pytest.approx((2.0, 2.0, (2.0, 2.0)))
+    assert (one.ratio, one.cpu_ratio, *one.ratio_range) == pytest.approx((2.0, 2.0, 2.0, 2.0))
     assert other == one
 
 
@@ -110,11 +110,17 @@ def test_ours_are_compared_with_cartpole_of_the_same_size(few):
     assert "vector of 16, TurtleBotNav-v0, one thread" in key
 
 
+def broken():
+    raise RuntimeError("it broke")
+
+
 def test_one_thread_is_one_and_others_come_back():
     before = numba.get_num_threads()
-    with pytest.raises(RuntimeError), one_thread():
+    with one_thread():
         assert numba.get_num_threads() == 1
-        raise RuntimeError
+    assert numba.get_num_threads() == before
+    with pytest.raises(RuntimeError, match="it broke"):
+        timed(lambda k: broken(), one_thread)(1)
     assert numba.get_num_threads() == before
 
 
@@ -180,11 +186,13 @@ def alive(pid):
 def test_busy_processes_run_and_are_ended(monkeypatch):
     started, popen = [], subprocess.Popen
     monkeypatch.setattr(machine.subprocess, "Popen", lambda *given: started.append(popen(*given)) or started[-1])
-    with pytest.raises(KeyboardInterrupt), machine.busy(2):
+    with machine.busy(2):
         assert len(started) == 2
         assert all(process.poll() is None for process in started)
-        raise KeyboardInterrupt
     assert [process.returncode for process in started] == [-signal.SIGKILL] * 2
+    with pytest.raises(RuntimeError, match="it broke"), machine.busy(1):
+        broken()
+    assert [process.returncode for process in started] == [-signal.SIGKILL] * 3
 
 
 def test_busy_processes_end_with_a_benchmark_that_was_killed():

@@ -1,6 +1,5 @@
 """The page of speed says what the committed file says."""
 
-import json
 from importlib import import_module
 from pathlib import Path
 
