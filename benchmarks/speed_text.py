@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from turtlebot_gym_agents.speed.peer import SCANNED
+
 LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
 
 
@@ -23,7 +25,8 @@ def section(found: Mapping[str, Any]) -> str:
         "CartPole, which has neither noise nor filter, in the same rounds. CPU seconds are those of all threads. Measured on",
         f"{machine['cores']} cores{meanwhile} ({machine['cpu']}, {machine['llvm_cpu']}, {machine['system']},",
         f"{machine['python']}, numba {machine['numba']}, NumPy {machine['numpy']}, Gymnasium {machine['gymnasium']}).",
-        "[All numbers](benchmarks/speed.json).",
+        "[All numbers](benchmarks/speed.json). gymnax returns to Python after each step, or with `lax.scan` after",
+        f"{SCANNED} steps, whose observations and rewards it returns together.",
         *_peers(found.get("peers", {})),
         "",
         *_table(found["environments"]),

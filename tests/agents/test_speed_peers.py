@@ -58,14 +58,14 @@ def test_what_cannot_be_installed_is_left_out_with_the_reason(tmp_path, monkeypa
     monkeypatch.setattr(peers, "Process", lambda command, log: started.append(process(tmp_path)) or started[-1])
     with peers.peers(tmp_path, (32, 64)) as present:
         assert [*present.contenders] == [
-            "vector of 32, gymnax's CartPole-v1, 16 steps in a lax.scan",
-            "vector of 64, gymnax's CartPole-v1, 16 steps in a lax.scan",
+            "vector of 32, gymnax's CartPole-v1, lax.scan",
+            "vector of 64, gymnax's CartPole-v1, lax.scan",
             "vector of 32, gymnax's CartPole-v1",
-            "vector of 32, gymnax's Pendulum-v1, 16 steps in a lax.scan",
+            "vector of 32, gymnax's Pendulum-v1, lax.scan",
             "vector of 32, gymnax's Pendulum-v1",
         ]
         assert present.versions == {"gymnax": {"python": "3", "gymnax": "0"}, "envpool": {"missing": "there is no wheel"}}
-        scanned = present.contenders["vector of 64, gymnax's CartPole-v1, 16 steps in a lax.scan"]
+        scanned = present.contenders["vector of 64, gymnax's CartPole-v1, lax.scan"]
         assert (scanned.size, scanned.steps, scanned.base, scanned.by) == (64, 16, "vector of 64, CartPole-v1", "gymnax")
         assert scanned.run(2) == (1.0, 4.0)
     assert "Without EnvPool: there is no wheel" in capsys.readouterr().err

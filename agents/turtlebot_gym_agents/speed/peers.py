@@ -174,7 +174,7 @@ def peers(folder: Path, sizes: Sequence[int]) -> Iterator[Present]:
 
 def label(title: str, entry: Entry) -> str:
     """Return the name of a peer's contender."""
-    words = (f"{peer.SCANNED} steps in a lax.scan",) if entry.form == "scan" else ()
+    words = ("lax.scan",) if entry.form == "scan" else ()
     return name_of(entry.size, f"{title}'s {entry.env_id}", *words)
 
 

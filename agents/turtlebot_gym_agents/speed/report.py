@@ -102,7 +102,8 @@ def figure(result: Mapping[str, Any]) -> Figure:
     panels = drawn.subplots(len(groups), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, (base, names) in zip(panels, groups.items(), strict=True):
         draw_group(axes, {name: rows[name] for name in names}, beside, base)
-        axes.set_xlim(*_limits([row for row in rows.values() if (row["size"] == 1) == (rows[base]["size"] == 1)]))
+        scalar = rows[base]["size"] == 1
+        axes.set_xlim(*_limits([row for row in (*rows.values(), *beside.values()) if (row["size"] == 1) == scalar]))
     panels[-1].set_xlabel("environment steps per second, logarithmic")
     present = dict.fromkeys(row["by"] for row in rows.values())
     handles: list[Any] = [Patch(facecolor=COLOURS.get(by, BLACK), label=by) for by in present]
@@ -162,7 +163,7 @@ def draw_group(axes: Axes, rows: Mapping[str, Any], beside: Mapping[str, Any], b
 def _limits(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
     """Return the ends of a scale that all rates fit in."""
     rates = [rate for row in rows for rate in (row["steps_per_second"], row["steps_per_cpu_second"])]
-    return 0.25 * min(rates), 2.5 * max(rates)
+    return 0.5 * min(rates), 2.5 * max(rates)
 
 
 def _short(rate: float) -> str:
