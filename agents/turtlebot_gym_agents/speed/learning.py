@@ -51,7 +51,7 @@ def adapter(*, num_envs: int = 512, rounds: int = 7, steps: int = 500) -> float:
 
 def training(
     *,
-    steps: int = 300_000,
+    steps: int = 200_000,
     rounds: int = 3,
     usual: bool = True,
     progress: Callable[[int], None] = lambda rounds: None,
