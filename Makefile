@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-kilted test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
+.PHONY: help demo test test-kilted test-slow check mutants bench bench-peers bench-check bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -57,9 +57,16 @@ check: $(READY)  ## style, types and the direction of imports
 mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (an hour)
 	$(RUN)python benchmarks/mutants.py --json benchmarks/mutants.json
 
-bench: $(READY)  ## speed, as ratios in one run
-	@mkdir -p $(OUT)
-	$(RUN)turtlebot-gym benchmark --json $(OUT)/speed.json
+SPEED ?= $(OUT)/speed
+
+bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
+	$(RUN)turtlebot-gym benchmark --busy 4 --json $(SPEED).json --plot $(SPEED).png
+
+bench-peers: $(READY)  ## the same, beside gymnax and EnvPool in environments of their own (6 minutes; 2 GB)
+	$(RUN)turtlebot-gym benchmark --busy 4 --peers $(OUT)/peers --json $(SPEED).json --plot $(SPEED).png
+
+bench-check: $(READY)  ## whether a ratio has lost more than a quarter against benchmarks/speed.json (a minute)
+	$(RUN)turtlebot-gym benchmark --check benchmarks/speed.json --seconds 0.15
 
 notebooks: $(READY)  ## execute the notebooks and store their outputs
 	$(RUN)python notebooks/execute.py notebooks/*.ipynb

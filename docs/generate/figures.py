@@ -27,7 +27,7 @@ def save(path, names, *, size, plain):
 save("concepts/loop.svg", LOOP, size=(8.0, 4.0), plain=True)
 save("concepts/graph.svg", LOOP, size=(8.0, 4.0), plain=False)
 save("concepts/guarded.svg", GUARDED, size=(9.0, 5.2), plain=False)
-for path in Path("benchmarks").glob("robustness.*"):
+for path in (*Path("benchmarks").glob("robustness.*"), *Path("benchmarks").glob("speed.*")):
     with mkdocs_gen_files.open(str(path), "wb") as file:
         file.write(path.read_bytes())
 for path in Path("notebooks").glob("*.ipynb"):

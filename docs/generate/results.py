@@ -7,6 +7,7 @@ from pathlib import Path
 import mkdocs_gen_files
 
 sys.path.insert(0, "benchmarks")
+import speed_text
 from robustness_text import conditions, summary
 
 
@@ -76,6 +77,7 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         for figure in result["figures"]:
             limit = "" if figure["limit"] is None else f"{figure['limit']:g}"
             print(f"| {part}: {figure['name']} | {figure['value']:.3g} {figure['unit']} | {limit} |", file=page)
+    print(speed_text.section(json.loads(Path("benchmarks/speed.json").read_text(encoding="utf-8"))), file=page)
     print("\n## The policies that come with the package\n", file=page)
     for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):
         print(card.read_text(encoding="utf-8").replace("# ", "### ", 1), file=page)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import tyro
 
 from turtlebot_gym.plants import make_plant
+from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
@@ -180,34 +181,6 @@ class Video(_Driven):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Benchmark:
-    """Measure the speed of environments, adapter and training, as ratios in one run."""
-
-    num_envs: int = 4096
-    """Size of the vector environments."""
-    rounds: int = 7
-    """How often each contender has its turn."""
-    seconds: float = 0.5
-    """How long a turn takes, s."""
-    training: bool = True
-    """Whether to measure training too; it needs the extra [agents]."""
-    json: File = None
-    """Write the results here."""
-
-    def run(self) -> None:
-        """Measure, print tables, and write what is asked for."""
-        from turtlebot_gym_agents.commands import report, speed
-
-        result = {"machine": speed.machine()}
-        result["environments"] = speed.environments(num_envs=self.num_envs, rounds=self.rounds, seconds=self.seconds)
-        if self.training:
-            result |= {"adapter_ns": speed.adapter(rounds=self.rounds), "training": speed.training()}
-        print_tables(*report.speed_tables(result))
-        if self.json is not None:
-            write_json(self.json, result, config=asdict(self))
-
-
 COMMANDS: dict[str, type[Command]] = {
     "evaluate": Evaluate,
     "video": Video,
@@ -225,6 +198,8 @@ COMMANDS: dict[str, type[Command]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand, and return the exit status: 0, or 2 with one line of explanation if what was asked is not possible.
+
+    A command that checks something leaves by `SystemExit` with status 1 where it found a fault.
 
     Args:
         argv: Arguments; those of the process if not told.

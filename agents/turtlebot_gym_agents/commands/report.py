@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
@@ -151,22 +151,3 @@ def _number(interval: Interval, digits: int, *, brief: bool = False) -> str:
 def _percent(interval: Interval) -> str:
     value, low, high = (100.0 * number for number in interval)
     return f"{value:.1f} ({low:.1f}, {high:.1f})"
-
-
-def speed_tables(result: dict[str, Any]) -> list[Table]:
-    """Return tables of what `turtlebot_gym_agents.commands.speed` has measured."""
-    machine = result["machine"]
-    table = Table(
-        "environment", "steps/s", "times CartPole", title=f"{machine['cores']} cores, load {machine['load_before']:.1f} before"
-    )
-    for name, figures in result["environments"].items():
-        table.add_row(name, f"{figures['steps_per_second']:,.0f}", f"{figures['ratio']:.2f}")
-    tables = [table]
-    if "training" in result:
-        training = result["training"]
-        learning = Table("training with PPO", "steps/s", title=f"the adapter adds {result['adapter_ns']:.0f} ns a step")
-        learning.add_row("Sb3VecEnv over the vector environment", f"{training['ours']:,.0f}")
-        learning.add_row("DummyVecEnv over 64 scalar environments", f"{training['dummy_vec_env']:,.0f}")
-        learning.add_row("ratio", f"{training['ratio']:.1f}")
-        tables.append(learning)
-    return tables

@@ -1,0 +1,110 @@
+"""A guard against losses of speed: measured ratios beside those of a file.
+
+A ratio of a scalar environment, or of one thread, is judged by CPU seconds, which holds on a busy machine too. That of all
+threads is judged by wall time, and only where other programs leave the cores free: how long threads wait for a core says
+nothing about the code.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from turtlebot_gym_agents.speed.environments import OURS
+from turtlebot_gym_agents.speed.turns import Row
+
+TOLERANCE = 0.25
+"""Share of a ratio that may be lost."""
+FREE = 0.9
+"""Share of the cores that other programs must leave free where threads are judged."""
+
+
+class Verdict(NamedTuple):
+    """What became of one ratio."""
+
+    name: str
+    """Contender."""
+    clock: Literal["CPU seconds", "wall time"]
+    """By what it is judged."""
+    before: float
+    """Ratio of the file."""
+    now: float | None
+    """Ratio that was measured; None if it was not."""
+    state: Literal["ok", "LOST", "left out"]
+    """Whether it is worse than the tolerance allows; left out if the machine is too busy to tell."""
+
+    def __str__(self) -> str:
+        """Return one line for people."""
+        if self.state == "left out":
+            return f"left out  {self.name}: other programs keep the cores busy"
+        if self.now is None:
+            return f"LOST      {self.name}: is not measured any more"
+        change = f"{100.0 * (self.now / self.before - 1.0):+.0f} %"
+        return f"{self.state:9} {self.name}: {self.now:.2f} times CartPole, {self.before:.2f} before ({change}, {self.clock})"
+
+
+def free(used_by_others: float | None, cores: int) -> bool:
+    """Return whether threads can be judged; where it is not known what others use, they are."""
+    return used_by_others is None or used_by_others <= (1.0 - FREE) * cores
+
+
+def judge(
+    before: Mapping[str, Mapping[str, Any]], now: Mapping[str, Row], *, quiet: bool, tolerance: float = TOLERANCE
+) -> list[Verdict]:
+    """Return a verdict on each of our ratios in a file.
+
+    Args:
+        before: Rows of the file, by name.
+        now: Rows that were measured.
+        quiet: Whether threads can be judged.
+        tolerance: Share of a ratio that may be lost, in [0, 1).
+
+    Raises:
+        ValueError: If the file has no ratio of ours, or the tolerance is out of range.
+    """
+    if not 0.0 <= tolerance < 1.0:
+        raise ValueError(f"tolerance must be in [0, 1), got {tolerance}.")
+    ours = {name: row for name, row in before.items() if row["by"] == OURS}
+    if not ours:
+        raise ValueError("The file must hold ratios of our environments: make it by `turtlebot-gym benchmark --json FILE`.")
+    verdicts = []
+    for name, row in ours.items():
+        single = row["size"] == 1 or row["threads"] == 1
+        key = "cpu_ratio" if single else "ratio"
+        measured = None if name not in now else getattr(now[name], key)
+        if measured is not None and not single and not quiet:
+            state = "left out"
+        else:
+            state = "ok" if measured is not None and measured >= (1.0 - tolerance) * row[key] else "LOST"
+        verdicts.append(Verdict(name, "CPU seconds" if single else "wall time", row[key], measured, state))
+    return verdicts
+
+
+def lost(verdicts: Iterable[Verdict]) -> list[str]:
+    """Return the names of the contenders that lost."""
+    return [verdict.name for verdict in verdicts if verdict.state == "LOST"]
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the result in a file that `turtlebot-gym benchmark --json` has written.
+
+    Raises:
+        ValueError: If it is another file.
+    """
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        for row in result["environments"].values():
+            if not {"by", "size", "threads", "base", "ratio", "cpu_ratio"} <= row.keys():
+                raise KeyError
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} must be a file that `turtlebot-gym benchmark --json` has written.") from error
+    return result
+
+
+def elsewhere(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
+    """Return what differs between the machine of a file and this one, if ratios may differ for it; else None."""
+    differing = [key for key in ("cpu", "cores", "numba", "numpy", "gymnasium") if before.get(key) != now.get(key)]
+    told = ", ".join(f"{key} {before.get(key)} there and {now.get(key)} here" for key in differing)
+    return f"The file comes from elsewhere, and ratios differ between machines: {told}." if told else None

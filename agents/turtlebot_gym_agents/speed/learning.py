@@ -1,0 +1,101 @@
+"""Speed of training: what the adapter adds to a step, and PPO beside the usual route of Stable-Baselines3.
+
+The usual route is a ``DummyVecEnv`` of 64 scalar environments, with the same algorithm and the same batches.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode
+
+from turtlebot_gym_agents.speed.environments import NAV
+
+
+class Trained(NamedTuple):
+    """Medians of trainings with PPO."""
+
+    steps_per_second: float
+    """Of ours: the vector environment in `Sb3VecEnv`, by wall time."""
+    cpu_seconds_per_million: float
+    """Of ours: CPU seconds of all threads for a million steps."""
+    dummy_vec_env: float | None = None
+    """Of the usual route, steps per second."""
+    ratio: float | None = None
+    """Of ours to the usual route's, in the same round."""
+
+
+def adapter(*, num_envs: int = 512, rounds: int = 7, steps: int = 500) -> float:
+    """Return what `Sb3VecEnv` adds to a step of the vector environment, in ns for each environment."""
+    from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+
+    envs = gym.make_vec(NAV, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
+    adapted = Sb3VecEnv(envs)
+    adapted.reset()
+    actions = [envs.action_space.sample() for _ in range(16)]
+
+    def elapsed(step: Callable[[Any], Any]) -> float:
+        start = time.perf_counter()
+        for k in range(steps):
+            step(actions[k % 16])
+        return time.perf_counter() - start
+
+    elapsed(adapted.step)
+    added = [elapsed(adapted.step) - elapsed(envs.step) for _ in range(rounds)]
+    return statistics.median(added) / steps / num_envs * 1e9
+
+
+def training(
+    *,
+    steps: int = 200_000,
+    rounds: int = 3,
+    usual: bool = True,
+    progress: Callable[[int], None] = lambda rounds: None,
+) -> Trained:
+    """Return the speed of the whole PPO loop, ``model.learn``, with the hyperparameters that come with the package.
+
+    Args:
+        steps: Of a training; the usual route makes a quarter of them.
+        rounds: How often each trains.
+        usual: Whether the usual route is measured too.
+        progress: Is called with the number of rounds that are over.
+    """
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from turtlebot_gym_agents.training import hyperparameters
+    from turtlebot_gym_agents.training.train import TrainingConfig, make_model
+
+    config = TrainingConfig(env=NAV)
+    hyper = hyperparameters.load("ppo", NAV)
+
+    def learn(model: Any, total: int) -> tuple[float, float]:
+        wall, cpu = time.perf_counter(), time.process_time()
+        model.learn(total)
+        return model.num_timesteps / (time.perf_counter() - wall), 1e6 * (time.process_time() - cpu) / model.num_timesteps
+
+    def ours() -> tuple[float, float]:
+        return learn(make_model(config, hyper, config.make(hyper["n_envs"]), tensorboard=None), steps)
+
+    def theirs() -> float:
+        envs = DummyVecEnv([lambda: gym.make(NAV) for _ in range(64)])
+        keywords = hyperparameters.arguments({**hyper, "n_steps": hyper["n_envs"] * hyper["n_steps"] // 64}, PPO)
+        return learn(PPO("MlpPolicy", envs, device="cpu", seed=0, **keywords), steps // 4)[0]
+
+    rates, cpu, others = [], [], []
+    for each in range(rounds):
+        rate, seconds = ours()
+        rates.append(rate)
+        cpu.append(seconds)
+        if usual:
+            others.append(theirs())
+        progress(each + 1)
+    found = Trained(statistics.median(rates), statistics.median(cpu))
+    if not usual:
+        return found
+    ratio = statistics.median(mine / other for mine, other in zip(rates, others, strict=True))
+    return found._replace(dummy_vec_env=statistics.median(others), ratio=ratio)

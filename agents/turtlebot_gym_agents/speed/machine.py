@@ -1,0 +1,109 @@
+"""The machine on which speed is measured: its description, what other programs take of it, and processes that keep it busy."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+_BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    for _ in range(10**6): pass"
+"""Ends by itself where the process that started it is gone."""
+
+
+def machine() -> dict[str, Any]:
+    """Return the description of this machine; None for what this system does not tell."""
+    from llvmlite import binding
+    from numba import get_num_threads
+
+    return {
+        "cpu": _cpu(),
+        "llvm_cpu": binding.get_host_cpu_name(),
+        "cores": cores(),
+        "numba_threads": get_num_threads(),
+        "caches": _caches(Path("/sys/devices/system/cpu/cpu0/cache")),
+        "memory_gib": _memory(),
+        "system": f"{platform.system()} {platform.release()}",
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        **{name: version(name) for name in ("numba", "llvmlite", "numpy", "gymnasium")},
+        "load_before": os.getloadavg()[0],
+    }
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _caches(folder: Path) -> dict[str, str] | None:
+    """Return the size of each cache of a core, by name, as Linux tells it."""
+    found = {}
+    try:
+        for each in sorted(folder.glob("index*")):
+            level, kind, size = ((each / name).read_text(encoding="utf-8").strip() for name in ("level", "type", "size"))
+            found[f"L{level}{'' if kind == 'Unified' else kind[0].lower()}"] = size
+    except OSError:
+        return None
+    return found or None
+
+
+def _memory() -> float | None:
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2.0**30
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+class Watch:
+    """Watches from now on how much of the machine's cores is free, on Linux."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter(), _idle_seconds()
+
+    def used_by_others(self, own: float) -> float | None:
+        """Return the mean number of our cores that other programs have kept busy; None where that is not known.
+
+        Args:
+            own: CPU seconds that were ours.
+        """
+        wall, before, after = time.perf_counter() - self._start[0], self._start[1], _idle_seconds()
+        if before is None or after is None:
+            return None
+        return max(0.0, cores() - (after - before + own) / wall)
+
+
+def _idle_seconds() -> float | None:
+    """Return how long the machine's cores have been idle since it started, all of them together."""
+    try:
+        first = Path("/proc/stat").read_text(encoding="utf-8").splitlines()[0].split()
+        return (int(first[4]) + int(first[5])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return None
+
+
+@contextmanager
+def busy(processes: int) -> Iterator[None]:
+    """Keep the machine busy with so many processes that do nothing but count."""
+    started = [subprocess.Popen([sys.executable, "-I", "-c", _BUSY, str(os.getpid())]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for process in started:
+            process.kill()
+        for process in started:
+            process.wait()

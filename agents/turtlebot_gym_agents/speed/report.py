@@ -1,0 +1,170 @@
+"""The benchmark's results for people: tables for the terminal, and a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from turtlebot_gym.plotting import BLACK, BLUE, GREEN, ORANGE, VERMILLION
+from turtlebot_gym_agents.speed.environments import GYMNASIUM, OURS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = {OURS: BLUE, GYMNASIUM: "#777777", "gymnax": ORANGE, "envpool": GREEN}
+"""Colour of each library's bars."""
+
+
+def tables(result: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of a result: of environments, beside busy processes if there were any, and of training.
+
+    Args:
+        result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
+    """
+    found = [environments_table(result["environments"], title=conditions(result))]
+    if "busy" in result:
+        busy = result["busy"]
+        found.append(environments_table(busy["environments"], title=f"beside {busy['processes']} busy processes"))
+    if "training" in result:
+        found.append(_training_table(result))
+    return found
+
+
+def conditions(result: Mapping[str, Any]) -> str:
+    """Return on what machine it was measured, and how busy it was."""
+    machine, others = result["machine"], result["used_by_others"]
+    busy = f"load {machine['load_before']:.1f} before"
+    if others is not None:
+        busy += f", other programs used {others:.1f} cores meanwhile"
+    return f"{machine['cores']} cores, {machine['cpu']} ({machine['llvm_cpu']}); {busy}"
+
+
+def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> Table:
+    """Return rates and ratios of environments.
+
+    Args:
+        rows: By name.
+        title: What stands above.
+    """
+    table = Table(
+        "environment", "steps/s", "times CartPole", "in the rounds", "steps/CPU s", "times CartPole",
+        title=title, caption="medians over the rounds; CartPole is Gymnasium's, of the same size where that was measured",
+    )  # fmt: skip
+    for name, row in rows.items():
+        if name == row["base"] and table.row_count:
+            table.add_section()
+        low, high = row["ratio_range"]
+        between = "" if name == row["base"] else f"{low:.2f} to {high:.2f}"
+        rates = f"{row['steps_per_second']:,.0f}", f"{row['ratio']:.2f}", between
+        table.add_row(name, *rates, f"{row['steps_per_cpu_second']:,.0f}", f"{row['cpu_ratio']:.2f}")
+    return table
+
+
+def _training_table(result: Mapping[str, Any]) -> Table:
+    """Return the speed of PPO, with CPU seconds, and both beside busy processes if there were any."""
+    one = result["training"]
+    table = Table("training with PPO", "", title=f"the adapter adds {result['adapter_ns']:.0f} ns a step")
+    table.add_row("Sb3VecEnv over the vector environment, steps/s", f"{one['steps_per_second']:,.0f}")
+    table.add_row("DummyVecEnv over 64 scalar environments, steps/s", f"{one['dummy_vec_env']:,.0f}")
+    table.add_row("ratio", f"{one['ratio']:.1f}")
+    table.add_row("CPU seconds for a million steps, ours", f"{one['cpu_seconds_per_million']:.1f}")
+    busy = result.get("busy", {}).get("training")
+    if busy:
+        beside = f"beside {result['busy']['processes']} busy processes"
+        more = busy["cpu_seconds_per_million"] / one["cpu_seconds_per_million"]
+        table.add_row(f"steps/s {beside}", f"{busy['steps_per_second']:,.0f}")
+        table.add_row(f"CPU seconds for a million steps {beside}", f"{busy['cpu_seconds_per_million']:.1f}, {more:.2f} times")
+    return table
+
+
+def figure(result: Mapping[str, Any]) -> Figure:
+    """Return the rates as bars on logarithmic scales, with marks for CPU seconds and for a busy machine.
+
+    Rows of one thread are drawn where they were also measured beside busy processes.
+
+    Args:
+        result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    beside = result.get("busy", {}).get("environments", {})
+    rows = {name: row for name, row in result["environments"].items() if row["threads"] is None or name in beside}
+    groups: dict[str, list[str]] = {}
+    for name, row in rows.items():
+        groups.setdefault(row["base"], []).append(name)
+    heights = [0.8 + len(names) for names in groups.values()]
+    drawn = Figure(figsize=(7.0, 2.2 + 0.36 * sum(heights)), layout="constrained")
+    panels = drawn.subplots(len(groups), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, (base, names) in zip(panels, groups.items(), strict=True):
+        draw_group(axes, {name: rows[name] for name in names}, beside, base)
+        scalar = rows[base]["size"] == 1
+        axes.set_xlim(*_limits([row for row in (*rows.values(), *beside.values()) if (row["size"] == 1) == scalar]))
+    panels[-1].set_xlabel("environment steps per second, logarithmic")
+    present = dict.fromkeys(row["by"] for row in rows.values())
+    handles: list[Any] = [Patch(facecolor=COLOURS.get(by, BLACK), label=by) for by in present]
+    handles.append(Line2D([], [], linestyle="none", label="per CPU second", **_MARK))
+    if beside:
+        busy = f"beside {result['busy']['processes']} busy processes"
+        handles.append(Line2D([], [], linestyle="none", label=busy, **_BESIDE))
+    drawn.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=10)
+    explained = "right: steps per second, and times Gymnasium's CartPole (line; dashed: twice)"
+    drawn.suptitle(f"Speed on {result['machine']['cores']} cores\n{explained}", fontsize=10.5)
+    return drawn
+
+
+_MARK: dict[str, Any] = {"marker": "D", "color": BLACK, "markersize": 5.0, "mec": "white", "mew": 0.8}
+_BESIDE: dict[str, Any] = {"marker": "o", "color": VERMILLION, "markersize": 7.0, "fillstyle": "none", "mew": 1.8}
+
+
+def draw_group(axes: Axes, rows: Mapping[str, Any], beside: Mapping[str, Any], base: str) -> Axes:
+    """Draw contenders that have the same base, with lines at the base's rate and at twice that.
+
+    Args:
+        axes: Where to draw.
+        rows: Rows by name, from top to bottom.
+        beside: Rows beside busy processes, those that there are.
+        base: Name of the base.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    at = range(len(rows), 0, -1)
+    right = axes.get_yaxis_transform()
+    for y, (name, row) in zip(at, rows.items(), strict=True):
+        single = row["threads"] == 1
+        axes.barh(
+            y, row["steps_per_second"], height=0.72, color=COLOURS.get(row["by"], BLACK), alpha=0.55 if single else 1.0,
+            hatch="///" if single else None, edgecolor="white", linewidth=0.0,
+        )  # fmt: skip
+        axes.plot(row["steps_per_cpu_second"], y, linestyle="none", **_MARK)
+        if name in beside:
+            axes.plot(beside[name]["steps_per_second"], y, linestyle="none", **_BESIDE)
+        axes.text(1.02, y, f"{_short(row['steps_per_second'])}, {row['ratio']:.2f}x", transform=right, va="center", fontsize=10)
+    for factor, style in ((1.0, "-"), (2.0, "--")):
+        axes.axvline(factor * rows[base]["steps_per_second"], color=BLACK, linestyle=style, linewidth=0.9, zorder=2.5)
+    where = base.rpartition(", ")[0]
+    names = [name.removeprefix(f"{where}, ").removeprefix("vector of ") for name in rows]
+    axes.set_yticks(list(at), names, fontsize=10)
+    axes.set_title(where, loc="left", fontsize=11)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.xaxis.set_major_formatter(lambda rate, _: f"{rate / 1e6:g} M" if rate >= 1e6 else f"{rate / 1e3:g} k")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylim(0.4, len(rows) + 0.6)
+    axes.tick_params(axis="y", length=0)
+    axes.spines[["top", "right"]].set_visible(False)
+    return axes
+
+
+def _limits(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
+    """Return the ends of a scale that all rates fit in."""
+    rates = [rate for row in rows for rate in (row["steps_per_second"], row["steps_per_cpu_second"])]
+    return 0.5 * min(rates), 2.5 * max(rates)
+
+
+def _short(rate: float) -> str:
+    return f"{rate / 1e6:.1f} M" if rate >= 1e6 else f"{rate / 1e3:.0f} k"

@@ -1,0 +1,169 @@
+"""Contenders that take turns: rates by wall time and by CPU seconds, and their ratios to a base in the same rounds.
+
+Other programs disturb all contenders of a round alike. Rates and ratios are medians over the rounds.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from turtlebot_gym_agents.speed.machine import Watch
+
+
+class Turn(NamedTuple):
+    """Duration of a turn."""
+
+    wall: float
+    """Wall time, s."""
+    cpu: float
+    """CPU seconds of all threads."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contender:
+    """One row of the table."""
+
+    run: Callable[[int], Turn]
+    """Makes a number of calls."""
+    size: int
+    """Environments that are stepped together."""
+    base: str
+    """Name of the contender that it is compared with; its own name if it is a base."""
+    by: str
+    """Whose environment it is: turtlebot_gym, gymnasium or a peer."""
+    steps: int = 1
+    """Steps of each environment in a call."""
+    threads: int | None = None
+    """Number of threads that it is limited to; None for as many as it takes."""
+    key: bool = False
+    """Whether it is also measured beside busy processes."""
+
+
+class Row(NamedTuple):
+    """Medians of a contender's turns."""
+
+    by: str
+    """Whose environment it is."""
+    size: int
+    """Environments that are stepped together."""
+    threads: int | None
+    """Limit on its threads."""
+    base: str
+    """Contender that it is compared with."""
+    steps_per_second: float
+    """By wall time."""
+    steps_per_cpu_second: float
+    """By CPU seconds of all threads."""
+    ratio: float
+    """Rate by wall time over the base's in the same round."""
+    cpu_ratio: float
+    """The same of rates by CPU seconds."""
+    ratio_range: tuple[float, float]
+    """Least and greatest `ratio` of a round."""
+
+
+class Sitting(NamedTuple):
+    """Result of contenders that took turns."""
+
+    environments: dict[str, Row]
+    """A row for each contender."""
+    used_by_others: float | None
+    """Mean number of cores that other programs kept busy meanwhile; None where that is not known."""
+
+
+def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) -> Callable[[int], Turn]:
+    """Return a function that makes a number of calls in this process, and says how long they took.
+
+    Args:
+        step: Is called with 0, 1, 2, ...
+        limit: Returns the context in which the calls are made.
+    """
+
+    def run(calls: int) -> Turn:
+        with limit():
+            wall, cpu = time.perf_counter(), time.process_time()
+            for k in range(calls):
+                step(k)
+            return Turn(time.perf_counter() - wall, time.process_time() - cpu)
+
+    return run
+
+
+def grouped(contenders: Mapping[str, Contender]) -> dict[str, Contender]:
+    """Return contenders with those of the same base together, in the order in which the bases come first."""
+    bases = list(dict.fromkeys(one.base for one in contenders.values()))
+    return dict(sorted(contenders.items(), key=lambda each: bases.index(each[1].base)))
+
+
+def calls_for(run: Callable[[int], Turn], seconds: float) -> int:
+    """Return how many calls a contender makes in about so many seconds of wall time; the first calls compile."""
+    run(1)
+    calls, wall = 1, run(1).wall
+    while wall < seconds / 4.0:
+        calls *= 2
+        wall = run(calls).wall
+    return max(1, round(calls * seconds / wall))
+
+
+def take_turns(
+    contenders: Mapping[str, Contender],
+    *,
+    rounds: int,
+    seconds: float,
+    progress: Callable[[int], None] = lambda turns: None,
+) -> Sitting:
+    """Let contenders take turns, back and forth, and return their rates.
+
+    Args:
+        contenders: Contender of each row; the bases of all are among them.
+        rounds: How often each has its turn.
+        seconds: How long a turn takes, s.
+        progress: Is called with the number of turns that are over.
+    """
+    calls = {name: calls_for(one.run, seconds) for name, one in contenders.items()}
+    turns: dict[str, list[Turn]] = {name: [] for name in contenders}
+    names, done = list(contenders), 0
+    watch = Watch()
+    for each in range(rounds):
+        for name in names if each % 2 == 0 else reversed(names):
+            turns[name].append(contenders[name].run(calls[name]))
+            progress(done := done + 1)
+    own = sum(turn.cpu for of_one in turns.values() for turn in of_one)
+    return Sitting(rows_of(contenders, calls, turns), watch.used_by_others(own))
+
+
+def rows_of(
+    contenders: Mapping[str, Contender], calls: Mapping[str, int], turns: Mapping[str, Sequence[Turn]]
+) -> dict[str, Row]:
+    """Return the medians of turns.
+
+    Args:
+        contenders: Contender of each row.
+        calls: How many calls each makes in a turn.
+        turns: The turns of each, in the order of the rounds.
+    """
+    rates = {
+        name: [Turn(*(calls[name] * one.size * one.steps / max(spent, 1e-9) for spent in turn)) for turn in turns[name]]
+        for name, one in contenders.items()
+    }
+    rows = {}
+    for name, one in contenders.items():
+        pairs = list(zip(rates[name], rates[one.base], strict=True))
+        ratios = [mine.wall / base.wall for mine, base in pairs]
+        rows[name] = Row(
+            by=one.by,
+            size=one.size,
+            threads=one.threads,
+            base=one.base,
+            steps_per_second=statistics.median(rate.wall for rate in rates[name]),
+            steps_per_cpu_second=statistics.median(rate.cpu for rate in rates[name]),
+            ratio=statistics.median(ratios),
+            cpu_ratio=statistics.median(mine.cpu / base.cpu for mine, base in pairs),
+            ratio_range=(min(ratios), max(ratios)),
+        )
+    return rows

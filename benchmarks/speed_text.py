@@ -1,0 +1,77 @@
+"""The section on speed of the page of results, from `speed.json`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from turtlebot_gym_agents.speed.peer import SCANNED
+
+LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
+
+
+def section(found: Mapping[str, Any]) -> str:
+    """Return the section, in Markdown.
+
+    Args:
+        found: What `turtlebot-gym benchmark --json` has written.
+    """
+    config, machine, others = found["config"], found["machine"], found["used_by_others"]
+    meanwhile = "" if others is None else f", of which other programs used {others:.1f} meanwhile"
+    lines = [
+        "\n## Speed\n",
+        "![Steps per second of ours and of other libraries, by size](benchmarks/speed.png)\n",
+        f"`make bench-peers`: contenders take turns in {config['rounds']} rounds, and medians count. Ratios are to Gymnasium's",
+        "CartPole, which has neither noise nor filter, in the same rounds. CPU seconds are those of all threads. Measured on",
+        f"{machine['cores']} cores{meanwhile} ({machine['cpu']}, {machine['llvm_cpu']}, {machine['system']},",
+        f"{machine['python']}, numba {machine['numba']}, NumPy {machine['numpy']}, Gymnasium {machine['gymnasium']}).",
+        "[All numbers](benchmarks/speed.json). gymnax returns to Python after each step, or with `lax.scan` after",
+        f"{SCANNED} steps, whose observations and rewards it returns together.",
+        *_peers(found.get("peers", {})),
+        "",
+        *_table(found["environments"]),
+    ]
+    if "busy" in found:
+        busy = found["busy"]
+        lines += [f"\nThe same beside {busy['processes']} processes that keep the cores busy:\n", *_table(busy["environments"])]
+    if "training" in found:
+        lines += ["", *_training(found)]
+    return "\n".join(lines)
+
+
+def _peers(peers: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """Return which versions took part, and which peer did not."""
+    told = []
+    for name, versions in peers.items():
+        if "missing" in versions:
+            told.append(f"{name} took no part: {versions['missing'].rstrip('.')}.")
+        else:
+            listed = ", ".join(f"{package} {number}" for package, number in versions.items() if package not in ("numpy", name))
+            told.append(f"{name} {versions[name]} ran in an environment of its own ({listed}).")
+    return told
+
+
+def _table(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    lines = ["| environment | by | steps/s | ratio | steps/CPU s | ratio |", "|---|---|---|---|---|---|"]
+    for name, row in rows.items():
+        rates = (f"{row[rate]:,.0f} | {row[ratio]:.2f}" for rate, ratio in RATES)
+        lines.append(f"| {name} | {LIBRARIES.get(row['by'], row['by'])} | {' | '.join(rates)} |")
+    return lines
+
+
+RATES = (("steps_per_second", "ratio"), ("steps_per_cpu_second", "cpu_ratio"))
+
+
+def _training(found: Mapping[str, Any]) -> list[str]:
+    """Return the sentences on training."""
+    one, busy = found["training"], found.get("busy", {}).get("training")
+    lines = [
+        f"PPO learns from {one['steps_per_second']:,.0f} steps/s over the vector environment,",
+        f"{one['ratio']:.1f} times as many as over Stable-Baselines3's `DummyVecEnv` of 64 scalar environments",
+        f"({one['dummy_vec_env']:,.0f} steps/s). The adapter `Sb3VecEnv` adds {found['adapter_ns']:.0f} ns to a step.",
+        f"A million steps take {one['cpu_seconds_per_million']:.1f} CPU seconds",
+    ]
+    if not busy:
+        return [*lines[:-1], f"{lines[-1]}."]
+    more = busy["cpu_seconds_per_million"] / one["cpu_seconds_per_million"]
+    return [*lines, f"alone, and {busy['cpu_seconds_per_million']:.1f} beside the busy processes, {more:.2f} times as many."]

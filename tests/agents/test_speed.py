@@ -1,0 +1,316 @@
+"""The benchmark: rates and ratios worked out by hand, turns in their order, threads, busy processes; no test is timed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numba
+import pytest
+
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.provenance import plain
+from turtlebot_gym_agents.speed import environments, machine, report
+from turtlebot_gym_agents.speed.environments import contenders, one_thread
+from turtlebot_gym_agents.speed.turns import Contender, Turn, calls_for, grouped, rows_of, take_turns, timed
+
+
+def made_up(base="slow", *, size=1, by="turtlebot_gym", run=lambda calls: Turn(1.0, 1.0), **options):
+    return Contender(run=run, size=size, base=base, by=by, **options)
+
+
+def test_rates_and_ratios_are_medians_over_the_rounds():
+    """Ten calls of 4 environments that make 2 steps each are 80 steps; the base makes 100 calls of one step."""
+    both = {"slow": made_up(), "fast": made_up(size=4, steps=2, threads=1)}
+    turns = {
+        "slow": [Turn(1.0, 2.0), Turn(2.0, 2.0), Turn(10.0, 2.0)],  # 100, 50, 10 steps/s; 50 to a CPU second
+        "fast": [Turn(0.5, 0.8), Turn(0.2, 1.6), Turn(2.0, 0.4)],  # 160, 400, 40 steps/s; 100, 50, 200
+    }
+    rows = rows_of(both, {"slow": 100, "fast": 10}, turns)
+    assert rows["slow"].steps_per_second == pytest.approx(50.0)
+    assert (rows["slow"].ratio, rows["slow"].cpu_ratio, rows["slow"].ratio_range) == (1.0, 1.0, (1.0, 1.0))
+    fast = rows["fast"]
+    assert (fast.by, fast.size, fast.threads, fast.base) == ("turtlebot_gym", 4, 1, "slow")
+    assert (fast.steps_per_second, fast.steps_per_cpu_second) == pytest.approx((160.0, 100.0))
+    assert (fast.ratio, fast.cpu_ratio) == pytest.approx((4.0, 2.0))  # of 1.6, 8 and 4; of 2, 1 and 4
+    assert fast.ratio_range == pytest.approx((1.6, 8.0))
+
+
+def test_a_disturbance_of_a_whole_round_moves_no_ratio():
+    both = {"slow": made_up(), "fast": made_up()}
+    quiet = {"slow": [Turn(2.0, 2.0)] * 3, "fast": [Turn(1.0, 1.0)] * 3}
+    busy = {name: [turns[0], Turn(7.0 * turns[1].wall, turns[1].cpu), turns[2]] for name, turns in quiet.items()}
+    one, other = (rows_of(both, {"slow": 5, "fast": 5}, turns)["fast"] for turns in (quiet, busy))
+    assert (one.ratio, one.cpu_ratio, *one.ratio_range) == pytest.approx((2.0, 2.0, 2.0, 2.0))
+    assert other == one
+
+
+def test_contenders_take_turns_back_and_forth():
+    order, done = [], []
+
+    def run_of(name):
+        def run(calls):
+            order.append((name, calls))
+            return Turn(0.01 * calls, 0.02 * calls)
+
+        return run
+
+    both = {name: made_up("a", run=run_of(name)) for name in "abc"}
+    sat = take_turns(both, rounds=3, seconds=0.16, progress=done.append)
+    turns = [name for name, calls in order if calls == 16]  # 16 calls of 0.01 s
+    assert turns == [*"abc", *"cba", *"abc"]
+    assert done == [*range(1, 10)]
+    assert sat.environments["b"].steps_per_second == pytest.approx(100.0)
+    assert sat.environments["b"].steps_per_cpu_second == pytest.approx(50.0)
+    assert sat.used_by_others is None or 0.0 <= sat.used_by_others <= machine.cores()
+
+
+@pytest.mark.parametrize(("of_one", "calls"), [(0.001, 200), (0.03, 7), (5.0, 1)])
+def test_a_turn_takes_about_as_long_as_told(of_one, calls):
+    made = []
+    found = calls_for(lambda n: made.append(n) or Turn(of_one * n, 0.0), 0.2)
+    assert found == calls
+    assert made[0] == 1  # compiles, and does not count
+
+
+def test_contenders_of_one_base_stand_together():
+    rows = {name: made_up(base) for name, base in zip("abcde", "xyxzy", strict=True)}
+    assert [*grouped(rows)] == ["a", "c", "b", "e", "d"]
+
+
+def test_calls_are_made_and_their_cpu_seconds_counted():
+    made = []
+    turn = timed(made.append)(5)
+    assert made == [0, 1, 2, 3, 4]
+    assert turn.wall > 0.0
+    assert turn.cpu >= 0.0
+
+
+@pytest.fixture(scope="module")
+def few():
+    return contenders((8, 16))
+
+
+def test_ours_are_compared_with_cartpole_of_the_same_size(few):
+    bases = [name for name, one in few.items() if one.base == name]
+    assert bases == ["scalar, CartPole-v1", "vector of 8, CartPole-v1", "vector of 16, CartPole-v1"]
+    for name, one in few.items():
+        assert few[one.base].size == one.size, name
+        assert one.by == ("gymnasium" if one.base == name else "turtlebot_gym")
+        assert (one.threads == 1) == name.endswith("one thread")
+    assert {name.partition(", ")[2] for name in few if name.startswith("vector of 8")} == {
+        "CartPole-v1",
+        *(f"{env}{threads}" for threads in ("", ", one thread") for env in (
+            "TurtleBotNav-v0", "TurtleBotNav-v0, noise rough", "TurtleBotNav-v0, info full", "TurtleBotSquare-v0")),
+    }  # fmt: skip
+    key = {name for name, one in few.items() if one.key}
+    assert {few[name].base for name in key} <= key
+    assert "vector of 16, TurtleBotNav-v0, one thread" in key
+
+
+def broken():
+    raise RuntimeError("it broke")
+
+
+def test_one_thread_is_one_and_others_come_back():
+    before = numba.get_num_threads()
+    with one_thread():
+        assert numba.get_num_threads() == 1
+    assert numba.get_num_threads() == before
+    with pytest.raises(RuntimeError, match="it broke"):
+        timed(lambda k: broken(), one_thread)(1)
+    assert numba.get_num_threads() == before
+
+
+def test_the_threads_of_a_contender_are_limited_while_it_runs(monkeypatch):
+    seen = []
+
+    class Envs:
+        action_space = type("Space", (), {"seed": lambda self, seed: None, "sample": lambda self: 0})()
+
+        def reset(self, seed):
+            pass
+
+        def step(self, actions):
+            seen.append(numba.get_num_threads())
+
+    monkeypatch.setattr(environments.gym, "make_vec", lambda *given, **options: Envs())
+    before = numba.get_num_threads()
+    for threads in (None, 1):
+        environments._vector("made up", 4, by="turtlebot_gym", threads=threads).run(2)
+    assert seen == [before, before, 1, 1]
+
+
+def test_the_machine_is_described():
+    found = machine.machine()
+    assert json.loads(json.dumps(found)) == found
+    assert found["cores"] == machine.cores() > 0
+    assert found["numba"] == numba.__version__
+    if sys.platform == "linux":
+        assert found["cpu"]
+        assert found["memory_gib"] > 0.1
+
+
+def test_caches_are_read_as_linux_tells_them(tmp_path):
+    for index, told in enumerate([("1", "Data", "48K"), ("1", "Instruction", "32K"), ("2", "Unified", "2048K")]):
+        (tmp_path / f"index{index}").mkdir()
+        for name, text in zip(("level", "type", "size"), told, strict=True):
+            (tmp_path / f"index{index}" / name).write_text(f"{text}\n")
+    assert machine._caches(tmp_path) == {"L1d": "48K", "L1i": "32K", "L2": "2048K"}
+    assert machine._caches(tmp_path / "nothing") is None
+
+
+@pytest.mark.parametrize(
+    ("idle", "own", "others"),
+    [((10.0, 17.0), 10.0, 0.3), ((10.0, 10.0), 5.0, 1.5), ((10.0, 25.0), 20.0, 0.0), ((None, None), 1.0, None)],
+)
+def test_what_others_use_is_what_is_neither_idle_nor_ours(monkeypatch, idle, own, others):
+    """Two cores for ten seconds are 20 s: 7 s idle and 10 s of ours leave 3 s, 0.3 cores."""
+    clock, idle = iter([100.0, 110.0]), iter(idle)
+    monkeypatch.setattr(machine, "cores", lambda: 2)
+    monkeypatch.setattr(machine, "_idle_seconds", lambda: next(idle))
+    monkeypatch.setattr(machine.time, "perf_counter", lambda: next(clock))
+    assert machine.Watch().used_by_others(own) == (None if others is None else pytest.approx(others))
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_busy_processes_run_and_are_ended(monkeypatch):
+    started, popen = [], subprocess.Popen
+    monkeypatch.setattr(machine.subprocess, "Popen", lambda *given: started.append(popen(*given)) or started[-1])
+    with machine.busy(2):
+        assert len(started) == 2
+        assert all(process.poll() is None for process in started)
+    assert [process.returncode for process in started] == [-signal.SIGKILL] * 2
+    with pytest.raises(RuntimeError, match="it broke"), machine.busy(1):
+        broken()
+    assert [process.returncode for process in started] == [-signal.SIGKILL] * 3
+
+
+def test_busy_processes_end_with_a_benchmark_that_was_killed():
+    script = (
+        "import os, subprocess, sys, time\nfrom turtlebot_gym_agents.speed import machine\n"
+        "child = subprocess.Popen([sys.executable, '-I', '-c', machine._BUSY, str(os.getpid())])\n"
+        "print(child.pid, flush=True)\ntime.sleep(600)"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
+        child = int(parent.stdout.readline())
+        assert alive(child)
+        parent.kill()
+    for _ in range(600):  # a minute, on a busy machine
+        if not alive(child):
+            return
+        time.sleep(0.1)
+    os.kill(child, signal.SIGKILL)
+    pytest.fail("a busy process has outlived its parent")
+
+
+def a_row(name, base, rate, cpu_rate, ratio, *, by="turtlebot_gym", size=4096, threads=None):
+    row = {"by": by, "size": size, "threads": threads, "base": base, "steps_per_second": rate}
+    return {name: row | {"steps_per_cpu_second": cpu_rate, "ratio": ratio, "cpu_ratio": 0.25, "ratio_range": [1.5, 2.5]}}
+
+
+def a_result(**more):
+    base = "vector of 4096, CartPole-v1"
+    rows = {
+        **a_row("scalar, CartPole-v1", "scalar, CartPole-v1", 150_000.0, 151_000.0, 1.0, by="gymnasium", size=1),
+        **a_row("scalar, TurtleBotNav-v0", "scalar, CartPole-v1", 180_000.0, 181_000.0, 1.2, size=1),
+        **a_row(base, base, 1e7, 1e7, 1.0, by="gymnasium"),
+        **a_row("vector of 4096, TurtleBotNav-v0", base, 2.08e7, 1.1e7, 2.08),
+        **a_row("vector of 4096, TurtleBotNav-v0, one thread", base, 1.2e7, 1.2e7, 1.2, threads=1),
+        **a_row("vector of 1024, EnvPool's CartPole-v1", base, 4e5, 5e5, 0.04, by="envpool", size=1024),
+    }
+    described = {"cores": 2, "cpu": "A processor", "llvm_cpu": "some", "load_before": 0.5}
+    return {"machine": described, "used_by_others": 0.25, "environments": rows, **more}
+
+
+def busy_part(result):
+    names = [name for name, row in result["environments"].items() if row["size"] in (1, 4096)]
+    return {"processes": 4, "environments": {name: result["environments"][name] for name in names}}
+
+
+def test_the_figure_has_a_bar_for_each_rate_and_says_the_ratio():
+    figure = report.figure(a_result())
+    scalar, vector = figure.axes
+    assert [bar.get_width() for bar in vector.patches] == [1e7, 2.08e7, 4e5]  # one thread stands beside busy processes alone
+    assert [text.get_text() for text in vector.texts] == ["10.0 M, 1.00x", "20.8 M, 2.08x", "400 k, 0.04x"]
+    assert [label.get_text() for label in vector.get_yticklabels()] == [
+        "CartPole-v1", "TurtleBotNav-v0", "1024, EnvPool's CartPole-v1",
+    ]  # fmt: skip
+    lines = [line.get_xdata()[0] for line in scalar.lines if len(line.get_xdata()) == 2]
+    assert lines == [150_000.0, 300_000.0]
+    for axes in figure.axes:
+        low, high = axes.get_xlim()
+        assert all(low < bar.get_width() < high for bar in axes.patches)
+    result = a_result()
+    vector = report.figure(result | {"busy": busy_part(result)}).axes[1]
+    assert [bar.get_width() for bar in vector.patches] == [1e7, 2.08e7, 1.2e7, 4e5]
+    figure.savefig(os.devnull, format="png")
+
+
+def test_tables_have_training_and_the_busy_machine_where_they_were_measured():
+    result = a_result()
+    assert len(report.tables(result)) == 1
+    trained = {"steps_per_second": 1e5, "cpu_seconds_per_million": 20.0, "dummy_vec_env": 3e4, "ratio": 3.3}
+    busy = busy_part(result) | {"training": trained | {"cpu_seconds_per_million": 26.0}}
+    environment, beside, training = report.tables(result | {"training": trained, "adapter_ns": 50.0, "busy": busy})
+    assert (environment.row_count, beside.row_count) == (6, 5)
+    assert "other programs used 0.2 cores" in str(environment.title)
+    assert [*training.columns[1].cells][-1] == "26.0, 1.30 times"
+
+
+def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
+    path = tmp_path / "out" / "speed.json"
+    quick = ["--rounds", "1", "--seconds", "0.001"]
+    options = ["--num-envs", "16", *quick, "--no-training", "--busy", "1"]
+    assert main(["benchmark", *options, "--json", str(path), "--plot", str(tmp_path / "out" / "speed.png")]) == 0
+    told = capsys.readouterr()
+    assert "beside 1 busy processes" in told.out
+    assert not told.err
+    assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
+    content = json.loads(path.read_text())
+    assert content == plain(content)
+    assert content["config"].items() >= {"num_envs": [16], "rounds": 1, "busy": 1}.items()
+    assert content["machine"]["cores"] == machine.cores()
+    assert content["busy"]["environments"].keys() < content["environments"].keys()
+    for change, status in ((1e-6, 0), (1e6, 1)):
+        changed = json.loads(path.read_text())
+        for row in changed["environments"].values():
+            row["ratio"], row["cpu_ratio"] = change * row["ratio"], change * row["cpu_ratio"]
+        (tmp_path / "before.json").write_text(json.dumps(changed))
+        if status:
+            with pytest.raises(SystemExit) as stop:
+                main(["benchmark", "--check", str(tmp_path / "before.json"), *quick])
+            assert stop.value.code == 1
+            told = capsys.readouterr()
+            assert "LOST      scalar, TurtleBotNav-v0: " in told.out
+            assert "ratios have lost more than 25%" in told.err
+        else:
+            assert main(["benchmark", "--check", str(tmp_path / "before.json"), *quick]) == 0
+            told = capsys.readouterr()
+            assert "LOST" not in told.out
+        assert len(told.out.splitlines()) == len([row for row in content["environments"].values() if row["by"] != "gymnasium"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--rounds", "0"], "rounds must be positive, got 0."),
+        (["--seconds", "nan"], "seconds must be positive and below 60, got nan."),
+        (["--busy", "-1"], "busy must not be negative, got -1."),
+        (["--num-envs", "64", "64"], "num_envs must be different numbers from 2 on, got (64, 64)."),
+        (["--check", "no/such.json"], "no/such.json"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_one_line(arguments, said, capsys):
+    assert main(["benchmark", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line

@@ -1,0 +1,108 @@
+"""The guard of speed: which ratio counts, how much of it may be lost, and what a busy machine cannot tell."""
+
+import json
+
+import pytest
+
+from turtlebot_gym_agents.speed import check
+from turtlebot_gym_agents.speed.turns import Row
+
+
+def row(ratio, cpu_ratio, *, by="turtlebot_gym", size=4096, threads=None):
+    return Row(by, size, threads, "CartPole", 1e6, 1e6, ratio, cpu_ratio, (ratio, ratio))
+
+
+BEFORE = {
+    "CartPole": row(1.0, 1.0, by="gymnasium")._asdict(),
+    "scalar": row(9.0, 1.2, size=1)._asdict(),
+    "all threads": row(2.0, 9.0)._asdict(),
+    "one thread": row(9.0, 1.0, threads=1)._asdict(),
+    "peer": row(5.0, 5.0, by="gymnax")._asdict(),
+}
+
+
+def judged(*, quiet=True, tolerance=0.25, **now):
+    rows = {"scalar": row(0.1, 1.2, size=1), "all threads": row(2.0, 0.1), "one thread": row(0.1, 1.0, threads=1)}
+    rows |= {name.replace("_", " "): one for name, one in now.items()}
+    return {one.name: one for one in check.judge(BEFORE, rows, quiet=quiet, tolerance=tolerance)}
+
+
+def test_ours_are_judged_by_the_clock_that_holds():
+    """One thread by CPU seconds, all threads by wall time: the other ratios of these rows have fallen to nothing."""
+    found = judged()
+    assert {name: one.clock for name, one in found.items()} == {
+        "scalar": "CPU seconds", "all threads": "wall time", "one thread": "CPU seconds",
+    }  # fmt: skip
+    assert {one.state for one in found.values()} == {"ok"}
+
+
+@pytest.mark.parametrize(("now", "state"), [(1.51, "ok"), (1.5, "ok"), (1.49, "LOST"), (8.0, "ok"), (0.0, "LOST")])
+def test_a_quarter_may_be_lost(now, state):
+    assert judged(all_threads=row(now, 9.0))["all threads"].state == state
+
+
+@pytest.mark.parametrize(("tolerance", "state"), [(0.0, "LOST"), (0.09, "LOST"), (0.11, "ok"), (0.9, "ok")])
+def test_how_much_may_be_lost_can_be_said(tolerance, state):
+    assert judged(one_thread=row(9.0, 0.9, threads=1), tolerance=tolerance)["one thread"].state == state
+
+
+def test_a_busy_machine_judges_single_threads_alone():
+    found = judged(quiet=False, all_threads=row(0.1, 0.1), scalar=row(9.0, 0.1, size=1))
+    assert found["all threads"].state == "left out"
+    assert found["scalar"].state == "LOST"
+    assert found["one thread"].state == "ok"
+    assert check.lost(found.values()) == ["scalar"]
+
+
+def test_a_row_that_is_not_measured_any_more_is_lost():
+    rows = {"all threads": row(2.0, 9.0)}
+    assert check.lost(check.judge(BEFORE, rows, quiet=True)) == ["scalar", "one thread"]
+
+
+def test_each_verdict_is_one_line():
+    found = judged(scalar=row(0.1, 0.6, size=1))
+    assert str(found["scalar"]) == "LOST      scalar: 0.60 times CartPole, 1.20 before (-50 %, CPU seconds)"
+    assert str(found["all threads"]) == "ok        all threads: 2.00 times CartPole, 2.00 before (+0 %, wall time)"
+    assert str(judged(quiet=False)["all threads"]) == "left out  all threads: other programs keep the cores busy"
+    gone = check.judge(BEFORE, {}, quiet=True)[0]
+    assert str(gone) == "LOST      scalar: is not measured any more"
+
+
+@pytest.mark.parametrize(
+    ("used", "cores", "expected"), [(0.0, 2, True), (0.15, 2, True), (0.3, 2, False), (0.3, 64, True), (None, 2, True)]
+)
+def test_a_tenth_of_the_cores_may_be_used_by_others(used, cores, expected):
+    assert check.free(used, cores) is expected
+
+
+@pytest.mark.parametrize("tolerance", [-0.1, 1.0, float("nan")])
+def test_a_tolerance_is_a_share(tolerance):
+    with pytest.raises(ValueError, match="tolerance must be in"):
+        judged(tolerance=tolerance)
+
+
+def test_a_file_without_ours_is_refused():
+    with pytest.raises(ValueError, match="must hold ratios of our environments"):
+        check.judge({"peer": BEFORE["peer"]}, {}, quiet=True)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", '{"environments": 3}', '{"environments": {"a": 3}}', '{"environments": {"a": {"ratio": 1.0}}}']
+)
+def test_another_file_is_refused(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(ValueError, match=r"a\.json must be a file that `turtlebot-gym benchmark --json` has written"):
+        check.read(tmp_path / "a.json")
+
+
+def test_a_file_of_the_benchmark_is_read(tmp_path):
+    (tmp_path / "a.json").write_text(json.dumps({"environments": BEFORE}))
+    read = check.read(tmp_path / "a.json")["environments"]
+    assert read["scalar"]["cpu_ratio"] == 1.2
+
+
+def test_another_machine_is_named():
+    here = {"cpu": "A", "cores": 2, "numba": "1"}
+    assert check.elsewhere(here, here) is None
+    assert check.elsewhere(here, here | {"load_before": 3.0}) is None
+    assert "cores 2 there and 8 here" in str(check.elsewhere(here, here | {"cores": 8}))

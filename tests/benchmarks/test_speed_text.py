@@ -1,0 +1,47 @@
+"""The page of speed says what the committed file says."""
+
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from turtlebot_gym_agents.speed import check
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def text(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    return import_module("speed_text")
+
+
+@pytest.fixture
+def committed():
+    return check.read(BENCHMARKS / "speed.json")
+
+
+def test_the_committed_file_has_what_the_guard_and_the_page_need(text, committed):
+    assert (BENCHMARKS / "speed.png").read_bytes().startswith(b"\x89PNG")
+    ours = [name for name, row in committed["environments"].items() if row["by"] == "turtlebot_gym"]
+    assert {"scalar, TurtleBotNav-v0", "vector of 4096, TurtleBotNav-v0", "vector of 65536, TurtleBotNav-v0"} <= {*ours}
+    section = text.section(committed)
+    for name, row in committed["environments"].items():
+        assert f"| {name} |" in section
+        assert f"{row['steps_per_second']:,.0f} | {row['ratio']:.2f} |" in section
+    assert "busy" in committed
+    assert f"| {committed['training']['ratio']:.1f}" not in section
+    assert f"{committed['training']['ratio']:.1f} times as many as" in section
+
+
+def test_a_peer_that_took_no_part_is_told(text, committed):
+    section = text.section(committed | {"peers": {"envpool": {"missing": "no wheel for Python 3.10."}}})
+    assert "envpool took no part: no wheel for Python 3.10.\n" in section
+
+
+def test_what_was_not_measured_is_left_out(text, committed):
+    bare = {name: part for name, part in committed.items() if name not in ("busy", "training", "peers")}
+    section = text.section(bare | {"used_by_others": None})
+    assert "PPO" not in section
+    assert "busy" not in section
+    assert "meanwhile" not in section
