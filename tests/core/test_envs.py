@@ -294,6 +294,12 @@ def test_record_video_films_an_episode(tmp_path, monkeypatch):
     assert min(film.stat().st_size for film in films) > 1000
 
 
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_the_autoreset_mode_stands_where_clients_look_for_it(mode):
+    envs = gym.make_vec(NAV, num_envs=2, autoreset_mode=mode)
+    assert envs.unwrapped.autoreset_mode is envs.metadata["autoreset_mode"] is mode
+
+
 def test_a_vector_environment_does_not_render():
     with pytest.raises(ValueError, match="render_mode"):
         NavigationVectorEnv(2, render_mode="rgb_array")
