@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -16,13 +16,10 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.scene import Scene, scene_at
+from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world, with_options
 from turtlebot_gym.systems import make_room
 from turtlebot_gym.tasks import ROOM
-
-if TYPE_CHECKING:
-    from turtlebot_gym.envs.rendering import Renderer
 
 
 class RoomsEnv(NavigationEnv):
@@ -159,11 +156,6 @@ class RoomsEnv(NavigationEnv):
             self._world = world
             self.close()  # a picture shows the arrays of the world before
 
-    def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
-        from turtlebot_gym.envs.rendering_rooms import RoomRenderer
-
-        return RoomRenderer(mode, scene=scene_at(self._batch.scenes, 0), lidar=self.parameters.room.lidar, **options)
-
 
 class RoomsVectorEnv(NavigationVectorEnv):
     """Many `RoomsEnv`s at once, a room of its own for each; as `NavigationVectorEnv`.
@@ -172,10 +164,11 @@ class RoomsVectorEnv(NavigationVectorEnv):
 
     Args:
         num_envs: How many.
-        max_episode_steps: See `NavigationVectorEnv`, as for the next three.
+        max_episode_steps: See `NavigationVectorEnv`, as for the next four.
         autoreset_mode: See there.
         info: See there.
         render_mode: See there.
+        render_rows: See there.
         world: And all further arguments: see `RoomsEnv`.
         lidar: See there.
         robot: See there.
@@ -201,6 +194,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         info: str = "default",
         render_mode: str | None = None,
+        render_rows: int = 9,
         world: World = "dense",
         lidar: str | Lidar = "lds01",
         robot: str | Robot = "burger",
@@ -221,6 +215,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
             autoreset_mode=autoreset_mode,
             info=info,
             render_mode=render_mode,
+            render_rows=render_rows,
             task=ROOM,
             robot=robot,
             noise=noise,
