@@ -51,8 +51,9 @@ def metadata(case: Case) -> Iterator[str]:
 def mode_attribute(case: Case) -> Iterator[str]:
     """The attribute autoreset_mode is the AutoresetMode in force too, as SyncVectorEnv and AsyncVectorEnv have it."""
     with closing(case.open()) as env:
-        if getattr(env, "autoreset_mode", None) is not case.mode:
-            yield f"{getattr(env, 'autoreset_mode', 'no such attribute')!r} instead of {case.mode!r}."
+        told = getattr(env.unwrapped, "autoreset_mode", "no such attribute")
+        if told is not case.mode:
+            yield f"{told!r} instead of {case.mode!r}."
 
 
 def returns(case: Case) -> Iterator[str]:
