@@ -69,7 +69,7 @@ def _register_environments() -> None:
     register(
         id="turtlebot_gym/TurtleBotRooms-v0",
         entry_point="turtlebot_gym.envs.rooms:RoomsEnv",
-        vector_entry_point="turtlebot_gym.envs.rooms:RoomsVectorEnv",
+        vector_entry_point="turtlebot_gym.envs.rooms_vector:RoomsVectorEnv",
         max_episode_steps=600,
     )
 

@@ -44,4 +44,4 @@ with mkdocs_gen_files.open("reference/environments.md", "w") as page:
     print("\n::: turtlebot_gym.envs.navigation.NavigationEnv\n", file=page)
     print("::: turtlebot_gym.envs.navigation_vector.NavigationVectorEnv\n", file=page)
     print("::: turtlebot_gym.envs.rooms.RoomsEnv\n", file=page)
-    print("::: turtlebot_gym.envs.rooms.RoomsVectorEnv\n", file=page)
+    print("::: turtlebot_gym.envs.rooms_vector.RoomsVectorEnv\n", file=page)

@@ -60,6 +60,9 @@ class Scripted(gym.vector.VectorEnv):
     def render(self):
         return tuple(np.full((2, 2, 3), row, np.uint8) for row in range(3))
 
+    def compute_reward(self, achieved, desired, info):
+        return desired - achieved
+
     def close(self, **kwargs):
         self.closed_by_user = True
 
@@ -122,9 +125,22 @@ def test_seeds_and_options_count_for_one_reset():
     env.reset()
     env.reset()
     assert env.envs.calls == [(7, {"low": 1.0}), (None, None)]
-    env.set_options([{"low": 1.0}, {"low": 1.0}, {"low": 2.0}])
-    with pytest.raises(ValueError, match="set them for all"):
-        env.reset()
+    env.seed(9)
+    env.set_options([{"low": 1.0}, {"low": 2.0}, {"low": 1.0}])
+    env.reset()
+    one, two = env.envs.calls[2:]
+    assert (one[0], two[0]) == (9, 9)
+    assert (one[1].pop("reset_mask").tolist(), one[1]) == ([True, False, True], {"low": 1.0})
+    assert (two[1].pop("reset_mask").tolist(), two[1]) == ([False, True, False], {"low": 2.0})
+
+
+def test_rows_with_options_of_their_own_are_first_reset_together():
+    env = Sb3VecEnv(Scripted())
+    env.set_options([{"start": np.zeros(3)}, {"start": np.zeros(3)}, {"start": np.ones(3)}])
+    env.reset()
+    assert [options and options["reset_mask"].tolist() for _, options in env.envs.calls] == [
+        None, [True, True, False], [False, False, True],
+    ]  # fmt: skip
 
 
 def test_what_is_asked_of_some_rows_is_answered_for_those():
@@ -135,11 +151,13 @@ def test_what_is_asked_of_some_rows_is_answered_for_those():
     env.set_attr("mark", 4)
     env.set_attr("mark", 5, [0, 1, 2])
     assert env.envs.mark == 5
-    with pytest.raises(ValueError, match="share their attributes: set it for all"):
+    with pytest.raises(ValueError, match=r"^The rows of Scripted share their attributes: set it for all of them\.$"):
         env.set_attr("mark", 6, [0, 1])
-    assert env.env_method("reset", seed=3, indices=[1]) != []
+    with pytest.raises(ValueError, match=r"^The rows of Scripted share their methods: call it for all of them\.$"):
+        env.env_method("reset", seed=3, indices=[1])
+    assert len(env.env_method("reset", seed=3)) == 3
     assert env.envs.calls == [(3, None)]  # once, for all
-    assert len(env.env_method("render", indices=[0, 1])) == 2
+    assert env.env_method("compute_reward", 1.0, 3.0, {}, indices=[0]) == [2.0]  # no row's own
     assert env.env_is_wrapped(Monitor) == [True, True, True]
     assert env.env_is_wrapped(Monitor, [0]) == [True]
     assert env.env_is_wrapped(gym.Wrapper, [0, 1]) == [False, False]

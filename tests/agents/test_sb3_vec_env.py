@@ -169,12 +169,27 @@ def test_attributes_are_those_of_the_vector_environment():
     env.close()
 
 
-def test_options_are_one_for_all_rows():
+def test_options_reach_the_rows_that_they_are_for():
     env = nav()
     before = env.reset()
     env.set_options({"reset_mask": np.arange(N) < 2})
     changed = (env.reset() != before).any(axis=1)
     np.testing.assert_array_equal(changed, np.arange(N) < 2)
-    env.set_options([{}, *([{"low": 1.0}] * (N - 1))])
-    with pytest.raises(ValueError, match="options"):
+    assert [bool(info) for info in env.reset_infos] == changed.tolist()
+    env.set_options([{}, *([{"reset_mask": np.ones(N, np.bool_)}] * (N - 1))])
+    with pytest.raises(ValueError, match="the same for all rows where they hold a reset_mask"):
         env.reset()
+    env.set_options([{}])
+    with pytest.raises(ValueError, match=f"options must be one for all or {N}, got 1"):
+        env.reset()
+
+
+def test_a_reset_of_some_goes_on_with_the_returns_of_the_others():
+    env = nav(2, max_episode_steps=4)
+    env.reset()
+    still = np.zeros((2, 2), np.float32)
+    env.step(still)
+    env.set_options({"reset_mask": np.array([True, False])})
+    env.reset()
+    lengths = [[info["episode"]["l"] for info in env.step(still)[3] if info] for _ in range(4)]
+    assert lengths == [[], [], [4], [4]]

@@ -10,6 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import RecordVideo
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
@@ -168,11 +169,59 @@ def test_a_step_before_reset_is_refused(maker):
         env.unwrapped.step(action)
 
 
-def test_a_vector_environment_that_was_reset_in_part_says_which_is_missing():
-    env = gym.make_vec(NAV, num_envs=3)
-    env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
-    with pytest.raises(ResetNeeded, match="Environment 1"):
-        env.step(np.zeros((3, 2), np.float32))
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_a_mask_cannot_leave_out_what_was_never_reset(mode):
+    env = gym.make_vec(NAV, num_envs=3, autoreset_mode=mode)
+    for _ in range(2):  # a refused reset begins nothing
+        with pytest.raises(ResetNeeded, match=r"^Environment 1: call reset\(\) for all before a reset_mask leaves it out.$"):
+            env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
+        with pytest.raises(ResetNeeded):
+            env.step(np.zeros((3, 2), np.float32))
+    whole, _ = env.reset(seed=0, options={"reset_mask": np.ones(3, np.bool_)})
+    np.testing.assert_array_equal(whole, gym.make_vec(NAV, num_envs=3).reset(seed=0)[0])
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+
+
+@pytest.mark.parametrize("info", ["default", "full"])
+def test_a_reset_of_some_tells_of_those_alone(info):
+    env = gym.make_vec(NAV, num_envs=3, info=info)
+    env.reset(seed=0)
+    _, infos = env.reset(options={"reset_mask": np.array([False, True, False])})
+    for key, value in infos.items():
+        if key.startswith("_"):
+            assert value.tolist() == [False, True, False]
+        else:
+            assert not value[[0, 2]].any()
+    assert infos["distance"][1] > 0.0
+
+
+def test_same_step_tells_last_observations_as_gymnasium_does():
+    def sync(limit):
+        return gym.make_vec(
+            NAV, 4, vectorization_mode="sync", vector_kwargs={"autoreset_mode": SAME_STEP}, max_episode_steps=limit
+        )
+
+    native, theirs = gym.make_vec(NAV, num_envs=4, autoreset_mode=SAME_STEP, max_episode_steps=5), sync(5)
+    ends = 0
+    for env in (native, theirs):
+        env.reset(seed=0)
+    mask = np.array([False, True, False, True])
+    for step in range(14):
+        if step == 2:
+            for env in (native, theirs):
+                env.reset(options={"reset_mask": mask.copy()})
+        actions = np.full((4, 2), 0.1 * step, np.float32)
+        infos, expected = native.step(actions)[4], theirs.step(actions)[4]
+        assert ("final_obs" in infos) == ("final_obs" in expected)
+        if "final_obs" in infos:
+            assert infos["final_obs"].dtype == expected["final_obs"].dtype == object
+            for one, other in zip(infos["final_obs"], expected["final_obs"], strict=True):
+                assert (one is None) == (other is None)
+                if one is not None:
+                    ends += 1
+                    assert one.dtype == np.float32
+                    np.testing.assert_array_equal(one, other)
+    assert ends == 8  # rows 0 and 2 after steps 5 and 10, the others after 7 and 12
 
 
 def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
@@ -294,6 +343,94 @@ def test_record_video_films_an_episode(tmp_path, monkeypatch):
     assert min(film.stat().st_size for film in films) > 1000
 
 
-def test_a_vector_environment_does_not_render():
-    with pytest.raises(ValueError, match="render_mode"):
-        NavigationVectorEnv(2, render_mode="rgb_array")
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_the_autoreset_mode_stands_where_clients_look_for_it(mode):
+    envs = gym.make_vec(NAV, num_envs=2, autoreset_mode=mode)
+    assert envs.unwrapped.autoreset_mode is envs.metadata["autoreset_mode"] is mode
+
+
+def square(n, **options):
+    options = {"autoreset_mode": NEXT_STEP, "max_episode_steps": 4, "render_mode": "rgb_array"} | options
+    return gym.make_vec("turtlebot_gym/TurtleBotSquare-v0", num_envs=n, **options)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_pictures_are_those_of_the_scalar_environments(mode, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    envs, alone = square(2, autoreset_mode=mode), gym.make("turtlebot_gym/TurtleBotSquare-v0", render_mode="rgb_array")
+    assert alone.unwrapped.metadata["render_fps"] == envs.metadata["render_fps"] == 10
+    envs.reset(seed=5)
+    envs.step(np.tile(STRAIGHT, (2, 1)))  # which leaves no trail, since nothing was drawn yet
+    envs.reset(seed=5)
+    alone.reset(seed=6)
+    np.testing.assert_array_equal(envs.render()[1], alone.render())
+    for _ in range(3):
+        envs.step(np.tile(STRAIGHT, (2, 1)))
+        alone.step(STRAIGHT)
+        np.testing.assert_array_equal(envs.render()[1], alone.render())
+    envs.step(np.tile(STRAIGHT, (2, 1)))
+    if mode is NEXT_STEP:
+        envs.step(np.tile(STRAIGHT, (2, 1)))
+    if mode is DISABLED:
+        envs.reset(options={"reset_mask": np.ones(2, np.bool_)})
+    alone.reset()
+    np.testing.assert_array_equal(envs.render()[1], alone.render())  # without the trails of the episode before
+
+
+def test_a_reset_of_one_row_leaves_the_trails_of_the_others():
+    envs = square(2, max_episode_steps=50)
+    envs.reset(seed=0)
+    for _ in range(5):
+        before = envs.render()
+        envs.step(np.tile(STRAIGHT, (2, 1)))
+    before = envs.render()
+    envs.reset(seed=[None, 1], options={"reset_mask": np.array([False, True])})
+    after = envs.render()
+    np.testing.assert_array_equal(after[0], before[0])
+    assert (after[1] != before[1]).any()
+
+
+def test_the_first_rows_are_drawn_the_smaller_where_they_are_many():
+    for rows, number, shape in ((2, 2, (704, 640, 3)), (4, 4, (704, 640, 3)), (5, 5, (352, 320, 3)), (99, 6, (352, 320, 3))):
+        envs = square(6, render_rows=rows)
+        envs.reset(seed=0)
+        pictures = envs.render()
+        assert isinstance(pictures, tuple)
+        assert [(picture.shape, picture.dtype) for picture in pictures] == [(shape, np.uint8)] * number
+    envs.close()
+    assert len(gym.make_vec(NAV, num_envs=12, render_mode="rgb_array").unwrapped._pictures._renderers) == 0  # no pygame yet
+
+
+def test_other_parameters_are_drawn():
+    envs = square(1)
+    envs.reset(seed=0)
+    (burger,) = envs.render()
+    p = envs.unwrapped.parameters
+    envs.unwrapped.set_parameters(p._replace(robot=make_robot("waffle")))
+    assert (envs.render()[0] != burger).any()
+
+
+def test_what_cannot_be_drawn_is_said():
+    with pytest.raises(ValueError, match="render_mode must be one of"):
+        NavigationVectorEnv(2, render_mode="human")
+    for rows in (0, 2.5):
+        with pytest.raises(ValueError, match=f"render_rows must be a positive whole number, got {rows}"):
+            NavigationVectorEnv(2, render_rows=rows)
+    with pytest.raises(ResetNeeded, match="before render"):
+        square(2).render()
+    with pytest.warns(UserWarning, match="needs a render_mode"):
+        assert NavigationVectorEnv(2).render() is None
+
+
+def test_gymnasium_records_videos_of_vector_environments(tmp_path, monkeypatch):
+    pytest.importorskip("moviepy")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    folder = tmp_path / "films"
+    envs = RecordVectorVideo(square(3), str(folder), episode_trigger=lambda episode: True)
+    envs.reset(seed=0)
+    for _ in range(7):
+        envs.step(np.tile(STRAIGHT, (3, 1)))
+    envs.close()
+    films = sorted(folder.glob("*.mp4"))
+    assert len(films) == 2
+    assert min(film.stat().st_size for film in films) > 1000

@@ -14,7 +14,8 @@ from gymnasium.vector import AutoresetMode
 from turtlebot_gym import Reward
 from turtlebot_gym.checker import check_vector_env
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.rooms import RoomsEnv, RoomsVectorEnv
+from turtlebot_gym.envs.rooms import RoomsEnv
+from turtlebot_gym.envs.rooms_vector import RoomsVectorEnv
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS

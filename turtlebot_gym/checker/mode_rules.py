@@ -52,6 +52,22 @@ def same_step(case: Case) -> Iterator[str]:
             yield NO_END
 
 
+def final_objects(case: Case) -> Iterator[str]:
+    """In infos final_obs is an array of objects, None where no episode ended, as SyncVectorEnv has it."""
+    with closing(case.open()) as env:
+        run = Run(case, env)
+        run.reset(1)
+        for _ in range(case.steps):
+            _, _, terminated, truncated, infos = run.step()
+            final, done = infos.get("final_obs"), terminated | truncated
+            if final is None:
+                continue
+            if not isinstance(final, np.ndarray) or final.dtype != object or final.shape != (case.num_envs,):
+                yield f"final_obs is {final!r}."
+            elif any((one is not None) != ended for one, ended in zip(final, done, strict=True)):
+                yield f"final_obs is {final!r} where the ends are {done!r}."
+
+
 def disabled(case: Case) -> Iterator[str]:
     """Stepping while an environment's episode has ended is an error, until reset_mask has reset it."""
     with closing(case.open()) as env:

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from turtlebot_gym.checker.mode_rules import disabled, next_step, same_step
+from turtlebot_gym.checker.mode_rules import disabled, final_objects, next_step, same_step
 from turtlebot_gym.checker.runs import (
     DISABLED,
     LIMIT,
@@ -46,6 +46,14 @@ def metadata(case: Case) -> Iterator[str]:
     with closing(case.open()) as env:
         if env.metadata.get("autoreset_mode") is not case.mode:
             yield f"{env.metadata.get('autoreset_mode')!r} instead of {case.mode!r}."
+
+
+def mode_attribute(case: Case) -> Iterator[str]:
+    """The attribute autoreset_mode is the AutoresetMode in force too, as SyncVectorEnv and AsyncVectorEnv have it."""
+    with closing(case.open()) as env:
+        told = getattr(env.unwrapped, "autoreset_mode", "no such attribute")
+        if told is not case.mode:
+            yield f"{told!r} instead of {case.mode!r}."
 
 
 def returns(case: Case) -> Iterator[str]:
@@ -230,6 +238,27 @@ def reset_mask_rows(case: Case) -> Iterator[str]:
                 yield f"of the one reset, after {when} steps, with seed 50: {seen}"
 
 
+def first_reset_whole(case: Case) -> Iterator[str]:
+    """A first reset whose reset_mask leaves an environment out is an error: there is no observation of that one."""
+    with closing(case.open()) as env:
+        try:
+            env.reset(seed=1, options={"reset_mask": np.arange(case.num_envs) == 0})
+        except Exception:
+            return
+        yield "no error."
+
+
+def reset_mask_infos(case: Case) -> Iterator[str]:
+    """The infos of a reset tell of the environments in its reset_mask, and their masks are false for the others."""
+    with closing(case.open()) as env:
+        env.reset(seed=1)
+        mask = np.arange(case.num_envs) == 0
+        infos = env.reset(options={"reset_mask": mask.copy()})[1]
+        for key, told in infos.items():
+            if key.startswith("_") and (told & ~mask).any():
+                yield f"{key} is {told!r} after a reset of {mask!r}."
+
+
 def truncation(case: Case) -> Iterator[str]:
     """With max_episode_steps=n an episode that has not terminated before is truncated at its n-th step."""
     for i, events in enumerate(case.play(1, stagger=False) if case.limit else []):
@@ -252,11 +281,11 @@ def closing_twice(case: Case) -> Iterator[str]:
 
 RULES = {
     None: (
-        spaces, metadata, returns, info_masks, seeding, seed_none, rows_alone, fresh_arrays, own_arrays,
-        reset_mask_form, options_kept, reset_mask_rows, truncation, closing_twice,
+        spaces, metadata, mode_attribute, returns, info_masks, seeding, seed_none, rows_alone, fresh_arrays, own_arrays,
+        reset_mask_form, options_kept, reset_mask_rows, first_reset_whole, reset_mask_infos, truncation, closing_twice,
     ),
     NEXT_STEP: (next_step,),
-    SAME_STEP: (same_step,),
+    SAME_STEP: (same_step, final_objects),
     DISABLED: (disabled,),
 }  # fmt: skip
 """The rules of every mode, and those of one alone."""

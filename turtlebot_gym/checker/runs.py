@@ -179,9 +179,10 @@ def _info_row(infos: dict[str, Any], i: int) -> dict[str, Any]:
 
 def _arrays(value: Any) -> Iterator[NDArray[Any]]:
     """Yield the arrays of numbers in what an environment returns."""
-    if isinstance(value, np.ndarray) and value.dtype != object and value.flags.writeable:
-        yield value
-    elif isinstance(value, (tuple, list, dict)):
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        if value.flags.writeable:
+            yield value
+    elif isinstance(value, (tuple, list, dict, np.ndarray)):
         for item in value.values() if isinstance(value, dict) else value:
             yield from _arrays(item)
 

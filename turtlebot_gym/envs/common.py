@@ -106,3 +106,27 @@ def make_batch(
 def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return covariance matrices (..., 5, 5) from their independent entries (..., 15)."""
     return entries[..., SYMMETRIC]
+
+
+def reset_mask(options: dict[str, Any] | None, num_envs: int) -> NDArray[np.bool_]:
+    """Return which environments a reset's option ``reset_mask`` names; all where there is none.
+
+    Raises:
+        ValueError: If it is no boolean array of shape (num_envs,), true somewhere.
+    """
+    if options is None or "reset_mask" not in options:
+        return np.ones(num_envs, np.bool_)
+    mask = options["reset_mask"]
+    if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (num_envs,):
+        raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {mask!r}.")
+    if not mask.any():
+        raise ValueError("reset_mask must be true somewhere.")
+    return mask
+
+
+def of_rows(mask: NDArray[np.bool_], observations: NDArray[np.float32]) -> NDArray[Any]:
+    """Return an array of objects: copies of the observations where a mask is true, and None for the others."""
+    found = np.empty(len(mask), object)
+    for row, observation in zip(np.flatnonzero(mask).tolist(), observations[mask], strict=True):
+        found[row] = observation
+    return found

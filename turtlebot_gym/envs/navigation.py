@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -21,6 +21,7 @@ from turtlebot_gym.envs.common import (
     make_batch,
     observation_space,
 )
+from turtlebot_gym.envs.pictures import make_renderer
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.plants import MujocoBurger
@@ -29,9 +30,6 @@ from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Pose
-
-if TYPE_CHECKING:
-    from turtlebot_gym.envs.rendering import Renderer
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -264,24 +262,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _draw(self, *, anew: bool = False) -> NDArray[np.uint8] | None:
         """Draw the world; ``anew`` begins with empty trails."""
         if self._renderer is None:
-            p = self.parameters
-            waypoints = None if p.task.random else [Pose(*pose) for pose in self._batch.waypoints[0].tolist()]
-            self._renderer = self._make_renderer(
-                "human" if self.render_mode == "human" else "rgb_array",
-                robot=p.robot,
-                task=p.task,
-                waypoints=waypoints,
-                dt=p.dt,
-                fps=self.metadata["render_fps"],
-            )
+            mode = "human" if self.render_mode == "human" else "rgb_array"
+            self._renderer = make_renderer(self._batch, 0, mode, fps=self.metadata["render_fps"])
         elif anew:
             self._renderer.reset()
         return self._renderer.draw(self._batch.world(0))
-
-    def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
-        from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
-
-        return Renderer(mode, **options)
 
     def close(self) -> None:
         """Close the window, if there is one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium.error import Error, InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -21,7 +22,10 @@ from turtlebot_gym.envs.common import (
     make_batch,
     matrices,
     observation_space,
+    of_rows,
+    reset_mask,
 )
+from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.plants import MujocoBurger
@@ -44,8 +48,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
     ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
-    ``measured`` and ``slipping``, shape (N,); each key has its mask, as Gymnasium wants it. In the mode SAME_STEP,
-    ``final_obs`` and ``final_info`` hold what the finished episodes ended with.
+    ``measured`` and ``slipping``, shape (N,); each key has its mask, as Gymnasium wants it; it is false for what a reset
+    left out. In the mode SAME_STEP, ``final_obs`` (objects, as in `SyncVectorEnv`: an observation, or None where nothing ended)
+    and ``final_info`` hold what the finished episodes ended with.
 
     Args:
         num_envs: How many.
@@ -54,7 +59,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             default; the next step ignores the action and returns the new episode's first observation with reward 0),
             SAME_STEP (the same step returns it), or DISABLED (whoever steps a finished environment gets an error).
         info: "default" or "full".
-        render_mode: None; draw a single environment instead.
+        render_mode: None or "rgb_array".
+        render_rows: How many environments, the first ones, are drawn.
         task: And all further arguments: see `NavigationEnv`.
         robot: See there.
         noise: See there.
@@ -77,7 +83,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     """
 
     _room: Room | None = None
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
         self,
@@ -87,6 +93,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         info: str = "default",
         render_mode: str | None = None,
+        render_rows: int = 9,
         task: str | Task = "nav",
         robot: str | Robot = "burger",
         noise: str | Noise = "tutorial",
@@ -105,8 +112,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     ) -> None:
         if not (isinstance(num_envs, (int, np.integer)) and num_envs > 0):
             raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}.")
-        if render_mode is not None:
-            raise ValueError(f"render_mode must be None, got {render_mode!r}: draw a single environment instead.")
+        if not (isinstance(render_rows, (int, np.integer)) and render_rows > 0):
+            raise ValueError(f"render_rows must be a positive whole number, got {render_rows!r}.")
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
         self._full = choose("info", info, {"default": False, "full": True})
@@ -132,14 +139,20 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         )
         self._told = (ROOM_PARTS if self._batch.system.surroundings else {}) | (PARTS | NUMBERS if self._full else {})
         self.num_envs = int(num_envs)
-        self.render_mode = None
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": max(1, round(1.0 / dt))}
+        self._pictures = Pictures(self._batch, rows=min(int(render_rows), self.num_envs), fps=self.metadata["render_fps"])
         self.single_action_space = action_space()
         self.single_observation_space = observation_space(self._batch.system)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._done = np.zeros(self.num_envs, np.bool_)
-        self._begun = np.zeros(self.num_envs, np.bool_)
+        self._begun = False
+
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """What happens after an episode's end: ``metadata["autoreset_mode"]``, where `SyncVectorEnv` has it too."""
+        return self._mode
 
     @property
     def parameters(self) -> Parameters | Sequence[Parameters]:
@@ -149,6 +162,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each."""
         self._batch.set_parameters(parameters)
+        self._pictures.close()  # they show the robots and the rooms of before
 
     def reset(
         self,
@@ -161,35 +175,36 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         Args:
             seed: An int gives environment *i* the seed ``seed + i``; a list has one for each; None, or None in the list,
                 begins the next episode of the seed in use.
-            options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state.
+            options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state, and have no infos.
 
         Returns:
             All environments' observations, and infos.
 
         Raises:
             ValueError: If the list of seeds or the mask has the wrong form.
+            ResetNeeded: If the mask leaves out an environment that was never reset: there would be no observation of it.
         """
         mask = self._reset_mask(options)
         batch = self._batch
         if seed is None or isinstance(seed, (int, np.integer)):
             super().reset(seed=None if seed is None else int(seed))
-            first = int(seed) if seed is not None else (None if self._begun.any() else self._entropy())
+            first = int(seed) if seed is not None else (None if self._begun else self._entropy())
             seeds = [None if first is None else first + i for i in range(self.num_envs)]
         else:
             seeds = list(seed)
             if len(seeds) != self.num_envs:
                 raise ValueError(f"seed must hold {self.num_envs} seeds, got {len(seeds)}.")
             super().reset(seed=next((one for one in seeds if one is not None), None))
-            seeds = [self._entropy() + i if s is None and not self._begun[i] else s for i, s in enumerate(seeds)]
+            seeds = [self._entropy() + i if s is None and not self._begun else s for i, s in enumerate(seeds)]
         given = np.array([one is not None for one in seeds]) & mask
         batch.seeds[given] = [one & MAX_SEED for one, use in zip(seeds, given, strict=True) if use and one is not None]
         batch.episodes[mask] += 1
         batch.episodes[given] = 0
         observations, outcomes = batch.last()
-        batch.reset(mask, observations, outcomes)
-        self._begun |= mask
+        self._begin(mask, observations, outcomes)
+        self._begun = True
         self._done[mask] = False
-        return observations, self._info(outcomes)
+        return observations, self._info(outcomes, mask)
 
     def _entropy(self) -> int:
         """Return the seed that Gymnasium drew where none was given."""
@@ -197,13 +212,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         """Return which environments to reset."""
-        if options is None or "reset_mask" not in options:
-            return np.ones(self.num_envs, np.bool_)
-        mask = options["reset_mask"]
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(f"reset_mask must be a boolean array of shape ({self.num_envs},), got {mask!r}.")
-        if not mask.any():
-            raise ValueError("reset_mask must be true somewhere.")
+        mask = reset_mask(options, self.num_envs)
+        if not self._begun and not mask.all():
+            raise ResetNeeded(f"Environment {np.argmin(mask)}: call reset() for all before a reset_mask leaves it out.")
         return mask
 
     def step(  # pyright: ignore[reportIncompatibleMethodOverride]  # Gymnasium has one type for rewards and episode ends
@@ -216,7 +227,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
         Raises:
             InvalidAction: If the actions have another shape or one is not finite.
-            ResetNeeded: If an environment was never reset.
+            ResetNeeded: If the environments were never reset.
             Error: In the mode DISABLED, if an environment's episode has ended and it was not reset.
         """
         batch = self._batch
@@ -226,8 +237,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         if not np.isfinite(values).all():
             bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
             raise InvalidAction(f"Environment {bad}: an action must be finite, got {values[bad]}.")
-        if not self._begun.all():
-            raise ResetNeeded(f"Environment {int(np.argmin(self._begun))}: call reset() before step().")
+        if not self._begun:
+            raise ResetNeeded("Call reset() before step().")
         ended = self._done
         if self._mode is AutoresetMode.DISABLED and ended.any():
             raise Error(
@@ -242,7 +253,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._done = done = terminated | truncated
         if self._mode is not AutoresetMode.SAME_STEP or not done.any():
             return observations, rewards, terminated, truncated, self._info(outcomes)
-        final = {"final_obs": np.where(done[:, None], observations, 0), "_final_obs": done.copy()}
+        final = {"final_obs": of_rows(done, observations), "_final_obs": done.copy()}
         final |= {"final_info": self._info(outcomes, done), "_final_info": done.copy()}
         self._begin_next(done, observations, outcomes)
         return observations, rewards, terminated, truncated, self._info(outcomes) | final
@@ -250,7 +261,12 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _begin_next(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
         """Begin the next episode of some environments, and write over what is returned for them."""
         self._batch.episodes[mask] += 1
+        self._begin(mask, observations, outcomes)
+
+    def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
+        """Begin the episodes of some environments, whose numbers are set."""
         self._batch.reset(mask, observations, outcomes)
+        self._pictures.begin(mask)
 
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return infos of all environments, or of those in the mask; zeros stand for the others."""
@@ -266,3 +282,16 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         for key in list(infos):
             infos[f"_{key}"] = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
         return infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, once they were reset."""
+        if self.render_mode is None:
+            gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
+            return None
+        if not self._begun:
+            raise ResetNeeded("Call reset() before render().")
+        return self._pictures.draw()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Forget the pictures."""
+        self._pictures.close()

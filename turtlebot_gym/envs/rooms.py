@@ -1,28 +1,22 @@
-"""The environments of rooms, scalar and vector: navigation with walls and obstacles around, and a LiDAR."""
+"""The environment of rooms: navigation with walls and obstacles around, and a LiDAR."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import PARTS, Room
+from turtlebot_gym.envs.common import Room
 from turtlebot_gym.envs.navigation import NavigationEnv
-from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world, with_options
-from turtlebot_gym.systems import make_room
+from turtlebot_gym.systems import Parameters, make_room
 from turtlebot_gym.tasks import ROOM
-
-if TYPE_CHECKING:
-    from turtlebot_gym.envs.rendering import Renderer
 
 
 class RoomsEnv(NavigationEnv):
@@ -143,10 +137,7 @@ class RoomsEnv(NavigationEnv):
         observation, info = super().reset(seed=seed)
         if info["way_left"] == UNKNOWN:
             self._started = False
-            radius = self.parameters.robot.radius
-            raise ValueError(
-                f"No way leads from start to goal for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
-            )
+            raise ValueError(no_way(self.parameters))
         return observation, info
 
     def _enter(self, options: dict[str, Any]) -> None:
@@ -159,81 +150,8 @@ class RoomsEnv(NavigationEnv):
             self._world = world
             self.close()  # a picture shows the arrays of the world before
 
-    def _make_renderer(self, mode: Literal["human", "rgb_array"], **options: Any) -> Renderer:
-        from turtlebot_gym.envs.rendering_rooms import RoomRenderer
 
-        return RoomRenderer(mode, scene=scene_at(self._batch.scenes, 0), lidar=self.parameters.room.lidar, **options)
-
-
-class RoomsVectorEnv(NavigationVectorEnv):
-    """Many `RoomsEnv`s at once, a room of its own for each; as `NavigationVectorEnv`.
-
-    ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision``, shape (N,).
-
-    Args:
-        num_envs: How many.
-        max_episode_steps: See `NavigationVectorEnv`, as for the next three.
-        autoreset_mode: See there.
-        info: See there.
-        render_mode: See there.
-        world: And all further arguments: see `RoomsEnv`.
-        lidar: See there.
-        robot: See there.
-        noise: See there.
-        filter: See there.
-        integrator: See there.
-        observation: See there.
-        reward: See there.
-        arrival: See there.
-        dt: See there.
-        delay: See there.
-        fix: See there.
-
-    Raises:
-        ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
-    """
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        *,
-        max_episode_steps: int | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        info: str = "default",
-        render_mode: str | None = None,
-        world: World = "dense",
-        lidar: str | Lidar = "lds01",
-        robot: str | Robot = "burger",
-        noise: str | Noise = "tutorial",
-        filter: str | FilterTuning = "matched",
-        integrator: str = "euler",
-        observation: str = "ekf",
-        reward: Reward | None = None,
-        arrival: str = "truth",
-        dt: float = 0.1,
-        delay: int = 0,
-        fix: str | FixNoise | None = None,
-    ) -> None:
-        self._room = Room(find_world(world), find_lidar(lidar))
-        super().__init__(
-            num_envs,
-            max_episode_steps=max_episode_steps,
-            autoreset_mode=autoreset_mode,
-            info=info,
-            render_mode=render_mode,
-            task=ROOM,
-            robot=robot,
-            noise=noise,
-            filter=filter,
-            integrator=integrator,
-            observation=observation,
-            reward=reward,
-            arrival=arrival,
-            dt=dt,
-            delay=delay,
-            fix=fix,
-        )
-
-    def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:
-        """Return what no robot knows: the rooms, the true states (N, 5), and the goals' poses (N, 3)."""
-        return self._batch.scenes, self._batch.numbers(PARTS["true_state"]), self._batch.numbers(PARTS["reference"])
+def no_way(parameters: Parameters) -> str:
+    """Return why a robot cannot reach its goal."""
+    radius = parameters.robot.radius
+    return f"No way leads from start to goal for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."

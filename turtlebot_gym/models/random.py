@@ -22,7 +22,7 @@ _STREAMS = 16
 PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL = range(7)
 
 # Uses of an episode that draw more numbers in a step than there are streams: each has a key of its own, see `sub_key`.
-ROOM, SCAN, FIX = 1, 2, 3
+ROOM, SCAN, FIX, SENSOR = 1, 2, 3, 4
 
 
 @kernel

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.rooms import RoomsVectorEnv
+from turtlebot_gym.envs.rooms_vector import RoomsVectorEnv
 from turtlebot_gym.kernel import sqrt
 from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent
 from turtlebot_gym.rooms.scene import RESOLUTION, scene_at

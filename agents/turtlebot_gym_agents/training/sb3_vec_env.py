@@ -10,22 +10,33 @@ thousands of environments that is most of the time. After ``bootstrap_with(model
 
 from __future__ import annotations
 
+import inspect
 import time
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import concatenate, create_empty_array
 from numpy.typing import NDArray
+from stable_baselines3.common.env_util import is_wrapped
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
+_PURE = ("compute_reward",)
+"""Methods of which any row may be asked, since the answer does not depend on it: `HerReplayBuffer` asks the first one."""
+
 
 class Sb3VecEnv(VecEnv):
     """Present a Gymnasium vector environment to Stable-Baselines3.
+
+    Over `SyncVectorEnv` the rows are addressed one by one, as in SB3's `DummyVecEnv`. Those of a native vector environment
+    share their attributes and methods, and those of `AsyncVectorEnv` answer together: what cannot be asked of some rows alone
+    is refused. Rows whose options differ are reset by ``reset_mask``.
 
     Infos hold, for the environments whose episode has just ended, ``terminal_observation``, ``TimeLimit.truncated``,
     ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and whatever ``final_info`` has, such as
@@ -50,7 +61,10 @@ class Sb3VecEnv(VecEnv):
         self._returns = np.zeros(envs.num_envs)
         self._lengths = np.zeros(envs.num_envs, np.int64)
         self._start = time.time()
+        self._begun = False
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        if "render_fps" in envs.metadata:
+            self.metadata["render_fps"] = envs.metadata["render_fps"]
 
     def bootstrap_with(self, model: OnPolicyAlgorithm) -> None:
         """Add ``gamma V(last observation)`` of timed-out episodes to their rewards, in one batch, instead of leaving it to SB3.
@@ -66,21 +80,48 @@ class Sb3VecEnv(VecEnv):
         """
         if not isinstance(model, OnPolicyAlgorithm) or model.env is not self:
             raise ValueError(f"model must be an on-policy algorithm whose env is this adapter, got {model!r}.")
+        parameters = inspect.signature(model.policy.predict_values).parameters.values()
+        _, *more = (it.name for it in parameters if it.default is it.empty)
+        if more:
+            raise ValueError(
+                f"model must value an observation by itself, and {type(model).__name__} needs {' and '.join(more)}, which only "
+                "its rollouts know: do not call bootstrap_with, and it does the same on its own."
+            )
         self._model = model
 
     def reset(self) -> Any:
         """Start all episodes, with the seeds and options that `seed` and `set_options` have left, and return observations."""
-        options = self._options[0]
-        if any(row != options for row in self._options):
-            raise ValueError("The rows of a native vector environment share their options: set them for all.")
         # VecEnv.seed(s) has left s + i, which is what Gymnasium makes of the int s; not all vector environments take lists.
-        observations, infos = self.envs.reset(seed=self._seeds[0], options=options or None)
+        seed, groups, observations = self._seeds[0], self._groups(), None
+        if len(groups) > 1 and not self._begun:
+            self.envs.reset(seed=seed)  # the first reset must be one of all rows
+        for options, rows in groups:
+            options = {**options, "reset_mask": rows} if len(groups) > 1 else options
+            begins = options.get("reset_mask", rows)
+            observations, infos = self.envs.reset(seed=seed, options=dict(options) or None)
+            for row in np.flatnonzero(rows).tolist():
+                self.reset_infos[row] = _row(infos, row)
+            self._returns[begins] = 0.0
+            self._lengths[begins] = 0
+        self._begun = True
         self._reset_seeds()
         self._reset_options()
-        self._returns[:] = 0.0
-        self._lengths[:] = 0
-        self.reset_infos = [_row(infos, row) for row in range(self.num_envs)]
         return observations
+
+    def _groups(self) -> list[tuple[dict[str, Any], NDArray[np.bool_]]]:
+        """Return the different options of the rows, and which rows have each."""
+        if len(self._options) != self.num_envs:
+            raise ValueError(f"options must be one for all or {self.num_envs}, got {len(self._options)}.")
+        groups: list[tuple[dict[str, Any], NDArray[np.bool_]]] = []
+        for row, options in enumerate(self._options):
+            mask = next((mask for other, mask in groups if options is other or data_equivalence(options, other)), None)
+            if mask is None:
+                mask = np.zeros(self.num_envs, np.bool_)
+                groups.append((options, mask))
+            mask[row] = True
+        if len(groups) > 1 and any("reset_mask" in options for options, _ in groups):
+            raise ValueError("options must be the same for all rows where they hold a reset_mask.")
+        return groups
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Take the actions for `step_wait`."""
@@ -121,23 +162,75 @@ class Sb3VecEnv(VecEnv):
         """Close the vector environment."""
         self.envs.close()
 
+    def _chosen(self, indices: Any) -> list[int]:
+        """Return the rows that some indices mean."""
+        return [int(index) for index in (range(self.num_envs) if indices is None else np.atleast_1d(indices))]
+
+    def _rows(self) -> Sequence[gym.Env] | None:
+        """Return the environments of the rows, where each has one that can be reached."""
+        return self.envs.unwrapped.envs if isinstance(self.envs.unwrapped, SyncVectorEnv) else None
+
+    def _require_all(self, chosen: list[int], what: str) -> None:
+        if sorted(chosen) != list(range(self.num_envs)):
+            raise ValueError(f"The rows of {type(self.envs.unwrapped).__name__} share their {what} for all of them.")
+
+    def _layer_of(self, name: str) -> VectorEnv:
+        """Return the outermost wrapper that has an attribute, or the vector environment."""
+        layer = self.envs
+        while not hasattr(layer, name) and isinstance(layer, VectorWrapper):
+            layer = layer.env
+        return layer
+
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the vector environment, once for each of the indices: it is the same for all."""
-        return [getattr(self.envs, attr_name)] * len(list(self._get_indices(indices)))
+        """Return an attribute of each of the rows; of a native vector environment, that of all rows."""
+        rows, chosen = self._rows(), self._chosen(indices)
+        if rows is not None:
+            return [rows[row].get_wrapper_attr(attr_name) for row in chosen]
+        if isinstance(self.envs.unwrapped, AsyncVectorEnv):
+            told = self.envs.unwrapped.get_attr(attr_name)
+            return [told[row] for row in chosen]
+        return [getattr(self._layer_of(attr_name), attr_name)] * len(chosen)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the vector environment, which is that of all rows."""
-        if len(list(self._get_indices(indices))) != self.num_envs:
-            raise ValueError("The rows of a native vector environment share their attributes: set it for all.")
-        setattr(self.envs, attr_name, value)
+        """Set an attribute of each of the rows; of a native vector environment, that of all rows.
+
+        Raises:
+            ValueError: If only some rows are meant and they share it.
+        """
+        rows, chosen = self._rows(), self._chosen(indices)
+        if rows is not None:
+            for row in chosen:
+                rows[row].set_wrapper_attr(attr_name, value)
+            return
+        self._require_all(chosen, "attributes: set it")
+        if isinstance(self.envs.unwrapped, AsyncVectorEnv):
+            self.envs.unwrapped.set_attr(attr_name, [value] * self.num_envs)
+        else:
+            layer = self._layer_of(attr_name)
+            setattr(layer if hasattr(layer, attr_name) else self.envs, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of the vector environment once, and return its result for each of the indices."""
-        return [getattr(self.envs, method_name)(*args, **kwargs)] * len(list(self._get_indices(indices)))
+        """Call a method of each of the rows; of a native vector environment once, with the result for each of the rows.
+
+        Raises:
+            ValueError: If only some rows are meant and they share it.
+        """
+        rows, chosen = self._rows(), self._chosen(indices)
+        if rows is not None:
+            return [rows[row].get_wrapper_attr(method_name)(*args, **kwargs) for row in chosen]
+        if method_name not in _PURE:
+            self._require_all(chosen, "methods: call it")
+        if isinstance(self.envs.unwrapped, AsyncVectorEnv):
+            told = self.envs.unwrapped.call(method_name, *args, **kwargs)
+            return [told[row] for row in chosen]
+        return [getattr(self._layer_of(method_name), method_name)(*args, **kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return for each of the indices whether it is wrapped: rows have no wrappers, but the infos have what Monitor's do."""
-        return [wrapper_class is Monitor] * len(list(self._get_indices(indices)))
+        """Return for each of the rows whether it is wrapped; by a `Monitor` all are, for the infos have what it would tell."""
+        rows, chosen = self._rows(), self._chosen(indices)
+        if rows is None or wrapper_class is Monitor:
+            return [wrapper_class is Monitor] * len(chosen)
+        return [is_wrapped(rows[row], wrapper_class) for row in chosen]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the pictures that the vector environment draws, if it draws any."""

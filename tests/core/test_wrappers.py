@@ -1,0 +1,229 @@
+"""Wrappers: worked out by hand over a scripted environment, and row by row equal, scalar and vector, in every mode."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import FrameStackObservation
+
+from turtlebot_gym import wrappers
+from turtlebot_gym.checker import check_vector_env
+from turtlebot_gym.checker.runs import Case, Event
+from turtlebot_gym.models.random import episode_key, normals, sub_key
+from turtlebot_gym.wrappers import vector
+
+NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
+
+
+class Echo(gym.Env):
+    """Observes twice the action, and tells how many steps there were."""
+
+    def __init__(self):
+        self.observation_space = spaces.Box(-2.0, 2.0, (1,), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.at = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.at = 0
+        return np.zeros(1, np.float32), {"at": 0}
+
+    def step(self, action):
+        self.at += 1
+        return 2.0 * action, 5.0, self.at == 3, False, {"at": self.at}
+
+
+def compass(info, draws):
+    """A compass and a gyroscope, of which the first has noise."""
+    theta, omega = info["true_state"][..., 2], info["true_state"][..., 4]
+    return np.stack([theta + 0.1 * draws[..., 2], omega + 0.05 * draws[..., 0]], axis=-1)
+
+
+def brisk(it):
+    """Progress, less what the turning costs."""
+    turning = np.abs(it.action[..., 1])
+    return it.before.info["distance"] - it.after.info["distance"] - 0.1 * turning + it.after.info["true_state"][..., 3]
+
+
+SENSOR = {"low": [-4.0, -3.0], "high": [4.0, 3.0], "draws": 3}
+PAIRS = {
+    "reward": (partial(wrappers.TransitionReward, reward=brisk), partial(vector.TransitionReward, reward=brisk)),
+    "sensor": (
+        partial(wrappers.AppendSensor, measure=compass, **SENSOR),
+        partial(vector.AppendSensor, measure=compass, **SENSOR),
+    ),
+    "smooth": (partial(wrappers.SmoothAction, share=0.3), partial(vector.SmoothAction, share=0.3)),
+    "stack": (partial(FrameStackObservation, stack_size=3), partial(vector.FrameStackObservation, stack_size=3)),
+    "zeros": (
+        partial(FrameStackObservation, stack_size=2, padding_type="zero"),
+        partial(vector.FrameStackObservation, stack_size=2, padding_type="zero"),
+    ),
+}
+
+
+def native(wrap, *, num_envs, autoreset_mode, max_episode_steps, id=NAV):
+    options = {"max_episode_steps": max_episode_steps, "autoreset_mode": autoreset_mode, "info": "full"}
+    return wrap(gym.make_vec(id, num_envs=num_envs, **options))
+
+
+def rows(wrap, *, num_envs, autoreset_mode, max_episode_steps, id=NAV, around=lambda envs: envs):
+    made = [lambda: wrap(gym.make(id, max_episode_steps=max_episode_steps))] * num_envs
+    return around(SyncVectorEnv(made, autoreset_mode=autoreset_mode))
+
+
+def play(make, mode):
+    """Return what happens to each row in some episodes, one of which is broken off, but for infos."""
+    events = Case(make, mode, 3, 24, 7).play(11)
+    assert min(sum(event.kind == "reset" for event in row) for row in events) >= 3
+    return [[event._replace(info={}) for event in row] for row in events]
+
+
+def same(seen: list[list[Event]], expected: list[list[Event]]) -> None:
+    for row, other in zip(seen, expected, strict=True):
+        for one, two in zip(row, other, strict=False):
+            np.testing.assert_array_equal(one.observation, two.observation)
+            assert one[2:] == two[2:]
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("name", PAIRS)
+def test_a_row_is_the_scalar_environments(name, mode):
+    scalar, many = PAIRS[name]
+    expected = play(partial(rows, scalar), mode)
+    same(play(partial(native, many), mode), expected)
+    same(play(partial(rows, lambda env: env, around=many), mode), expected)  # around any vector environment
+
+
+@pytest.mark.parametrize("name", ["reward", "stack"])
+def test_rooms_are_wrapped_too(name):
+    scalar, many = PAIRS[name]
+    expected = play(partial(rows, scalar, id=ROOMS), AutoresetMode.SAME_STEP)
+    same(play(partial(native, many, id=ROOMS), AutoresetMode.SAME_STEP), expected)
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_wrapped_environments_keep_the_contract(name):
+    make = partial(native, PAIRS[name][1])
+    check_vector_env(lambda num_envs, autoreset_mode, max_episode_steps: make(
+        num_envs=num_envs, autoreset_mode=autoreset_mode, max_episode_steps=max_episode_steps
+    ), steps=16)  # fmt: skip
+
+
+def test_the_contract_is_that_of_all_wrappers_together():
+    def make(num_envs, autoreset_mode, max_episode_steps):
+        envs = native(PAIRS["smooth"][1], num_envs=num_envs, autoreset_mode=autoreset_mode, max_episode_steps=max_episode_steps)
+        for name in ("reward", "sensor", "stack"):
+            envs = PAIRS[name][1](envs)
+        return envs
+
+    check_vector_env(make, steps=16)
+
+
+def test_smoothed_actions_by_hand():
+    env = wrappers.SmoothAction(Echo(), 0.5)
+    up = np.ones(1, np.float32)
+    for _ in range(2):
+        env.reset()
+        assert [env.step(up)[0].item() for _ in range(2)] == [1.0, 1.5]
+        assert env.step(-up)[0].item() == -0.25
+
+
+def test_a_share_of_one_changes_nothing():
+    env = wrappers.SmoothAction(Echo(), 1.0)
+    env.reset()
+    assert env.step(np.array([0.3], np.float32))[0] == np.float32(0.6)
+
+
+def test_rewards_by_hand():
+    seen = []
+
+    def reward(it):
+        seen.append(it)
+        return it.after.info["at"] - 10 * it.before.info["at"] + it.reward + it.action[..., 0] + 100 * it.terminated
+
+    env = wrappers.TransitionReward(Echo(), reward)
+    for _ in range(2):
+        env.reset()
+        rewards = [env.step(np.array([0.5], np.float32))[1] for _ in range(3)]
+        assert rewards == [1 + 5 + 0.5, 2 - 10 + 5 + 0.5, 3 - 20 + 5 + 0.5 + 100]
+        assert all(type(one) is float for one in rewards)
+    assert seen[1].before.observation == seen[0].after.observation == 1.0
+
+
+def test_a_sensors_noise_is_that_of_seed_episode_and_step():
+    env = wrappers.AppendSensor(Echo(), lambda info, draws: draws[..., :2], low=[-9, -9], high=[9, 9], draws=3)
+    assert env.observation_space == spaces.Box(np.float32([-2, -9, -9]), np.float32([2, 9, 9]))
+    for episode in range(2):
+        key = sub_key(episode_key(40, episode), 4)
+        observation, _ = env.reset(seed=40) if episode == 0 else env.reset()
+        for step in range(3):
+            np.testing.assert_array_equal(observation[1:], np.float32(normals(key, step, 0)))
+            observation, *_ = env.step(np.zeros(1, np.float32))
+
+
+def test_unseeded_sensors_differ_and_third_draws_are_of_their_own_stream():
+    told = []
+    for _ in range(2):
+        env = wrappers.AppendSensor(Echo(), lambda info, draws: draws[..., 2:], low=[-9], high=[9], draws=3)
+        told.append(env.reset()[0][1])
+    assert told[0] != told[1]
+    key = sub_key(episode_key(7, 0), 4)
+    assert env.reset(seed=7)[0][1] == np.float32(normals(key, 0, 1)[0])
+
+
+def test_what_a_sensor_says_is_kept_within_its_bounds():
+    env = wrappers.AppendSensor(Echo(), lambda info, draws: [3.0 * info["at"] - 1.0], low=-0.5, high=4.0)
+    told = [env.reset()[0][1]] + [env.step(np.zeros(1, np.float32))[0][1] for _ in range(3)]
+    assert told == [-0.5, 2.0, 4.0, 4.0]
+
+
+def test_a_wrapped_scalar_environment_is_made_again_from_its_specification():
+    env = wrappers.SmoothAction(gym.make(NAV), 0.25)
+    assert isinstance(gym.make(env.spec), wrappers.SmoothAction)
+
+
+def envs(**options):
+    return gym.make_vec(NAV, num_envs=2, **options)
+
+
+@pytest.mark.parametrize(
+    ("wrap", "told"),
+    [
+        (lambda: wrappers.SmoothAction(Echo(), 0.0), r"share must be in \(0, 1\], got 0.0"),
+        (lambda: vector.SmoothAction(envs(), 1.5), r"share must be in \(0, 1\], got 1.5"),
+        (lambda: wrappers.SmoothAction(gym.make("CartPole-v1"), 0.5), "The action space must be a Box, got Discrete"),
+        (lambda: vector.FrameStackObservation(envs(), 0), "stack_size must be a positive whole number, got 0"),
+        (lambda: vector.FrameStackObservation(envs(), 2, padding_type="one"), "padding_type must be 'reset' or 'zero'"),
+        (lambda: wrappers.AppendSensor(Echo(), compass, low=1.0, high=0.0), "low and high must be numbers of a sensor"),
+        (lambda: wrappers.AppendSensor(Echo(), compass, low=[1.0], high=[2.0, 3.0]), "low and high must be numbers"),
+        (lambda: wrappers.AppendSensor(Echo(), compass, low=0.0, high=1.0, draws=33), "draws must be from 0 to 32, got 33"),
+        (
+            lambda: vector.AppendSensor(envs(), lambda info, draws: info["distance"], low=0.0, high=1.0).reset(),
+            r"measure must return shape \(2, 1\), as low and high say, got \(2,\)",
+        ),
+        (
+            lambda: wrappers.AppendSensor(FrameStackObservation(Echo(), 2), compass, low=0.0, high=1.0),
+            "The observation space must be a Box of 1 dimension",
+        ),
+    ],
+)
+def test_what_cannot_be_wrapped_is_one_line(wrap, told):
+    with pytest.raises(ValueError, match=told) as caught:
+        wrap()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_info_does_not_tell_is_named_with_the_remedy():
+    many = vector.TransitionReward(envs(), brisk)
+    many.reset()
+    with pytest.raises(KeyError, match="info has no 'true_state'; vector environments tell more with info='full'"):
+        many.step(np.zeros((2, 2), np.float32))
+    many = vector.TransitionReward(envs(), lambda it: 1.0)
+    many.reset()
+    with pytest.raises(ValueError, match=r"reward must return shape \(2,\), got \(\)"):
+        many.step(np.zeros((2, 2), np.float32))

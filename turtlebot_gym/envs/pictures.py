@@ -1,0 +1,85 @@
+"""Pictures of environments of a batch: of the scalar one, and of the first rows of a vector environment."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.rooms.scene import scene_at
+from turtlebot_gym.systems import Parameters
+from turtlebot_gym.values import Pose
+
+if TYPE_CHECKING:
+    from turtlebot_gym.envs.rendering import Renderer
+
+_LARGE = 4
+"""So many pictures at most are of full size; where there are more, each has half the height and width."""
+
+
+def make_renderer(batch: Batch, row: int, mode: Literal["human", "rgb_array"], *, fps: float) -> Renderer:
+    """Return what draws one environment of a batch, and the room around it where there is one.
+
+    Args:
+        batch: The environments; as long as they are drawn, they keep their parameters.
+        row: Which one.
+        mode: See `turtlebot_gym.envs.rendering.Renderer`.
+        fps: See there.
+
+    Raises:
+        DependencyNotInstalled: If pygame is missing.
+    """
+    p = batch.parameters if isinstance(batch.parameters, Parameters) else batch.parameters[row]
+    waypoints = None if p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
+    options = {"robot": p.robot, "task": p.task, "waypoints": waypoints, "dt": p.dt, "fps": fps}
+    if p.room:  # pygame is slow to import, and most runs draw nothing
+        from turtlebot_gym.envs.rendering_rooms import RoomRenderer
+
+        return RoomRenderer(mode, scene=scene_at(batch.scenes, row), lidar=p.room.lidar, **options)
+    from turtlebot_gym.envs.rendering import Renderer
+
+    return Renderer(mode, **options)
+
+
+class Pictures:
+    """Draws the first environments of a batch, each with the trails of its episode.
+
+    Args:
+        batch: The environments.
+        rows: How many of them are drawn.
+        fps: Pictures per second.
+    """
+
+    def __init__(self, batch: Batch, *, rows: int, fps: float) -> None:
+        self._batch, self._rows, self._fps = batch, rows, fps
+        self._renderers: list[Renderer] = []
+
+    def begin(self, mask: NDArray[np.bool_]) -> None:
+        """Forget the trails where the mask, shape (N,), is true: an episode begins."""
+        for renderer, begins in zip(self._renderers, mask.tolist() if self._renderers else (), strict=False):
+            if begins:
+                renderer.reset()
+
+    def draw(self) -> tuple[NDArray[np.uint8], ...]:
+        """Return a picture of each, (height, width, 3).
+
+        Raises:
+            DependencyNotInstalled: If pygame is missing.
+        """
+        if not self._renderers:
+            self._renderers = [make_renderer(self._batch, row, "rgb_array", fps=self._fps) for row in range(self._rows)]
+        pictures = (renderer.draw(self._batch.world(row)) for row, renderer in enumerate(self._renderers))
+        return tuple(self._sized(picture) for picture in pictures if picture is not None)
+
+    def _sized(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a picture, by averages of 2 x 2 pixels where there are many."""
+        if self._rows <= _LARGE:
+            return picture
+        height, width, colours = picture.shape
+        return picture.reshape(height // 2, 2, width // 2, 2, colours).mean(axis=(1, 3)).round().astype(np.uint8)
+
+    def close(self) -> None:
+        """Forget what there is to draw with."""
+        self._renderers = []

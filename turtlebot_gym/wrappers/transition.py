@@ -1,0 +1,124 @@
+"""What wrappers hand to the functions that are given to them, the same for a scalar environment and for many rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+
+class Moment(NamedTuple):
+    """What is known between two steps."""
+
+    observation: Any
+    """The observation, or those of all rows, in float64: what is single numbers in one form and arrays in the other has the
+    same precision in both."""
+    info: dict[str, Any]
+    """What ``info`` tells."""
+
+
+class Transition(NamedTuple):
+    """A step; of a vector environment, one of each row, where the arrays have a leading axis."""
+
+    before: Moment
+    """What was known before."""
+    action: Any
+    """What was asked for, in float64."""
+    after: Moment
+    """What it led to; where an episode ended, what it ended with."""
+    reward: Any
+    """The environment's own."""
+    terminated: Any
+    """Whether the episode terminated."""
+    truncated: Any
+    """Whether it was truncated."""
+
+
+def doubled(value: Any) -> Any:
+    """Return an array of floats in float64, and all else as it is."""
+    return value.astype(np.float64) if isinstance(value, np.ndarray) and value.dtype.kind == "f" else value
+
+
+def moment(observation: Any, info: dict[str, Any]) -> Moment:
+    """Return what is known, with copies of the numbers: whoever has the originals may write into them before the next step."""
+    return Moment(doubled(observation), _copied(info))
+
+
+def _copied(info: dict[str, Any]) -> dict[str, Any]:
+    copies = {dict: _copied, np.ndarray: np.copy}
+    return {key: copies[type(value)](value) if type(value) in copies else value for key, value in info.items()}
+
+
+def ask(function: Callable[..., Any], *arguments: Any) -> NDArray[np.float64]:
+    """Return the numbers that a user's function makes of what an environment tells.
+
+    Raises:
+        KeyError: If it wants something that ``info`` does not have.
+    """
+    try:
+        return np.asarray(function(*arguments), np.float64)
+    except KeyError as error:
+        raise KeyError(f"info has no {error.args[0]!r}; vector environments tell more with info='full'.") from error
+
+
+def require_box(space: spaces.Space, what: str, dimensions: int | None = None) -> spaces.Box:
+    """Return a space if it is a box, with so many dimensions where a number is given.
+
+    Raises:
+        ValueError: If it is not.
+    """
+    if not isinstance(space, spaces.Box) or dimensions not in (None, len(space.shape)):
+        kind = "a Box" if dimensions is None else f"a Box of {dimensions} dimension"
+        raise ValueError(f"The {what} space must be {kind}, got {space}.")
+    return space
+
+
+def require_share(share: float) -> float:
+    """Return a share in (0, 1].
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if not 0.0 < share <= 1.0:
+        raise ValueError(f"share must be in (0, 1], got {share!r}.")
+    return float(share)
+
+
+def longer(space: spaces.Space, low: ArrayLike, high: ArrayLike) -> spaces.Box:
+    """Return the space of observations to which numbers between two bounds are appended."""
+    box = require_box(space, "observation", 1)
+    lows, highs = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
+    if lows.shape != highs.shape or lows.ndim != 1 or not (lows <= highs).all():
+        raise ValueError(f"low and high must be numbers of a sensor, low at most high, got {low!r} and {high!r}.")
+    return spaces.Box(np.concatenate([box.low, lows]).astype(np.float32), np.concatenate([box.high, highs]).astype(np.float32))
+
+
+def appended(
+    function: Callable[..., Any], info: dict[str, Any], draws: NDArray[np.float64], space: spaces.Box, old: int
+) -> NDArray[np.float32]:
+    """Return what a sensor says, within the bounds of its part of a space of observations, which begins at ``old``.
+
+    Raises:
+        ValueError: If it returns another shape than the bounds have.
+    """
+    low, high = space.low[old:], space.high[old:]
+    numbers, shape = ask(function, info, draws), (*draws.shape[:-1], len(low))
+    if numbers.shape != shape:
+        raise ValueError(f"measure must return shape {shape}, as low and high say, got {numbers.shape}.")
+    return np.clip(numbers, low, high).astype(np.float32)
+
+
+def seeds_of(seed: Any, rows: int) -> list[int | None]:
+    """Return the seed of each row after a reset with a seed: an int stands for ``seed + i``."""
+    if seed is None:
+        return [None] * rows
+    return [seed + row for row in range(rows)] if isinstance(seed, (int, np.integer)) else list(seed)
+
+
+def own_seeds(env: Any, rows: int) -> list[int]:
+    """Return the seeds that an environment drew for itself, where it was given none."""
+    drawn = env.unwrapped.np_random_seed
+    return list(drawn) if isinstance(drawn, (tuple, list)) else [drawn + row for row in range(rows)]

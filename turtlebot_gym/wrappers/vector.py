@@ -1,0 +1,276 @@
+"""Wrappers of vector environments, in every autoreset mode; a row is that of the scalar wrapper around the scalar environment.
+
+`VectorObservationWrapper` refuses environments in the mode SAME_STEP, where the last observation of an ended episode has to be
+wrapped too; these do that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.envs.common import of_rows
+from turtlebot_gym.wrappers.draws import Draws
+from turtlebot_gym.wrappers.transition import (
+    Moment,
+    Transition,
+    appended,
+    ask,
+    doubled,
+    longer,
+    moment,
+    own_seeds,
+    require_box,
+    require_share,
+    seeds_of,
+)
+
+
+class _Stepped(NamedTuple):
+    """What a vector environment's step returned, and what it means for each row."""
+
+    observations: Any
+    rewards: Any
+    terminated: Any
+    truncated: Any
+    infos: dict[str, Any]
+    done: NDArray[np.bool_]
+    """Where an episode ended."""
+    waited: NDArray[np.bool_]
+    """Where the action was ignored, and an episode begins instead."""
+
+    def begins(self, mode: AutoresetMode) -> NDArray[np.bool_]:
+        """Return where the observations are the first ones of an episode."""
+        return self.done if mode is AutoresetMode.SAME_STEP else self.waited
+
+    def last(self) -> Moment:
+        """Return the observations and infos with those that ended episodes ended with."""
+        if "final_obs" not in self.infos:
+            return Moment(self.observations, self.infos)
+        observations = self.observations.copy()
+        for row in np.flatnonzero(self.done).tolist():
+            observations[row] = self.infos["final_obs"][row]
+        infos = {key: value for key, value in self.infos.items() if key.lstrip("_") not in ("final_obs", "final_info")}
+        return Moment(observations, _merged(infos, self.infos.get("final_info", {}), self.done))
+
+    def returned(self, observations: Any, final: Any = None) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Return what a wrapper returns that changes observations, and with them those that episodes ended with."""
+        infos = self.infos if final is None or "final_obs" not in self.infos else {
+            **self.infos, "final_obs": of_rows(self.done, final)
+        }  # fmt: skip
+        return observations, self.rewards, self.terminated, self.truncated, infos
+
+
+def _merged(infos: dict[str, Any], others: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return infos with those of others where a mask is true."""
+    found = dict(infos)
+    for key, value in others.items():
+        mine = infos.get(key)
+        if isinstance(value, dict):
+            found[key] = _merged(mine or {}, value, mask)
+        elif mine is None:
+            found[key] = value
+        else:
+            found[key] = np.where(mask.reshape(-1, *(1,) * (value.ndim - 1)), value, mine)
+    return found
+
+
+class _RowsWrapper(VectorWrapper):
+    """Knows which rows begin and end."""
+
+    def __init__(self, env: VectorEnv) -> None:
+        super().__init__(env)
+        self._mode = AutoresetMode(env.metadata["autoreset_mode"])
+        self._ended = np.zeros(env.num_envs, np.bool_)
+
+    def _reset(self, seed: Any, options: dict[str, Any] | None) -> tuple[Any, dict[str, Any], NDArray[np.bool_]]:
+        """Reset, and return which rows were."""
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
+        observations, infos = self.env.reset(seed=seed, options=None if options is None else dict(options))
+        self._ended = self._ended & ~mask
+        return observations, infos, mask
+
+    def _step(self, actions: Any) -> _Stepped:
+        """Make a step."""
+        waited = self._ended if self._mode is AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, np.bool_)
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        self._ended = np.logical_or(terminated, truncated)
+        return _Stepped(observations, rewards, terminated, truncated, infos, self._ended, waited)
+
+
+class TransitionReward(_RowsWrapper, RecordConstructorArgs):
+    """Reward what a function makes of each step, see `turtlebot_gym.wrappers.TransitionReward`.
+
+    Args:
+        env: A vector environment whose observations are a Box; ours tell more with ``info="full"``.
+        reward: Takes a `Transition` of all rows and returns a number for each, shape (N,).
+
+    Raises:
+        ValueError: If the observations are no Box, and at a step, if the function returns another shape.
+    """
+
+    def __init__(self, env: VectorEnv, reward: Callable[[Transition], Any]) -> None:
+        RecordConstructorArgs.__init__(self, reward=reward, _disable_deepcopy=True)
+        super().__init__(env)
+        require_box(env.single_observation_space, "observation")
+        self._reward = reward
+        self._before = Moment(None, {})
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes."""
+        observations, infos, mask = self._reset(seed, options)
+        self._before = moment(observations, infos if mask.all() else _merged(self._before.info, infos, mask))
+        return observations, infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Make a step; where it begins an episode instead, the reward is 0."""
+        it = self._step(actions)
+        last = it.last()
+        after = moment(*last)
+        transition = Transition(self._before, doubled(actions), after, it.rewards, it.terminated, it.truncated)
+        rewards = ask(self._reward, transition)
+        if rewards.shape != (self.num_envs,):
+            raise ValueError(f"reward must return shape ({self.num_envs},), got {rewards.shape}.")
+        self._before = after if last.info is it.infos else moment(it.observations, it.infos)
+        return it._replace(rewards=np.where(it.waited, 0.0, rewards)).returned(it.observations)
+
+
+class AppendSensor(_RowsWrapper, RecordConstructorArgs):
+    """Append what another sensor says to the observations, see `turtlebot_gym.wrappers.AppendSensor`.
+
+    Args:
+        env: See there; ours tell more with ``info="full"``.
+        measure: See there; it is asked for all rows at once.
+        low: See there.
+        high: See there.
+        draws: See there.
+
+    Raises:
+        ValueError: As there.
+    """
+
+    def __init__(self, env: VectorEnv, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
+        RecordConstructorArgs.__init__(self, measure=measure, low=low, high=high, draws=draws, _disable_deepcopy=True)
+        super().__init__(env)
+        self._space = self.single_observation_space = longer(env.single_observation_space, low, high)
+        self.observation_space = batch_space(self._space, env.num_envs)
+        self._measure, self._draws = measure, Draws(env.num_envs, draws)
+        self._old = require_box(env.single_observation_space, "").shape[0]
+        self._said = np.zeros((env.num_envs, self._space.shape[0] - self._old), np.float32)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes."""
+        observations, infos, mask = self._reset(seed, options)
+        seeds = seeds_of(seed, self.num_envs)
+        if not self._draws.seeded and None in seeds:
+            drawn = own_seeds(self.env, self.num_envs)
+            seeds = [own if one is None else one for one, own in zip(seeds, drawn, strict=True)]
+        self._draws.begin(mask, seeds)
+        return self._with(observations, infos, mask), infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Make a step."""
+        it = self._step(actions)
+        self._draws.advance(~it.waited)
+        last, final = it.last(), None
+        self._draws.begin(it.waited)
+        observations = self._with(last.observation, last.info)
+        if self._mode is AutoresetMode.SAME_STEP and it.done.any():
+            final = observations
+            self._draws.begin(it.done)
+            observations = self._with(it.observations, it.infos, it.done)
+        return it.returned(observations, final)
+
+    def _with(self, observations: Any, infos: dict[str, Any], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
+        """Return observations with what the sensor says of the rows in a mask, and has said of the others."""
+        said = appended(self._measure, infos, self._draws.now(), self._space, self._old)
+        self._said = said if mask is None else np.where(mask[:, None], said, self._said)
+        return np.concatenate([observations, self._said], axis=1)
+
+
+class SmoothAction(_RowsWrapper, RecordConstructorArgs):
+    """Let actions through a first-order low-pass filter, see `turtlebot_gym.wrappers.SmoothAction`.
+
+    Args:
+        env: See there.
+        share: See there.
+
+    Raises:
+        ValueError: As there.
+    """
+
+    def __init__(self, env: VectorEnv, share: float) -> None:
+        RecordConstructorArgs.__init__(self, share=share)
+        super().__init__(env)
+        self._share = require_share(share)
+        self._last: Any = np.zeros_like(require_box(env.action_space, "action").low)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes."""
+        observations, infos, mask = self._reset(seed, options)
+        self._last = self._still(mask)
+        return observations, infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Make a step."""
+        self._last = self._last + self._last.dtype.type(self._share) * (np.asarray(actions, self._last.dtype) - self._last)
+        it = self._step(self._last)
+        self._last = self._still(it.begins(self._mode))
+        return it.returned(it.observations)
+
+    def _still(self, mask: NDArray[np.bool_]) -> Any:
+        """Return the last actions, with zeros where a mask is true."""
+        return np.where(mask.reshape(-1, *(1,) * (self._last.ndim - 1)), self._last.dtype.type(0), self._last)
+
+
+class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
+    """Stack the last observations of each row: what Gymnasium's `FrameStackObservation` is for scalar environments.
+
+    Args:
+        env: A vector environment whose observations are a Box.
+        stack_size: How many are stacked; the newest is the last.
+        padding_type: What stands before an episode's first observation: "reset", that one again, or "zero".
+
+    Raises:
+        ValueError: If one of these is another.
+    """
+
+    def __init__(self, env: VectorEnv, stack_size: int, *, padding_type: str = "reset") -> None:
+        RecordConstructorArgs.__init__(self, stack_size=stack_size, padding_type=padding_type)
+        super().__init__(env)
+        if not (isinstance(stack_size, (int, np.integer)) and stack_size > 0):
+            raise ValueError(f"stack_size must be a positive whole number, got {stack_size!r}.")
+        if padding_type not in ("reset", "zero"):
+            raise ValueError(f"padding_type must be 'reset' or 'zero', got {padding_type!r}.")
+        box = require_box(env.single_observation_space, "observation")
+        self._repeats = padding_type == "reset"
+        self.single_observation_space = batch_space(box, int(stack_size))
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+        self._frames = np.zeros((env.num_envs, stack_size, *box.shape), box.dtype)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes."""
+        observations, infos, mask = self._reset(seed, options)
+        self._pad(mask, observations)
+        return self._frames.copy(), infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Make a step."""
+        it = self._step(actions)
+        self._frames = final = np.concatenate([self._frames[:, 1:], it.last().observation[:, None]], axis=1)
+        begins = it.begins(self._mode)
+        if begins.any():
+            self._frames = final.copy()
+            self._pad(begins, it.observations)
+        return it.returned(self._frames.copy(), final)
+
+    def _pad(self, mask: NDArray[np.bool_], observations: Any) -> None:
+        """Begin the stacks of some rows."""
+        self._frames[mask] = observations[mask][:, None] if self._repeats else 0
+        self._frames[mask, -1] = observations[mask]
