@@ -6,6 +6,8 @@ times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time that the short
 
     python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
 
+What was driven is kept under `out/`, by commit, so an interrupted run resumes.
+
 References:
     Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020: the worlds.
 """
@@ -13,7 +15,7 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,15 +24,18 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from rich.table import Table
+from scenarios import kept, name_of, results_folder, run_all, slug
 
 from turtlebot_gym.rooms.gazebo import enclosed
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.commands.console import ROOMS, print_tables, progress
+from turtlebot_gym_agents.commands.console import ROOMS, print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
+AT_ONCE = 20
+"""Worlds that are driven, and kept, together."""
 FIGURES = ("success", "collision", "timeout", "barn", "spl", "time_to_goal")
 
 
@@ -40,7 +45,10 @@ class Config:
 
     worlds: tyro.conf.Positional[Path]
     """The worlds as numbers: a NumPy archive with circles, their count in each world, start and goal."""
-    policy: tuple[str, ...] = ("bearing", "gap", "dwa", "vfh", "vfh+safety", "ppo-rooms", "ppo-rooms+safety", "oracle")
+    policy: tuple[str, ...] = (
+        "bearing", "bearing+safety", "gap", "gap+safety", "dwa", "dwa+safety", "vfh", "vfh+safety", "ppo-rooms",
+        "ppo-rooms+safety", "oracle",
+    )  # fmt: skip
     """As for `turtlebot-gym evaluate`."""
     lidar: str = "lds01"
     """LiDAR preset."""
@@ -54,20 +62,24 @@ class Config:
     """Longest episode, steps: 8 times the shortest."""
     first: int | None = None
     """Only so many worlds."""
+    processes: int = 1
+    """Processes at once, each on one core."""
+    runs: Path | None = None
+    """Where drives are kept; out/barn/COMMIT where it is not given."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Where the result goes."""
 
 
-def read(path: Path) -> Iterator[FloorPlan]:
-    """Yield the worlds of an archive."""
+def read(path: Path) -> list[FloorPlan]:
+    """Return the worlds of an archive."""
     held = np.load(path)
     start, goal = Pose(*held["start"].tolist()), Pose(*held["goal"].tolist(), math.pi / 2.0)
-    for circles in np.split(held["circles"], np.cumsum(held["count"])[:-1]):
-        yield enclosed([tuple(circle) for circle in circles.tolist()], [], start=start, goal=goal)
+    worlds = np.split(held["circles"], np.cumsum(held["count"])[:-1])
+    return [enclosed([tuple(circle) for circle in circles.tolist()], [], start=start, goal=goal) for circles in worlds]
 
 
-def figures(plan: FloorPlan, config: Config) -> dict[str, dict[str, float]]:
-    """Return each policy's figures in a world."""
+def figures(policy: str, plan: FloorPlan, config: Config) -> dict[str, float]:
+    """Return a policy's figures in a world."""
     envs = gym.make_vec(
         ROOMS,
         num_envs=config.episodes,
@@ -78,28 +90,42 @@ def figures(plan: FloorPlan, config: Config) -> dict[str, dict[str, float]]:
         noise=config.noise,
         max_episode_steps=config.limit,
     )
-    told = {}
-    for policy in config.policy:
-        episodes, trajectory, p = drive(envs, policy, config.seed)
-        one = Evaluation(
-            config={}, limit=config.limit * p.dt, max_linear=p.robot.max_linear, episodes=episodes, trajectory=trajectory
-        )
-        told[policy] = {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
+    episodes, trajectory, p = drive(envs, policy, config.seed)
     envs.close()
-    return told
+    one = Evaluation(
+        config={}, limit=config.limit * p.dt, max_linear=p.robot.max_linear, episodes=episodes, trajectory=trajectory
+    )
+    return {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
+
+
+def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> list[dict[str, float]]:
+    """Return a policy's figures in some worlds."""
+    return [figures(policy, plan, config) for plan in plans]
+
+
+def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], config: Config) -> list[dict[str, float]]:
+    """Return a policy's figures in some worlds, of which the first has this number; they are driven where that is missing."""
+    told = slug(
+        policy=name_of(policy), worlds=f"{first}-{len(plans)}", lidar=config.lidar, noise=config.noise, n=config.episodes,
+        seed=config.seed, limit=config.limit,
+    )  # fmt: skip
+    return kept(folder / f"{told}.pickle", several, policy, plans, config)
 
 
 def main() -> None:
     """Drive, print a table, and write what is asked for."""
     config = tyro.cli(Config)
-    plans = list(read(config.worlds))[: config.first]
-    worlds: list[dict[str, dict[str, float]]] = []
-    with progress(len(plans)) as advance_to:
-        for plan in plans:
-            worlds.append(figures(plan, config))
-            advance_to(len(worlds))
+    plans, folder = read(config.worlds)[: config.first], config.runs or results_folder("barn")
+    firsts = range(0, len(plans), AT_ONCE)
+    jobs = [
+        (driven, (folder, policy, first, plans[first : first + AT_ONCE], config))
+        for policy in config.policy for first in firsts
+    ]  # fmt: skip
+    found = iter(run_all(jobs, "policies and worlds", config.processes))
+    by_policy = {policy: [one for _ in firsts for one in next(found)] for policy in config.policy}
     mean: dict[str, Any] = {
-        policy: {name: metrics.mean([world[policy][name] for world in worlds]) for name in FIGURES} for policy in config.policy
+        policy: {name: metrics.mean([world[name] for world in worlds]) for name in FIGURES}
+        for policy, worlds in by_policy.items()
     }
     table = Table("", *FIGURES, title=f"{len(plans)} worlds of the BARN challenge, {config.episodes} episodes each")
     for policy, told in mean.items():
@@ -107,7 +133,10 @@ def main() -> None:
         table.add_row(policy, *cells)
     print_tables(table)
     if config.json is not None:
-        write_json(config.json, {"mean": mean, "worlds": worlds}, config=settings_of(config))
+        worlds = [dict(zip(by_policy, each, strict=True)) for each in zip(*by_policy.values(), strict=True)]
+        settings = settings_of(config)
+        del settings["processes"]  # changes no result
+        write_json(config.json, {"mean": mean, "worlds": worlds}, config=settings)
 
 
 if __name__ == "__main__":

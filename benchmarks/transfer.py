@@ -10,7 +10,6 @@ resumes.
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,7 +20,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich.table import Table
-from scenarios import NAV, POSE, SQUARE, results_folder, run_all, slug, trained
+from scenarios import NAV, POSE, SQUARE, kept, results_folder, run_all, slug, trained
 
 from turtlebot_gym import FilterTuning, make_filter, make_noise
 from turtlebot_gym.estimation.consistency import difference, nees
@@ -40,7 +39,6 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.estimation import FORWARD, HOLD, TURN
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -103,16 +101,6 @@ class Drive(NamedTuple):
     """Shape (T + 1, 5)."""
     senses: list[Senses]
     """T + 1 of them."""
-
-
-def kept(folder: Path, name: str, make: Any, *arguments: Any) -> Any:
-    """Return what a function makes, which is made where it is missing."""
-    path = folder / f"{name}.pickle"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as beside:
-            beside.write_bytes(pickle.dumps(make(*arguments)))
-    return pickle.loads(path.read_bytes())
 
 
 def driven(env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
@@ -226,19 +214,19 @@ def evaluated(folder: Path, env: str, policy: str, noise: str, floor: str, confi
     """Return a policy's episodes on a floor, which are driven where they are missing."""
     name = Path(policy).parent.name if policy.endswith(".onnx") else policy
     told = slug(env=env, policy=name, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed)
-    return kept(folder, told, driven, env, policy, noise, floor, config)
+    return kept(folder / f"{told}.pickle", driven, env, policy, noise, floor, config)
 
 
 def recorded(folder: Path, noise: str, floor: str, config: Config) -> list[Drive]:
     """Return the drives for filters on a floor, which are driven where they are missing."""
     told = slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
-    return kept(folder, told, record, noise, floor, config)
+    return kept(folder / f"{told}.pickle", record, noise, floor, config)
 
 
 def judged(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
     """Return how filters did on a floor, who are run where that is missing."""
     told = slug(filters=f"filters {noise}", floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
-    return kept(folder, told, filter_rows, folder, noise, floor, config)
+    return kept(folder / f"{told}.pickle", filter_rows, folder, noise, floor, config)
 
 
 def trained_policy(folder: Path, env: str, error: float, seed: int) -> str:
