@@ -6,7 +6,8 @@ times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time that the short
 
     python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
 
-What was driven is kept under `out/`, by commit, so an interrupted run resumes.
+What was driven is kept under `out/`, by commit, so an interrupted run resumes. A policy can be added to earlier results with
+``--policy NAME --add-to benchmarks/barn.json``; each policy's commit is in the file.
 
 References:
     Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020: the worlds.
@@ -14,9 +15,10 @@ References:
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,11 +34,15 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.console import ROOMS, print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
-from turtlebot_gym_agents.provenance import settings_of, write_json
+from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
 AT_ONCE = 20
 """Worlds that are driven, and kept, together."""
 FIGURES = ("success", "collision", "timeout", "barn", "spl", "time_to_goal")
+
+
+Worlds = list[dict[str, float]]
+"""A policy's figures in each world."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +72,8 @@ class Config:
     """Processes at once, each on one core."""
     runs: Path | None = None
     """Where drives are kept; out/barn/COMMIT where it is not given."""
+    add_to: tuple[Path, ...] = ()
+    """Results with the same settings, from which the policies are taken over that are not driven now."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Where the result goes."""
 
@@ -98,12 +106,12 @@ def figures(policy: str, plan: FloorPlan, config: Config) -> dict[str, float]:
     return {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
 
 
-def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> list[dict[str, float]]:
+def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> Worlds:
     """Return a policy's figures in some worlds."""
     return [figures(policy, plan, config) for plan in plans]
 
 
-def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], config: Config) -> list[dict[str, float]]:
+def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], config: Config) -> Worlds:
     """Return a policy's figures in some worlds, of which the first has this number; they are driven where that is missing."""
     told = slug(
         policy=name_of(policy), worlds=f"{first}-{len(plans)}", lidar=config.lidar, noise=config.noise, n=config.episodes,
@@ -112,9 +120,30 @@ def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], co
     return kept(folder / f"{told}.pickle", several, policy, plans, config)
 
 
-def main() -> None:
-    """Drive, print a table, and write what is asked for."""
-    config = tyro.cli(Config)
+def settings(config: Config, policies: Iterable[str]) -> dict[str, Any]:
+    """Return what a result was made with."""
+    told = settings_of(replace(config, policy=tuple(policies)))
+    del told["processes"]  # changes no result
+    return told
+
+
+def read_results(path: Path, config: Config) -> tuple[dict[str, Worlds], dict[str, str]]:
+    """Return each policy's figures in all worlds, and the commit at which it was driven, from a file.
+
+    Raises:
+        ValueError: If the file's drives had other settings.
+    """
+    told = json.loads(path.read_text(encoding="utf-8"))
+    policies = told["config"]["policy"]
+    if told["config"] != plain(settings(config, policies)):
+        raise ValueError(f"{path} has other settings, {told['config']}: drive its policies again.")
+    nan = {None: math.nan}
+    rows = {one: [{name: nan.get(x, x) for name, x in world[one].items()} for world in told["worlds"]] for one in policies}
+    return rows, told.get("commits") or dict.fromkeys(policies, told["commit"])
+
+
+def drive_all(config: Config) -> dict[str, Worlds]:
+    """Return the figures of all policies that are to be driven, in all worlds."""
     plans, folder = read(config.worlds)[: config.first], config.runs or results_folder("barn")
     firsts = range(0, len(plans), AT_ONCE)
     jobs = [
@@ -122,21 +151,30 @@ def main() -> None:
         for policy in config.policy for first in firsts
     ]  # fmt: skip
     found = iter(run_all(jobs, "policies and worlds", config.processes))
-    by_policy = {policy: [one for _ in firsts for one in next(found)] for policy in config.policy}
+    return {policy: [one for _ in firsts for one in next(found)] for policy in config.policy}
+
+
+def main() -> None:
+    """Drive, print a table, and write what is asked for."""
+    config = tyro.cli(Config)
+    rows, commits = {}, {}
+    for path in config.add_to:
+        more, at = read_results(path, config)
+        rows, commits = rows | more, commits | at
+    rows |= drive_all(config)
+    commits |= dict.fromkeys(config.policy, provenance()["commit"])
     mean: dict[str, Any] = {
-        policy: {name: metrics.mean([world[name] for world in worlds]) for name in FIGURES}
-        for policy, worlds in by_policy.items()
+        policy: {name: metrics.mean([world[name] for world in worlds]) for name in FIGURES} for policy, worlds in rows.items()
     }
-    table = Table("", *FIGURES, title=f"{len(plans)} worlds of the BARN challenge, {config.episodes} episodes each")
+    count = len(next(iter(rows.values())))
+    table = Table("", *FIGURES, title=f"{count} worlds of the BARN challenge, {config.episodes} episodes each")
     for policy, told in mean.items():
         cells = (f"{one.value:.3f} ± {0.5 * (one.high - one.low):.3f}" for one in told.values())
         table.add_row(policy, *cells)
     print_tables(table)
     if config.json is not None:
-        worlds = [dict(zip(by_policy, each, strict=True)) for each in zip(*by_policy.values(), strict=True)]
-        settings = settings_of(config)
-        del settings["processes"]  # changes no result
-        write_json(config.json, {"mean": mean, "worlds": worlds}, config=settings)
+        worlds = [dict(zip(rows, each, strict=True)) for each in zip(*rows.values(), strict=True)]
+        write_json(config.json, {"mean": mean, "worlds": worlds, "commits": commits}, config=settings(config, rows))
 
 
 if __name__ == "__main__":

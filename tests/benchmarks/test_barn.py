@@ -1,6 +1,7 @@
 """The benchmark on the worlds of the BARN challenge: what is driven is kept, and a piece of it is like the whole."""
 
 import importlib.util
+import json
 import sys
 from pathlib import Path
 
@@ -40,3 +41,24 @@ def test_each_world_is_driven_once_and_kept(barn, archive, tmp_path, monkeypatch
     np.testing.assert_equal(barn.driven(tmp_path, "bearing", 0, plans, config), first)  # NaN is NaN
     with pytest.raises(pytest.fail.Exception):
         barn.driven(tmp_path, "bearing", 1, plans[1:], config)
+
+
+def test_a_policy_is_added_to_earlier_results_with_the_commit_of_each(barn, archive, tmp_path, monkeypatch, capsys):
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    common = ["barn.py", str(archive), "--episodes", "1", "--limit", "400", "--runs", str(tmp_path)]
+    monkeypatch.setattr(barn, "run_all", lambda jobs, *_: [job(*arguments) for job, arguments in jobs])
+    monkeypatch.setattr(barn, "provenance", lambda: {"commit": "a"})
+    monkeypatch.setattr(sys, "argv", [*common, "--policy", "bearing", "--json", str(first)])
+    barn.main()
+    monkeypatch.setattr(barn, "provenance", lambda: {"commit": "b"})
+    monkeypatch.setattr(sys, "argv", [*common, "--policy", "vfh", "--add-to", str(first), "--json", str(second)])
+    barn.main()
+    before, after = (json.loads(path.read_text()) for path in (first, second))
+    assert after["config"] == {**before["config"], "policy": ["bearing", "vfh"]}
+    assert after["commits"] == {"bearing": "a", "vfh": "b"}
+    assert after["mean"]["bearing"] == before["mean"]["bearing"]
+    assert [world["bearing"] for world in after["worlds"]] == [world["bearing"] for world in before["worlds"]]
+    assert after["mean"]["vfh"]["collision"]["value"] == 0.0 < after["mean"]["bearing"]["collision"]["value"]
+    monkeypatch.setattr(sys, "argv", [*common, "--policy", "vfh", "--noise", "rough", "--add-to", str(first)])
+    with pytest.raises(ValueError, match="has other settings"):
+        barn.main()
