@@ -86,7 +86,7 @@ bench-rooms: $(READY)  ## rooms: rays, steps, maps and the making of worlds, bes
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/rooms.py --peer $(OUT)/irsim --json $(OUT)/rooms.json
 
-bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN challenge (10 minutes)
+bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN challenge (half an hour; resumes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/barn.py $(DATA)/barn/worlds.npz --json $(OUT)/barn.json
 

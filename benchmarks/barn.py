@@ -6,15 +6,19 @@ times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time that the short
 
     python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
 
+What was driven is kept under `out/`, by commit, so an interrupted run resumes. A policy can be added to earlier results with
+``--policy NAME --add-to benchmarks/barn.json``; each policy's commit is in the file.
+
 References:
     Perille, Truong, Xiao, Stone, "Benchmarking Metric Ground Navigation", SSRR 2020: the worlds.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,16 +26,23 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from rich.table import Table
+from scenarios import kept, name_of, results_folder, run_all, slug
 
 from turtlebot_gym.rooms.gazebo import enclosed
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.commands.console import ROOMS, print_tables, progress
+from turtlebot_gym_agents.commands.console import ROOMS, print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
-from turtlebot_gym_agents.provenance import settings_of, write_json
+from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
+AT_ONCE = 20
+"""Worlds that are driven, and kept, together."""
 FIGURES = ("success", "collision", "timeout", "barn", "spl", "time_to_goal")
+
+
+Worlds = list[dict[str, float]]
+"""A policy's figures in each world."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +51,10 @@ class Config:
 
     worlds: tyro.conf.Positional[Path]
     """The worlds as numbers: a NumPy archive with circles, their count in each world, start and goal."""
-    policy: tuple[str, ...] = ("bearing", "gap", "dwa", "vfh", "vfh+safety", "ppo-rooms", "ppo-rooms+safety", "oracle")
+    policy: tuple[str, ...] = (
+        "bearing", "bearing+safety", "gap", "gap+safety", "dwa", "dwa+safety", "vfh", "vfh+safety", "ppo-rooms",
+        "ppo-rooms+safety", "oracle",
+    )  # fmt: skip
     """As for `turtlebot-gym evaluate`."""
     lidar: str = "lds01"
     """LiDAR preset."""
@@ -54,20 +68,26 @@ class Config:
     """Longest episode, steps: 8 times the shortest."""
     first: int | None = None
     """Only so many worlds."""
+    processes: int = 1
+    """Processes at once, each on one core."""
+    runs: Path | None = None
+    """Where drives are kept; out/barn/COMMIT where it is not given."""
+    add_to: tuple[Path, ...] = ()
+    """Results with the same settings, from which the policies are taken over that are not driven now."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Where the result goes."""
 
 
-def read(path: Path) -> Iterator[FloorPlan]:
-    """Yield the worlds of an archive."""
+def read(path: Path) -> list[FloorPlan]:
+    """Return the worlds of an archive."""
     held = np.load(path)
     start, goal = Pose(*held["start"].tolist()), Pose(*held["goal"].tolist(), math.pi / 2.0)
-    for circles in np.split(held["circles"], np.cumsum(held["count"])[:-1]):
-        yield enclosed([tuple(circle) for circle in circles.tolist()], [], start=start, goal=goal)
+    worlds = np.split(held["circles"], np.cumsum(held["count"])[:-1])
+    return [enclosed([tuple(circle) for circle in circles.tolist()], [], start=start, goal=goal) for circles in worlds]
 
 
-def figures(plan: FloorPlan, config: Config) -> dict[str, dict[str, float]]:
-    """Return each policy's figures in a world."""
+def figures(policy: str, plan: FloorPlan, config: Config) -> dict[str, float]:
+    """Return a policy's figures in a world."""
     envs = gym.make_vec(
         ROOMS,
         num_envs=config.episodes,
@@ -78,36 +98,83 @@ def figures(plan: FloorPlan, config: Config) -> dict[str, dict[str, float]]:
         noise=config.noise,
         max_episode_steps=config.limit,
     )
-    told = {}
-    for policy in config.policy:
-        episodes, trajectory, p = drive(envs, policy, config.seed)
-        one = Evaluation(
-            config={}, limit=config.limit * p.dt, max_linear=p.robot.max_linear, episodes=episodes, trajectory=trajectory
-        )
-        told[policy] = {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
+    episodes, trajectory, p = drive(envs, policy, config.seed)
     envs.close()
+    one = Evaluation(
+        config={}, limit=config.limit * p.dt, max_linear=p.robot.max_linear, episodes=episodes, trajectory=trajectory
+    )
+    return {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
+
+
+def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> Worlds:
+    """Return a policy's figures in some worlds."""
+    return [figures(policy, plan, config) for plan in plans]
+
+
+def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], config: Config) -> Worlds:
+    """Return a policy's figures in some worlds, of which the first has this number; they are driven where that is missing."""
+    told = slug(
+        policy=name_of(policy), worlds=f"{first}-{len(plans)}", lidar=config.lidar, noise=config.noise, n=config.episodes,
+        seed=config.seed, limit=config.limit,
+    )  # fmt: skip
+    return kept(folder / f"{told}.pickle", several, policy, plans, config)
+
+
+def settings(config: Config, policies: Iterable[str]) -> dict[str, Any]:
+    """Return what a result was made with."""
+    told = settings_of(replace(config, policy=tuple(policies)))
+    del told["processes"]  # changes no result
     return told
+
+
+def read_results(path: Path, config: Config) -> tuple[dict[str, Worlds], dict[str, str]]:
+    """Return each policy's figures in all worlds, and the commit at which it was driven, from a file.
+
+    Raises:
+        ValueError: If the file's drives had other settings.
+    """
+    told = json.loads(path.read_text(encoding="utf-8"))
+    policies = told["config"]["policy"]
+    if told["config"] != plain(settings(config, policies)):
+        raise ValueError(f"{path} has other settings, {told['config']}: drive its policies again.")
+    nan = {None: math.nan}
+    rows = {one: [{name: nan.get(x, x) for name, x in world[one].items()} for world in told["worlds"]] for one in policies}
+    return rows, told.get("commits") or dict.fromkeys(policies, told["commit"])
+
+
+def drive_all(config: Config) -> dict[str, Worlds]:
+    """Return the figures of all policies that are to be driven, in all worlds."""
+    plans, folder = read(config.worlds)[: config.first], config.runs or results_folder("barn")
+    firsts = range(0, len(plans), AT_ONCE)
+    jobs = [
+        (driven, (folder, policy, first, plans[first : first + AT_ONCE], config))
+        for policy in config.policy for first in firsts
+    ]  # fmt: skip
+    found = iter(run_all(jobs, "policies and worlds", config.processes))
+    return {policy: [one for _ in firsts for one in next(found)] for policy in config.policy}
 
 
 def main() -> None:
     """Drive, print a table, and write what is asked for."""
     config = tyro.cli(Config)
-    plans = list(read(config.worlds))[: config.first]
-    worlds: list[dict[str, dict[str, float]]] = []
-    with progress(len(plans)) as advance_to:
-        for plan in plans:
-            worlds.append(figures(plan, config))
-            advance_to(len(worlds))
+    rows, commits = {}, {}
+    for path in config.add_to:
+        more, at = read_results(path, config)
+        rows, commits = rows | more, commits | at
+    rows |= drive_all(config)
+    commits |= dict.fromkeys(config.policy, provenance()["commit"])
     mean: dict[str, Any] = {
-        policy: {name: metrics.mean([world[policy][name] for world in worlds]) for name in FIGURES} for policy in config.policy
+        policy: {name: metrics.mean([world[name] for world in worlds]) for name in FIGURES} for policy, worlds in rows.items()
     }
-    table = Table("", *FIGURES, title=f"{len(plans)} worlds of the BARN challenge, {config.episodes} episodes each")
+    count = len(next(iter(rows.values())))
+    table = Table("", *FIGURES, title=f"{count} worlds of the BARN challenge, {config.episodes} episodes each")
     for policy, told in mean.items():
         cells = (f"{one.value:.3f} ± {0.5 * (one.high - one.low):.3f}" for one in told.values())
         table.add_row(policy, *cells)
     print_tables(table)
     if config.json is not None:
-        write_json(config.json, {"mean": mean, "worlds": worlds}, config=settings_of(config))
+        worlds = [dict(zip(rows, each, strict=True)) for each in zip(*rows.values(), strict=True)]
+        write_json(config.json, {"mean": mean, "worlds": worlds, "commits": commits}, config=settings(config, rows))
 
 
 if __name__ == "__main__":

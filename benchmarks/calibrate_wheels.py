@@ -10,6 +10,10 @@ variances. The alphas are those that make the errors most likely, were they Gaus
 equal weight for each drive and length. It is not the likelihood of whole poses: real wheels slip sideways in turns, which
 noise on a unicycle's twist can only mimic, and would be blown up to.
 
+`turtlebot-gym calibrate`, which fits that likelihood to one drive, is no substitute here: of these two recordings, which are
+slow and hardly turn on the spot, it determines no alpha, and two of the second one's intervals lie above the preset
+(`calibration_recorded.json`).
+
     python benchmarks/calibrate_wheels.py ../shared/data/wifibot1.txt ../shared/data/wifibot2.txt
 """
 

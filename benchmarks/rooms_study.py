@@ -10,10 +10,8 @@ All trainings together are one row, whose intervals hold the trainings' variance
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -22,7 +20,7 @@ import numpy as np
 import tyro
 from rich.table import Table
 from rooms import hall
-from scenarios import best_of_trainings, results_folder, run_all, short, slug, trained
+from scenarios import best_of_trainings, kept, name_of, results_folder, run_all, short, slug, trained
 
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -31,8 +29,8 @@ from turtlebot_gym_agents.commands.console import ROOMS, print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 MAP = "map"
@@ -51,7 +49,6 @@ SETTINGS: dict[str, dict[str, Any]] = {
 COMPARED_WITH = "vfh"
 """The baseline that the others' success is compared with."""
 SHIPPED = "ppo-rooms"
-PROTECTED = "+safety"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,21 +82,8 @@ def training(folder: Path, steps: int | None, seed: int) -> Path:
 
 def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
     """Return a policy's episodes in a setting, which are driven where they are missing: a bundle is known by its bytes."""
-    bundle = {"bundle": sha256(Path(policy).read_bytes()).hexdigest()[:12]} if Path(policy).is_file() else {}
-    told = slug(
-        policy=Path(policy).name,
-        training=Path(policy).parent.name,
-        setting=name,
-        n=config.episodes,
-        seed=config.first_seed,
-        **bundle,
-    )
-    kept = folder / "drives" / f"{told}.pickle"
-    if not kept.exists():
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(kept) as beside:
-            beside.write_bytes(pickle.dumps(evaluation_of(policy, name, config)))
-    return pickle.loads(kept.read_bytes())
+    told = slug(policy=name_of(policy), setting=name, n=config.episodes, seed=config.first_seed)
+    return kept(folder / "drives" / f"{told}.pickle", evaluation_of, policy, name, config)
 
 
 def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
@@ -147,7 +131,7 @@ def study(config: Config, folder: Path, runs: Sequence[Path]) -> list[dict[str, 
     kinds = {policy: [policy] for policy in (*config.policy, COMPARED_WITH)}
     if bundles:
         best = str(best_of_trainings(runs) / "policy.onnx")
-        kinds |= {SHIPPED: [best], SHIPPED + PROTECTED: [best + PROTECTED]}
+        kinds |= {SHIPPED: [best], SHIPPED + SAFETY: [best + SAFETY]}
     if len(bundles) > 1:
         kinds[f"ppo, {len(bundles)} trainings"] = bundles
     names = config.only or tuple(SETTINGS)
@@ -165,7 +149,7 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
     policy = BundlePolicy(bundle)
     told: Mapping[str, Any] = policy.card.training
     seed, mine = told["config"]["seed"], [one for one in rows if one["policy"] == SHIPPED]
-    kept = [one for one in rows if one["policy"] in (SHIPPED, SHIPPED + PROTECTED, COMPARED_WITH, "oracle")]
+    listed = [one for one in rows if one["policy"] in (SHIPPED, SHIPPED + SAFETY, COMPARED_WITH, "oracle")]
     lines = [
         f"# {SHIPPED}",
         "",
@@ -178,7 +162,7 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
         "training's own evaluation seeds.",
         "",
         f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`.",
-        f"Use it: `--policy {SHIPPED}`; on a robot rather `--policy {SHIPPED + PROTECTED}`.",
+        f"Use it: `--policy {SHIPPED}`; on a robot rather `--policy {SHIPPED + SAFETY}`.",
         "",
         f"{config.episodes} rooms of each setting, on seeds from {config.first_seed:,}, 95 % intervals. `{COMPARED_WITH}` was",
         "tuned for `dense`; the oracle knows the map and its true pose. All policies and all trainings are in",
@@ -187,7 +171,7 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
         "| setting | policy | success, % | collisions, % | time-outs, % | SPL |",
         "|---|---|---|---|---|---|",
     ]
-    for one in kept:
+    for one in listed:
         shares = " | ".join(_percent(one[key]) for key in ("success", "collision", "timeout"))
         lines.append(f"| {one['setting']} | {one['policy']} | {shares} | {one['spl'].value:.3f} |")
     return "\n".join(lines) + "\n"

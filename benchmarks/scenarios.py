@@ -1,12 +1,14 @@
-"""What the studies share: tasks, their tuned baselines, trainings, and jobs in processes of their own."""
+"""What the studies share: tasks, tuned baselines, trainings, results that are kept, and jobs in processes of their own."""
 
 from __future__ import annotations
 
 import json
 import os
+import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,8 @@ from rich.progress import track
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training.train import TrainingConfig, train
 
@@ -59,6 +63,24 @@ def slug(**options: Any) -> str:
         changes = asdict(value).items() - burger.items() if isinstance(value, Robot) else ()
         words += [f"{name}-{number}" for name, number in sorted(changes)] or [str(value).removeprefix("turtlebot_gym/")]
     return "".join(letter if letter.isalnum() else "-" for letter in "-".join(words))
+
+
+def name_of(policy: str) -> str:
+    """Return a policy's name for files: a bundle is known by its training's folder and its bytes."""
+    bundle = Path(policy.removesuffix(SAFETY))
+    if not bundle.is_file():
+        return policy
+    protected = SAFETY if policy.endswith(SAFETY) else ""
+    return f"{bundle.parent.name}-{sha256(bundle.read_bytes()).hexdigest()[:12]}{protected}"
+
+
+def kept(path: Path, make: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a function makes of its arguments, from a file, which is made where it is missing."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as beside:
+            beside.write_bytes(pickle.dumps(make(*arguments)))
+    return pickle.loads(path.read_bytes())
 
 
 def tuned(folder: Path, policy: str, budget: Budget, **options: Any) -> list[Try]:

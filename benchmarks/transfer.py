@@ -9,38 +9,27 @@ resumes.
 
 from __future__ import annotations
 
-import math
-import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from rich.table import Table
-from scenarios import NAV, POSE, SQUARE, results_folder, run_all, slug, trained
+from scenarios import NAV, POSE, SQUARE, kept, results_folder, run_all, slug, trained
+from transfer_filters import Drive, compared, drift
 
-from turtlebot_gym import FilterTuning, make_filter, make_noise
-from turtlebot_gym.estimation.consistency import difference, nees
-from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.estimation.interface import filter_of
-from turtlebot_gym.models.angles import sincos
-from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.models.unicycle import INTEGRATORS, command_of
-from turtlebot_gym.parameters import ProcessNoise
+from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.plants import make_plant
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import make_task
-from turtlebot_gym.values import STOP, Pose, Senses
+from turtlebot_gym.values import STOP
 from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.estimation import FORWARD, HOLD, TURN
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -67,13 +56,6 @@ MEASURED = ("tutorial", "documented")
 SPEED_ERRORS = (0.02, 0.15)
 """Greatest errors of the executed speed in trainings: that of the policies that come with the package, and one that covers what
 a slippery floor costs."""
-BY_NAME = ("matched", "gated", "mixture", "slip", "scale")
-"""Filters by name that know the noise in force."""
-CREEP = 0.3
-"""Standard deviation of the executed twist, as a share of it, in the noise model of filters that are told of a slippery floor.
-Chosen: more than the tenth that is lost on average, since what is lost in one step is lost in the next ones too."""
-SLIPS = ProcessNoise(slip=0.1, slip_start=0.02, slip_end=0.02)
-"""What the filter `slip` is told of it: a tenth is lost, half of the time, for 5 s at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,25 +76,6 @@ class Config:
     """Processes at once, each on one core."""
     json: Path = RESULTS
     """Where the results go."""
-
-
-class Drive(NamedTuple):
-    """A drive of T steps, and what its odometry said."""
-
-    truth: NDArray[np.float64]
-    """Shape (T + 1, 5)."""
-    senses: list[Senses]
-    """T + 1 of them."""
-
-
-def kept(folder: Path, name: str, make: Any, *arguments: Any) -> Any:
-    """Return what a function makes, which is made where it is missing."""
-    path = folder / f"{name}.pickle"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as beside:
-            beside.write_bytes(pickle.dumps(make(*arguments)))
-    return pickle.loads(path.read_bytes())
 
 
 def driven(env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
@@ -139,74 +102,9 @@ def record(noise: str, floor: str, config: Config) -> list[Drive]:
     return drives
 
 
-def tunings(noise: str) -> dict[str, FilterTuning]:
-    """Return the filters by name, and some that are told more than the preset knows."""
-    model = make_noise(noise)
-    creeping = replace(model, process=replace(model.process, alpha1=CREEP**2, alpha4=CREEP**2))
-    return {
-        **{name: make_filter(name, model) for name in BY_NAME},
-        "matched, told of creep": make_filter("matched", creeping),
-        "scale, told of creep": make_filter("scale", creeping),
-        "slip, told of slip": make_filter("slip", replace(model, process=SLIPS)),
-    }
-
-
-def filtered(drives: Sequence[Drive], tuning: FilterTuning, dt: float = 0.1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Run a filter over drives; return errors of the pose, shape (n, T + 1, 3), and its NEES, shape (n, T + 1)."""
-    begin, step = filter_of(tuning)
-    errors, consistency = [], []
-    for truth, senses in drives:
-        estimate = begin(senses[0].odometry, tuning)
-        beliefs = [estimate.belief]
-        for before, now in pairwise(senses):
-            estimate = step(estimate, before, now, tuning, dt, INTEGRATORS["euler"])
-            beliefs.append(estimate.belief)
-        means = np.array([belief.mean for belief in beliefs])
-        covariances = np.array([matrix(belief.covariance) for belief in beliefs])
-        errors.append(difference(means, truth)[:, :3])
-        consistency.append(nees(means, truth, covariances, components=3))
-    return np.array(errors), np.array(consistency)
-
-
 def filter_rows(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
-    """Return how each filter did on the same drives."""
-    rows: list[dict[str, Any]] = []
-    drives = recorded(folder, noise, floor, config)
-    reference = np.zeros(len(drives))
-    for name, tuning in tunings(noise).items():
-        errors, consistency = filtered(drives, tuning)
-        position, heading = (errors[..., :2] ** 2).sum(axis=2).mean(axis=1), (errors[..., 2] ** 2).mean(axis=1)
-        reference = position if name == "matched" else reference
-        told = {"noise": noise, "floor": floor, "filter": name, "position": root(position), "heading": root(heading)}
-        rows.append({**told, "over_matched": ratio(position, reference), "nees": metrics.mean(consistency.mean(axis=1))})
-    return rows
-
-
-def root(squared: NDArray[np.float64]) -> Interval:
-    """Return the root of a mean square."""
-    return Interval(*(float(np.sqrt(max(number, 0.0))) for number in metrics.mean(squared)))
-
-
-def ratio(one: NDArray[np.float64], other: NDArray[np.float64], samples: int = 2000) -> Interval:
-    """Return the ratio of two roots of mean squares of the same drives, with a bootstrap's interval over the drives."""
-    rows = np.random.default_rng(0).integers(len(one), size=(samples, len(one)))
-    low, high = np.quantile(np.sqrt(one[rows].mean(axis=1) / other[rows].mean(axis=1)), [0.025, 0.975])
-    return Interval(float(np.sqrt(one.mean() / other.mean())), float(low), float(high))
-
-
-def drift(floor: str, drives: Sequence[Drive]) -> dict[str, Any]:
-    """Return by how much odometry is off after each metre of the way, seen from where the metre began; m, rad."""
-    found = []
-    for truth, senses in drives:
-        way = np.concatenate([[0.0], np.hypot(*np.diff(truth[:, :2], axis=0).T).cumsum()])
-        ends = np.searchsorted(way, np.arange(0.0, way[-1], 1.0))
-        for begin, end in pairwise(ends.tolist()):
-            start, before, after = Pose(*truth[begin, :3].tolist()), senses[begin].odometry, senses[end].odometry
-            told = increment(start, before, after, sincos(start.theta - before.theta))
-            off = difference(np.array(told), truth[end, :3])
-            found.append((math.hypot(off[0], off[1]), abs(off[2])))
-    position, heading = np.array(found).T
-    return {"floor": floor, "metres": len(found), "position": root(position**2), "heading": root(heading**2)}
+    """Return how each filter did on the drives of a floor."""
+    return [{"noise": noise, "floor": floor, **row} for row in compared(recorded(folder, noise, floor, config), noise)]
 
 
 def policy_row(env: str, policy: str, noise: str, floor: str, one: Evaluation, unicycle: Evaluation) -> dict[str, Any]:
@@ -226,19 +124,19 @@ def evaluated(folder: Path, env: str, policy: str, noise: str, floor: str, confi
     """Return a policy's episodes on a floor, which are driven where they are missing."""
     name = Path(policy).parent.name if policy.endswith(".onnx") else policy
     told = slug(env=env, policy=name, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed)
-    return kept(folder, told, driven, env, policy, noise, floor, config)
+    return kept(folder / f"{told}.pickle", driven, env, policy, noise, floor, config)
 
 
 def recorded(folder: Path, noise: str, floor: str, config: Config) -> list[Drive]:
     """Return the drives for filters on a floor, which are driven where they are missing."""
     told = slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
-    return kept(folder, told, record, noise, floor, config)
+    return kept(folder / f"{told}.pickle", record, noise, floor, config)
 
 
 def judged(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
     """Return how filters did on a floor, who are run where that is missing."""
     told = slug(filters=f"filters {noise}", floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
-    return kept(folder, told, filter_rows, folder, noise, floor, config)
+    return kept(folder / f"{told}.pickle", filter_rows, folder, noise, floor, config)
 
 
 def trained_policy(folder: Path, env: str, error: float, seed: int) -> str:

@@ -166,6 +166,25 @@ def test_what_lies_beyond_the_goal_is_in_nobodys_way(name):
     assert abs(turn) < 0.3
 
 
+def test_the_dynamic_window_knows_how_far_each_arc_is_free():
+    """Against distances that are computed one by one, at the twenty points of each arc that is looked at."""
+    policy = POLICIES["dwa"](BURGER, 0.1)
+    points = look(random_sights(40), BURGER, 0.1, 0.06).points  # more rows than are looked at together
+    bends = [0.3 * (25.0 / 0.3) ** (k / 9) for k in range(10)]
+    curvatures = [-bend for bend in reversed(bends)] + [0.0] + bends
+    lengths = [BURGER.max_linear * 4.7 * k / 20 for k in range(1, 21)]
+    radius = BURGER.radius + 0.075
+    expected = np.full((len(points), len(curvatures)), np.inf)
+    for column, curvature in enumerate(curvatures):
+        for length in reversed(lengths):
+            turned = curvature * length
+            at = (np.sin(turned) + 1j * (1.0 - np.cos(turned))) / curvature if curvature else length
+            expected[np.abs(points - at).min(axis=-1) <= radius, column] = length - lengths[0]
+    np.testing.assert_allclose(policy._free_length(points), expected, rtol=0.0, atol=1e-12)
+    assert 0.2 < np.isinf(expected).mean() < 0.95
+    np.testing.assert_array_equal(policy._free_length(points[7]), policy._free_length(points)[7])
+
+
 def test_vfh_keeps_to_the_side_that_it_chose():
     """A post straight ahead, a little to the left at first, and then a little to the right, as noise has it."""
     left, right = np.ones(SECTORS), np.ones(SECTORS)

@@ -36,7 +36,7 @@ def test_the_page_says_what_the_file_says(load):
 
 def test_drift_is_the_error_after_each_metre(load):
     """A straight drive of 4.05 m of which wheels that are 2 % too large tell 2 % more, turned by 0.01 rad a metre."""
-    transfer = load("transfer")
+    transfer = load("transfer_filters")
     truth = np.array([[0.05 * k, 1.0, 0.0, 0.5, 0.0] for k in range(82)])
     senses = [Senses(Pose(0.05 * k * 1.02, 1.0, 0.01 * 0.05 * k), Command(0.5, 0.0), True) for k in range(82)]
     found = transfer.drift("made up", [transfer.Drive(truth, senses)] * 2)
@@ -48,7 +48,7 @@ def test_drift_is_the_error_after_each_metre(load):
 
 
 def test_a_ratio_of_errors_is_of_the_same_drives(load):
-    transfer, rng = load("transfer"), np.random.default_rng(1)
+    transfer, rng = load("transfer_filters"), np.random.default_rng(1)
     one = rng.uniform(0.5, 1.5, 40)
     value, low, high = transfer.ratio(0.25 * one, one)
     assert (value, low, high) == pytest.approx((0.5, 0.5, 0.5))

@@ -160,14 +160,25 @@ def launch(tmp_path):
             pytest.fail(f"{process.args} did not end at SIGTERM")
 
 
-@pytest.fixture(scope="session")
-def compare():
-    """The benchmark that compares the live graph with the environment, as a module."""
-    path = Path(__file__).parents[2] / "benchmarks" / "lockstep.py"
-    spec = importlib.util.spec_from_file_location("lockstep_benchmark", path)
-    module = sys.modules["lockstep_benchmark"] = importlib.util.module_from_spec(spec)
+def benchmark(name):
+    """Return a module of the benchmarks."""
+    path = Path(__file__).parents[2] / "benchmarks" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"benchmark_{name}", path)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="session")
+def compare():
+    """What the benchmark compares the live graph with the environment by, as a module."""
+    return benchmark("lockstep_drives")
+
+
+@pytest.fixture(scope="session")
+def busy():
+    """Keep the machine busy with so many processes."""
+    return benchmark("parts").busy
 
 
 @pytest.fixture

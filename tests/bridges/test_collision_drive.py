@@ -155,3 +155,14 @@ def test_a_monitor_that_takes_old_scans_for_new_ones_is_noticed():
     careless = {"collision_margin": 0.0, "collision_time": 0.5, "reaction": 0.0, "scan_period": 0.0, "scan_error": 0.0}
     drive = Drive(100, WORLDS, seed=1, range_min=0.01, **careless)
     assert drive.run(4.0).least.min() < 0.0
+
+
+@pytest.mark.parametrize("world", ["cellular", "crowd"])
+def test_narrow_gaps_and_people_who_wait_are_not_touched_either(world):
+    """Between cylinders of a cellular automaton, and among those who walk, and wait where a robot is in their way."""
+    driven = Drive(100, [world], seed=3).run(4.0)
+    least = driven.batch.numbers("room.least")
+    assert least.min() > 0.02
+    assert (least < 0.12).mean() > 0.2  # they came near, and drove
+    assert driven.path.mean() > 0.2
+    assert (Drive(100, [world], seed=3, collision_monitor=False).run(4.0).batch.numbers("room.least") < 0.0).mean() > 0.25

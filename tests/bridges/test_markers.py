@@ -127,6 +127,7 @@ CLASSES = {
     "rviz_default_plugins/Odometry": "nav_msgs/msg/Odometry",
     "rviz_default_plugins/MarkerArray": type_name(MarkerArray),
     "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
+    "rviz_default_plugins/LaserScan": "sensor_msgs/msg/LaserScan",
 }
 IN_A_ROOM = {f"/{each.topic}": each for each in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values())}
 
@@ -135,7 +136,7 @@ def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
     said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
     said |= {topic: each.type for topic, each in IN_A_ROOM.items()}
     shown = {each["Topic"]["Value"]: each for each in displays().values() if "Topic" in each}
-    assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map"}
+    assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan"}
     for topic, display in shown.items():
         assert topic not in HIDDEN
         assert CLASSES[display["Class"]] == type_name(conversion(said[topic]).message)

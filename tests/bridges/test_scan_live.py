@@ -181,7 +181,7 @@ def test_the_simulators_scans_are_a_sensors(runner, peer, wait_for):
     assert {len(scan.ranges) for scan in scans} == {360}
     stamps = np.array([Time.from_msg(scan.header.stamp).nanoseconds for scan in scans])
     assert np.isin(np.diff(stamps), 2 * TENTH * np.arange(1, 50)).all()
-    assert scans[0].header.frame_id == "base_footprint"
+    assert scans[0].header.frame_id == "base_scan"
 
 
 def test_contact_is_reported_once_and_ends_the_episode(capfd):

@@ -1,5 +1,6 @@
-"""Poses on /tf: the code path with a stand-in for tf2_msgs, which PyPI does not have, and the refusal without it."""
+"""Poses on /tf, mounts on /tf_static: with a stand-in for tf2_msgs, which PyPI does not have, and the refusal without it."""
 
+import math
 import sys
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -13,7 +14,10 @@ from turtlebot_gym.values import Command, Pose, Senses
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node import outputs
+from turtlebot_gym_ros.node.block import Mount
 from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.parameters import Common
+from turtlebot_gym_ros.node.qos import LATCHED
 from turtlebot_gym_ros.node.transforms import BROADCAST, Transforms
 
 
@@ -56,7 +60,7 @@ def odometry(*, measured=True):
 
 def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
     node, message = StandInNode(), odometry()
-    Transforms(node).publish(message)
+    Transforms(node, [], Common()).publish(message)
     assert node.made == [(StandInTFMessage, "/tf", BROADCAST)]
     (told,) = node.heard[0].transforms
     assert (told.header, told.child_frame_id) == (message.header, "robot1/base_footprint")
@@ -66,22 +70,58 @@ def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
 
 def test_a_pose_that_was_not_measured_is_no_transform(tf2_msgs):
     node = StandInNode()
-    Transforms(node).publish(odometry(measured=False))
+    Transforms(node, [], Common()).publish(odometry(measured=False))
     assert not node.heard
+
+
+def test_mounts_are_said_once_together_for_whoever_comes(tf2_msgs):
+    node, mounts = StandInNode(), [Mount("base_scan", -0.032, 0.0, 0.0), Mount("camera", 0.05, -0.02, math.pi / 2.0)]
+    Transforms(node, mounts, Common(frame_prefix="robot1/"))
+    assert node.made[1] == (StandInTFMessage, "/tf_static", LATCHED)
+    (message,) = node.heard
+    assert [each.header.frame_id for each in message.transforms] == ["robot1/base_footprint"] * 2
+    assert [each.child_frame_id for each in message.transforms] == ["robot1/base_scan", "robot1/camera"]
+    lidar, camera = (each.transform for each in message.transforms)
+    assert (lidar.translation.x, lidar.translation.y, lidar.translation.z) == (-0.032, 0.0, 0.0)
+    assert (lidar.rotation.x, lidar.rotation.y, lidar.rotation.z, lidar.rotation.w) == (0.0, 0.0, 0.0, 1.0)
+    assert (camera.translation.x, camera.translation.y) == (0.05, -0.02)
+    assert (camera.rotation.z, camera.rotation.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+
+
+@pytest.mark.parametrize(
+    ("lidar", "mount"),
+    [
+        ("lds01", Mount("base_scan", -0.032, 0.0, 0.0)),
+        ("lds02", Mount("base_scan", -0.032, 0.0, 0.0)),
+        ("a1", Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0)),
+        ("ideal", Mount("base_scan", 0.0, 0.0, 0.0)),
+    ],
+)
+def test_scans_are_in_the_lidars_frame_which_is_where_it_is_mounted(runner, monkeypatch, lidar, mount):
+    monkeypatch.setattr(outputs, "Transforms", StandInTransforms)
+    overrides = {"publish_tf": True, "frame_prefix": "robot1/", "world": "dense", "lidar": lidar}
+    shell = Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides)
+    assert mounted == [mount]
+    answer = shell.block.step(0.1, None)
+    told = {key: shell.outputs.message(key, answer[key], 10**10) for key in ("scan", "clearance", "truth")}
+    frames = {key: message.header.frame_id for key, message in told.items()}
+    assert frames == {"scan": f"robot1/{mount.frame}", "clearance": "robot1/base_footprint", "truth": "robot1/odom"}
+    shell.close()
 
 
 class StandInTransforms:
     """Stands in for the publisher: it keeps the messages that it would publish."""
 
-    def __init__(self, node):
+    def __init__(self, node, mounts, common):
         self.heard = heard
         heard.clear()
+        mounted[:] = mounts
 
     def publish(self, message):
         heard.append(message)
 
 
-heard = []
+heard, mounted = [], []
 
 
 @pytest.mark.parametrize(("block", "output"), [(TurtlebotSimulator, "odometry"), (KalmanFilter, "estimate")])

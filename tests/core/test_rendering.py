@@ -84,6 +84,14 @@ def test_the_square_fills_the_view():
         assert pixel(picture, *behind, centre=1.0, half=1.5) == BODY
 
 
+def test_coordinates_at_the_edge_are_left_out_instead_of_cut_off():
+    """Of a view from -4.25 to 4.25 m, where the labels of -4 m of both axes would meet in the corner."""
+    picture = make(task=replace(NAV, arena=3.75)).draw(world())
+    assert picture[-34:, :34].min() > 220  # white, and lines of the grid
+    assert picture[-20:, 60:].min() < 150
+    assert picture[HEADER + 60 : -60, :30].min() < 150
+
+
 def test_the_current_waypoint_stands_out_among_all():
     pictures = [make(waypoints=SQUARE_WAYPOINTS).draw(world(Pose(1.0, 1.0, 0.0), reference=at)) for at in SQUARE_WAYPOINTS]
     for picture, current in zip(pictures, SQUARE_WAYPOINTS, strict=True):

@@ -23,6 +23,8 @@ SIDE, HEADER = 640, 64
 """Side of the map, and height of the strip above it with the legend; pixels."""
 _FINE = 2
 """The picture is drawn so many times larger and then scaled down, which smooths every edge."""
+_EDGE = 20 * _FINE
+"""Nearer to an edge no coordinate is written, so that none is cut off or written over another."""
 _MARGIN = 0.5
 """Room round what is to be seen, m: for circles of arrival, noisy odometry and the scale."""
 _GROWTH = 1.25
@@ -193,11 +195,13 @@ class Renderer:
                 if axis == 0:
                     column, row = self._at(metres, bottom)
                     self._line(paper, _GRID, (column, 0), (column, row), 1.0)
-                    self._write(paper, f"{metres} m", _GREY, midbottom=(column, row - 4 * _FINE))
+                    if _EDGE < column < _FINE * SIDE - _EDGE:
+                        self._write(paper, f"{metres} m", _GREY, midbottom=(column, row - 4 * _FINE))
                 else:
                     column, row = self._at(left, metres)
                     self._line(paper, _GRID, (column, row), (_FINE * SIDE, row), 1.0)
-                    self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
+                    if _EDGE < row < _FINE * SIDE - 1.5 * _EDGE:  # not where the others stand
+                        self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
 
     def _make_legend(self) -> Surface:
         """Return the strip above the map, which explains the symbols."""

@@ -18,7 +18,7 @@ from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses, State
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
-from turtlebot_gym_ros.node.block import Aged, Every, Input, Output, ranged
+from turtlebot_gym_ros.node.block import Aged, Every, Input, Mount, Output, ranged
 from turtlebot_gym_ros.node.values import Nis
 
 THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
@@ -33,6 +33,10 @@ ROOM_OUTPUTS = {
     "obstacles": Output(topic="obstacles", type=Obstacles),
 }
 """What is said besides in a room."""
+SCAN_FRAMES = {"a1": "rplidar_link"}
+"""Frames of the LiDARs on their robots, by the LiDAR's name."""
+SCAN_FRAME = "base_scan"
+"""Frame of all others."""
 MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 """What is said besides of a map, once."""
 OPEN_GROUND = ("open", "")
@@ -52,9 +56,9 @@ class TurtlebotSimulator:
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
     out, with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
-    with the stamp at which it was measured). In a room also ``scan`` (`Scan`, on ``scan``, each
-    when it is complete, with the LiDAR's stamps), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
-    ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and where the
+    with the stamp at which it was measured). In a room also ``scan`` (`Scan`, on ``scan``, each when it is complete, with the
+    LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on ``clearance``), of
+    the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and where the
     world is a map, ``map`` (`GridMap`, on ``map``), once. Parameters: those of `Params`. A reset begins the next episode.
     """
 
@@ -82,7 +86,8 @@ class TurtlebotSimulator:
         """Whether in lock-step time also waits for the recorder of a `Graph`, which says on ``recorded`` how far it has
         heard."""
         publish_tf: bool = False
-        """Whether the odometry's pose is published on ``/tf`` too, as a robot's bring-up does; needs a ROS installation."""
+        """Whether the odometry's pose is published on ``/tf`` too, and the LiDAR's mount on ``/tf_static``, as a robot's
+        bring-up does; needs a ROS installation."""
         random_start: bool = False
         """Whether an episode starts where the navigation task draws it, instead of at the origin."""
         world: str = "open"
@@ -146,7 +151,8 @@ class TurtlebotSimulator:
         if params.in_room:
             self._lidar = find_lidar(params.lidar)
             p, plan = furnish(p, find_world(params.world), self._lidar)
-            self.outputs = {**self.outputs, **ROOM_OUTPUTS}
+            mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
+            self.outputs = {**self.outputs, **ROOM_OUTPUTS, "scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
         self._map = plan.map if plan else None
         if self._map:
             self.outputs = {**self.outputs, **MAP_OUTPUTS}

@@ -48,6 +48,18 @@ class Input:
     """Whether lost messages are sent again; without, publishers of either kind are understood."""
 
 
+class Mount(NamedTuple):
+    """A sensor's own frame, and where it lies in the robot's."""
+
+    frame: str
+    """Its name, without the prefix of the robot's frames."""
+    x: float
+    """m"""
+    y: float
+    yaw: float
+    """Direction of its x axis, rad."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Output:
     """A value that a block returns under its name; where it leaves it out, nothing is published."""
@@ -72,6 +84,8 @@ class Output:
     """Returns the covariance of a value that travels as Odometry, if the value itself has none; asked after each step."""
     transform: bool = False
     """Whether a pose that travels as Odometry is published on ``/tf`` as well, as the transform to its child frame."""
+    mount: Mount | None = None
+    """The frame of a value that a sensor states in its own; where the block publishes transforms, it is on ``/tf_static``."""
 
 
 class Aged(NamedTuple):

@@ -48,7 +48,8 @@ class Outputs:
         newest = {key: f"{each.topic}/newest" for key, each in declared.items() if lock_step and each.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         transformed = {key for key, each in declared.items() if each.transform}
-        self._transforms = dict.fromkeys(transformed, Transforms(node)) if transformed else {}
+        mounts = [each.mount for each in declared.values() if each.mount]
+        self._transforms = dict.fromkeys(transformed, Transforms(node, mounts, common)) if transformed else {}
         self.moving = [key for key, each in declared.items() if each.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
@@ -73,8 +74,9 @@ class Outputs:
         """
         if isinstance(value, Aged):
             value, stamp = value.value, stamp - round(value.age * SECOND)
-        way, is_command = self._ways[key], self._declared[key].type is Command
-        frame = self._common.world if way.in_world else self._common.body
+        way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
+        own = self._common.sensor(mount) if mount else self._common.body
+        frame = self._common.world if way.in_world else own
         now = is_command and not self._common.lock_step
         at = Time(nanoseconds=self._time() if now else stamp).to_msg()
         message = way.write(value, Header(stamp=at, frame_id=frame))

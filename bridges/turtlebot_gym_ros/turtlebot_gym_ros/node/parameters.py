@@ -11,6 +11,7 @@ from typing import Any, get_type_hints
 
 from rclpy.node import Node
 
+from turtlebot_gym_ros.node.block import Mount
 from turtlebot_gym_ros.robot.standalone import described, descriptor_of
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -47,6 +48,10 @@ class Common:
     def body(self) -> str:
         """The robot's frame with its prefix."""
         return self.frame_prefix + self.body_frame
+
+    def sensor(self, mount: Mount) -> str:
+        """The frame of a sensor with its prefix."""
+        return self.frame_prefix + mount.frame
 
 
 def _values(params: type) -> dict[str, tuple[type, Any]]:

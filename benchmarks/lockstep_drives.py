@@ -1,0 +1,141 @@
+"""The same drive twice, in the environment and in the live graph, and by how much the two differ."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import turtlebot_gym  # noqa: F401  # registers the environments
+from turtlebot_gym.plants import make_plant
+from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
+from turtlebot_gym_ros import Graph
+
+DT = 0.1
+"""Control interval, s."""
+TRAVELS = np.zeros((5, 5), np.bool_)
+"""Which entries of a covariance have a place in an `Odometry` message: those of the pose and those of the twist."""
+TRAVELS[:3, :3] = TRAVELS[3:, 3:] = True
+ROOM_STEPS = 600
+"""Length of an episode in a room."""
+
+
+class RoomDrive(NamedTuple):
+    """An episode in a room, the same in the environment and in the graph."""
+
+    policy: str = "vfh"
+    world: str = "dense"
+    lidar: str = "lds01"
+    noise: str = "tutorial"
+    seed: int = 0
+
+
+class Told(NamedTuple):
+    """What was said of an episode in a room."""
+
+    trajectory: Trajectory
+    clearance: NDArray[np.float32]
+    """Shape (T,), m; in single precision, as it travels."""
+
+
+class Drive(NamedTuple):
+    """A drive of the square, the same in the environment and in the graph."""
+
+    policy: str = "proportional"
+    noise: str = "tutorial"
+    switch: str = "time"
+    robot: str = "tutorial"
+    seed: int = 0
+    filter: str = "matched"
+    fix: str = "none"
+    plant: str = "unicycle"
+    friction: float = 1.0
+
+    @property
+    def laps(self) -> int:
+        """So many that the last waypoint is not reached in a minute."""
+        return 1 if self.switch == "time" else 50
+
+
+def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
+    """Return the environment's drive: arrival by belief, as the generator judges it; ``number`` counts the seed's episodes."""
+    env = gym.make(
+        "turtlebot_gym/TurtleBotSquare-v0",
+        max_episode_steps=10**9,
+        arrival="belief",
+        noise=drive.noise,
+        filter=drive.filter,
+        fix=None if drive.fix == "none" else drive.fix,
+        plant=make_plant(drive.plant, friction=drive.friction) if drive.plant != "unicycle" else drive.plant,
+        robot=drive.robot,
+        switch=drive.switch,
+        laps=drive.laps,
+    )
+    policy = make_policy(drive.policy, robot=drive.robot)
+    observation, info = env.reset(seed=drive.seed)
+    for _ in range(number):
+        observation, info = env.reset()
+    infos = [info]
+    for _ in range(steps):
+        observation, _, terminated, _, info = env.step(policy(observation))
+        assert not terminated
+        infos.append(info)
+    env.close()
+    return Trajectory.from_infos(infos, dt=DT)
+
+
+def live(drive: Drive, steps: int, **options: Any) -> Trajectory:
+    """Return the graph's drive, of as many steps; the options are those of `Graph`."""
+    with Graph(**drive._asdict(), laps=drive.laps, goal_tolerance=0.0, **options) as graph:
+        graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 4.0 * steps * DT))
+        return first(graph.trajectory(), steps)
+
+
+def room_episode(drive: RoomDrive) -> Told:
+    """Return the environment's episode, from its start to its end."""
+    options = drive._asdict()
+    policy, seed = make_policy(options.pop("policy")), options.pop("seed")
+    if isinstance(policy, PolicyWithMemory):
+        policy.reset(np.ones((), np.bool_))
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", max_episode_steps=ROOM_STEPS, **options)
+    observation, info = env.reset(seed=seed)
+    infos, ended = [info], False
+    while not ended:
+        observation, _, terminated, truncated, info = env.step(policy(observation))
+        infos.append(info)
+        ended = terminated or truncated
+    env.close()
+    return Told(Trajectory.from_infos(infos, dt=DT), np.array([each["clearance"] for each in infos], np.float32))
+
+
+def room_live(drive: RoomDrive, steps: int, **options: Any) -> Told:
+    """Return the graph's drive, of as many steps; the options are those of `Graph`."""
+    with Graph(**drive._asdict(), goal_tolerance=0.0, **options) as graph:
+        graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
+        return Told(first(graph.trajectory(), steps), graph.clearance()[: steps + 1].astype(np.float32))
+
+
+def room_differences(one: Told, other: Told) -> dict[str, float]:
+    """Return the largest difference in each part of two episodes in a room."""
+    clearance = float(np.abs(one.clearance - other.clearance).max())
+    return differences(one.trajectory, other.trajectory) | {"clearance": clearance}
+
+
+def first(trajectory: Trajectory, steps: int) -> Trajectory:
+    """Return the start of a drive, and so many steps."""
+    return Trajectory(*(rows[: steps + 1] for rows in trajectory))
+
+
+def differences(one: Trajectory, other: Trajectory) -> dict[str, float]:
+    """Return the largest difference in each part of two drives; NaN where one does not know what the other does."""
+    found = {name: np.abs(here - there) for name, here, there in zip(one._fields, one, other, strict=True)}
+    return {name: float((rows[:, TRAVELS] if name == "covariance" else rows).max()) for name, rows in found.items()}
+
+
+def digest(trajectory: Trajectory) -> str:
+    """Return a fingerprint of all bytes of a drive."""
+    return hashlib.sha256(b"".join(np.ascontiguousarray(rows).tobytes() for rows in trajectory)).hexdigest()[:16]
