@@ -26,28 +26,11 @@ from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Pose, Senses
+from turtlebot_gym_agents.evaluation.columns import Columns
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Columns:
-    """Names of the columns of a recording."""
-
-    time: str = "t"
-    """Time, s; increasing."""
-    v: str = "vx"
-    """Forward speed by the wheels since the row before, m/s."""
-    omega: str = "gyro"
-    """Turning rate by the wheels since the row before, rad/s."""
-    x: str = "px"
-    """True position, m."""
-    y: str = "py"
-    """True position, m."""
-    theta: str = "theta"
-    """True heading, rad."""
 
 
 class Drive(NamedTuple):
