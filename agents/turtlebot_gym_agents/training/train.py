@@ -36,6 +36,7 @@ from turtlebot_gym_agents.training.callbacks import CheckpointCallback, Evaluati
 from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig
 from turtlebot_gym_agents.training.devices import choose_device
 from turtlebot_gym_agents.training.export import export
+from turtlebot_gym_agents.training.optimizer import EPS, Adam
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
@@ -156,6 +157,8 @@ def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv
         "features_extractor_class": normalization.NormalizedObservation,
         "features_extractor_kwargs": {"mean": mean, "std": std},
     }
+    if algorithm is stable_baselines3.PPO:
+        keywords["policy_kwargs"] = {"optimizer_class": Adam, "optimizer_kwargs": {"eps": EPS}} | keywords["policy_kwargs"]
     model = algorithm(
         hyper["policy"],
         Sb3VecEnv(envs),
