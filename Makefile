@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-kilted test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
+.PHONY: help demo test test-kilted test-slow check mutants bench bench-train bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -60,6 +60,10 @@ mutants: $(READY)  ## change the code at random places, and count which changes 
 bench: $(READY)  ## speed, as ratios in one run
 	@mkdir -p $(OUT)
 	$(RUN)turtlebot-gym benchmark --json $(OUT)/speed.json
+
+bench-train: $(READY)  ## from command to policy: what train takes beside the learning, alone and beside busy processes (10 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/command_to_policy.py --busy 4 --json $(OUT)/command_to_policy.json
 
 notebooks: $(READY)  ## execute the notebooks and store their outputs
 	$(RUN)python notebooks/execute.py notebooks/*.ipynb
