@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-kilted test-slow check mutants bench bench-peers bench-check bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
+.PHONY: $(shell sed -nE 's/^([a-z-]+):.*/\1/p' $(firstword $(MAKEFILE_LIST)))
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -67,6 +67,10 @@ bench-peers: $(READY)  ## the same, beside gymnax and EnvPool in environments of
 
 bench-check: $(READY)  ## whether a ratio has lost more than a quarter against benchmarks/speed.json (a minute)
 	$(RUN)turtlebot-gym benchmark --check benchmarks/speed.json --seconds 0.15
+
+bench-train: $(READY)  ## from command to policy: what train takes beside the learning, alone and beside busy processes (10 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/command_to_policy.py --busy 4 --json $(OUT)/command_to_policy.json
 
 notebooks: $(READY)  ## execute the notebooks and store their outputs
 	$(RUN)python notebooks/execute.py notebooks/*.ipynb

@@ -5,15 +5,31 @@ Without it and numba, as on a robot, the filter, the models and the tasks still 
 """
 
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
-from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.files import read_parameters, write_parameters
-from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
-from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
-from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.systems import Episode, Parameters, System, World, make_parameters
-from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
-from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
+from turtlebot_gym.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from turtlebot_gym.estimation.ekf import Estimate
+    from turtlebot_gym.files import read_parameters, write_parameters
+    from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
+    from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
+    from turtlebot_gym.robots import ROBOTS, Robot
+    from turtlebot_gym.systems import Episode, Parameters, System, World, make_parameters
+    from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
+    from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
+else:  # what is used is imported then: the compiler alone takes half a second
+    _HOMES = {
+        "estimation.ekf": ("Estimate",),
+        "files": ("read_parameters", "write_parameters"),
+        "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise", "Reward"),
+        "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
+        "robots": ("ROBOTS", "Robot"),
+        "systems": ("Episode", "Parameters", "System", "World", "make_parameters"),
+        "tasks": ("NAV", "OBSERVATION_LAYOUT", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Observation", "Task"),
+        "values": ("STOP", "Belief", "Command", "Covariance", "Pose", "State"),
+    }
+    __getattr__, __dir__ = lazy_names(__name__, _HOMES)
 
 __version__ = "0.1.0"
 

@@ -1,8 +1,20 @@
 """Policies, their evaluation and training, and the command line.
 
-Importing this package needs numpy alone, so that a robot can run the policies.
+Importing this package needs nothing but Python, and its policies numpy alone, so that a robot can run them.
 """
 
-from turtlebot_gym_agents.policies import BearingPolicy, Policy, ProportionalPolicy, make_policy
+from typing import TYPE_CHECKING
 
 __all__ = ["BearingPolicy", "Policy", "ProportionalPolicy", "make_policy"]
+
+if TYPE_CHECKING:
+    from turtlebot_gym_agents.policies import BearingPolicy, Policy, ProportionalPolicy, make_policy
+else:
+
+    def __getattr__(name):
+        """Return a policy's name, imported when it is used: the command line's --help needs none."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from turtlebot_gym_agents import policies
+
+        return getattr(policies, name)

@@ -1,15 +1,20 @@
 """Export: the bundle does what the model does, or it is not written."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from stable_baselines3 import DDPG, PPO, TD3
 
+from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training import export as module
+from turtlebot_gym_agents.training import graph, normalization
 from turtlebot_gym_agents.training.export import TOLERANCE, export, load_model
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import TrainingConfig, make_model
 
 torch.set_num_threads(1)
@@ -61,15 +66,66 @@ def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
     np.testing.assert_array_equal(loaded.predict(observations, deterministic=True)[0], expected)
 
 
-def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch):
+@pytest.mark.parametrize("wrong", ["activation", "shift"])
+def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch, wrong):
     config = TrainingConfig()
     model = make_model(config, NETWORK | SHORT["ppo"], config.make(8), tensorboard=None)
-    forward = module._Deterministic.forward
-    monkeypatch.setattr(module._Deterministic, "forward", lambda self, observation: 0.5 * forward(self, observation))
+    changed = {
+        "activation": (torch.nn.Tanh, lambda graph, layer: graph.add("Relu")),
+        "shift": (normalization.NormalizedObservation, lambda graph, layer: graph.add("Div", layer.std)),
+    }[wrong]
+    monkeypatch.setitem(graph._WRITERS, *changed)
     (tmp_path / "policy.onnx").write_text("the old one")
     with pytest.raises(RuntimeError, match="differ from the model's"):
         export(model, tmp_path / "policy.onnx", CARD)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
+
+
+def untrained(**network):
+    """Return a model, with biases that are not zero, so that their places count."""
+    config = TrainingConfig()
+    hyper = NETWORK | SHORT["ppo"] | {"policy_kwargs": NETWORK["policy_kwargs"] | network}
+    model = make_model(config, hyper, config.make(8), tensorboard=None)
+    with torch.no_grad():
+        for name, parameter in model.policy.named_parameters():
+            if name.endswith("bias"):
+                parameter.uniform_(-0.5, 0.5)
+    return model
+
+
+def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
+    model, seen = untrained(activation_fn="ReLU", net_arch=[32, 16, 8]), np.random.default_rng(3).normal(size=(5000, 13))
+    export(model, tmp_path / "ours.onnx", CARD)
+    monkeypatch.setattr(module, "graph_of", lambda policy: None)
+    export(model, tmp_path / "torchs.onnx", CARD)
+    ours, torchs = (BundlePolicy(tmp_path / f"{whose}.onnx")(seen) for whose in ("ours", "torchs"))
+    np.testing.assert_array_equal(ours, torchs)
+    assert ours.std() > 0.01
+
+
+def test_layers_that_are_not_known_are_left_to_torchs_exporter(tmp_path):
+    model = untrained(activation_fn="ELU")
+    assert graph.graph_of(model.policy) is None
+    assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
+
+
+def test_a_policy_without_our_normalization_is_written_too(tmp_path):
+    config = TrainingConfig()
+    model = PPO("MlpPolicy", Sb3VecEnv(config.make(8)), n_steps=8, device="cpu", seed=0)
+    assert graph.graph_of(model.policy) is not None
+    assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
+
+
+def test_ranges_of_a_room_are_written_as_logarithms(tmp_path):
+    room = "turtlebot_gym/TurtleBotRooms-v0"
+    config = TrainingConfig(env=room)
+    envs = config.make(8)
+    model = make_model(config, NETWORK | SHORT["ppo"], envs, tensorboard=None)
+    assert graph.graph_of(model.policy) is not None
+    assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, layout=ROOM_LAYOUT)) <= TOLERANCE
+    observations, _ = envs.reset(seed=0)
+    expected, _ = model.predict(observations, deterministic=True)
+    np.testing.assert_allclose(BundlePolicy(tmp_path / "policy.onnx")(observations), expected, rtol=0, atol=TOLERANCE)
 
 
 def test_refuses_models_for_something_else(tmp_path):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.log import Log, interpolated, make_log
 from turtlebot_gym.models.angles import yaw_of_quaternion
+from turtlebot_gym.topics import Topics
 
 SUFFIXES = (".db3", ".mcap")
 """What the name of a bag's file ends with."""
@@ -25,22 +25,6 @@ FEWEST = 20
 """Messages that a topic must have."""
 _POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Topics:
-    """Which topics of a bag hold what; empty for none."""
-
-    odom: str = "/odom"
-    """Odometry: the measured pose, and the twist unless `twist` names another topic."""
-    truth: str = ""
-    """The true pose: Odometry, PoseStamped or PoseWithCovarianceStamped; by default /ground_truth or /true_state, if there."""
-    fix: str = ""
-    """Measured poses that take the place of odometry's, such as /pose_fix; odometry then gives the twist."""
-    twist: str = ""
-    """Twist or TwistStamped, such as /cmd_vel, which takes the place of odometry's twist."""
-
-
 TRUTHS = ("/ground_truth", "/true_state", "/truth")
 """Topics on which the truth is looked for."""
 

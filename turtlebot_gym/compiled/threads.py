@@ -1,13 +1,21 @@
-"""Who may run a parallel loop, and how its threads wait."""
+"""How many threads a parallel loop uses, who may run one, and how its threads wait."""
 
 from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-# Threads that spin at the end of each step keep a busy machine from running the very thread that they wait for: with a second
-# program on the cores, the default spin made a step 20 times slower. This one costs an idle machine nothing that was measured.
-os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+from turtlebot_gym.kernel import HAS_NUMBA
+
+VARIABLE = "TURTLEBOT_GYM_THREADS"
+"""Environment variable with the greatest number of threads of a parallel loop; without it, numba's own: one for each core."""
+
+# Threads that spin at the end of each step burn a core while they wait for a thread that a busy machine does not run: with the
+# default spin a step of 512 environments took 5 ms of CPU instead of 0.06. Without a spin it costs 5 microseconds more than one
+# thread at worst. OpenMP reads this when it is loaded: where torch has loaded it before, only `limited` helps.
+os.environ.setdefault("GOMP_SPINCOUNT", "0")
 
 
 class Threads:
@@ -18,15 +26,34 @@ class Threads:
     """
 
     lock = threading.Lock()
+    limit: int | None = None
+    """The most threads of a parallel loop; None for numba's own number."""
     used = False
     lost = False
+    _numbas = 0
 
     @classmethod
     def acquire(cls) -> bool:
-        """Return whether the caller may run a parallel loop; it then has to release the lock."""
-        allowed = not cls.lost and cls.lock.acquire(blocking=False)
-        cls.used |= allowed
+        """Return whether the caller may run a parallel loop; it then has to call `release`."""
+        allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
+        if allowed:
+            cls.used = True
+            if cls.limit is not None and HAS_NUMBA:
+                import numba
+
+                cls._numbas = numba.get_num_threads()
+                numba.set_num_threads(min(cls.limit, cls._numbas))
         return allowed
+
+    @classmethod
+    def release(cls) -> None:
+        """Let the next one run a parallel loop."""
+        if cls._numbas:
+            import numba
+
+            numba.set_num_threads(cls._numbas)
+            cls._numbas = 0
+        cls.lock.release()
 
     @classmethod
     def after_fork(cls) -> None:
@@ -35,4 +62,41 @@ class Threads:
         cls.lost = cls.used
 
 
+@contextmanager
+def limited(threads: int | None) -> Iterator[None]:
+    """Let parallel loops use at most so many threads within this block, in the whole process.
+
+    The results are the same to the bit for every number. One thread is best where other work shares the cores, such as a
+    network's updates: more of them cost CPU time there, and gain no wall time.
+
+    Args:
+        threads: At least 1; None for numba's own number.
+
+    Raises:
+        ValueError: If it is not.
+    """
+    before, Threads.limit = Threads.limit, _checked("threads", threads)
+    try:
+        yield
+    finally:
+        Threads.limit = before
+
+
+def _checked(name: str, threads: int | None) -> int | None:
+    if threads is not None and not threads >= 1:
+        raise ValueError(f"{name} must be at least 1, got {threads!r}.")
+    return threads
+
+
+def _told() -> int | None:
+    """Return the limit that the environment variable sets, if it does."""
+    text = os.environ.get(VARIABLE, "")
+    if not text:
+        return None
+    if not text.isdecimal():
+        raise ValueError(f"{VARIABLE} must be a whole number, got {text!r}.")
+    return _checked(VARIABLE, int(text))
+
+
+Threads.limit = _told()
 os.register_at_fork(after_in_child=Threads.after_fork)

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from turtlebot_gym.calibration.bags import Topics
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure
-from turtlebot_gym_agents.provenance import provenance, write_json
+from turtlebot_gym.topics import Topics
+from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration, Log
@@ -61,6 +60,7 @@ class Calibrate:
         from turtlebot_gym.calibration import calibrate
         from turtlebot_gym.calibration.plausibility import check
         from turtlebot_gym_agents.commands.calibration_report import calibration_figure, calibration_tables, comment
+        from turtlebot_gym_agents.provenance import provenance
 
         log = self.read()
         check(log, make_robot(self.robot), str(self.log))

@@ -15,14 +15,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
-from turtlebot_gym.plants import make_plant
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
-from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure, write_json
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
-from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
@@ -57,6 +55,8 @@ class _Driven(Setting):
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""
+        from turtlebot_gym.plants import make_plant
+
         given: dict[str, Any] = {name: value for name in ("switch", "laps") if (value := getattr(self, name)) is not None}
         if self.env == ROOMS and given:
             raise ValueError(f"switch and laps are for tasks with given waypoints, not for {ROOMS}.")

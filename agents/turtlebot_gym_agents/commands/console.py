@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.table import Table
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """An option that names a file."""
@@ -61,6 +59,9 @@ class Setting:
 @contextmanager
 def progress(total: int) -> Iterator[Callable[[int], None]]:
     """Show a progress bar on standard error, where that is a terminal; yields a function that moves it."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
     console = Console(stderr=True)
     columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -70,8 +71,17 @@ def progress(total: int) -> Iterator[Callable[[int], None]]:
 
 def print_tables(*tables: Table) -> None:
     """Print tables to standard output; into a file or a pipe in full width."""
+    from rich.console import Console
+
     console = Console()
     Console(width=console.width if console.is_terminal else 160).print(*tables)
+
+
+def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:
+    """Write a result as `turtlebot_gym_agents.provenance.write_json` does."""
+    from turtlebot_gym_agents import provenance
+
+    provenance.write_json(path, result, config=config)
 
 
 def save_figure(figure: Figure, path: Path) -> None:

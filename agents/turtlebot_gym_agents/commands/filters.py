@@ -8,9 +8,8 @@ from pathlib import Path
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure
-from turtlebot_gym_agents.evaluation.replay import Columns
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.evaluation.columns import Columns
 
 
 @dataclass(frozen=True, kw_only=True)

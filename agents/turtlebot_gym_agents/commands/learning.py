@@ -10,14 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.commands.console import File, Setting, print_tables, write_json
 
 if TYPE_CHECKING:
-    from turtlebot_gym_agents.training.train import TrainingConfig
+    from turtlebot_gym_agents.training.config import TrainingConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,12 +39,14 @@ class _Learned(Setting):
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; without it, those that come with the package."""
     steps: int | None = None
     """Environment steps; n_timesteps of the hyper-parameters if not told."""
+    device: str = "cpu"
+    """Where the network learns: cpu, cuda, or auto, which takes a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
     json: File = None
     """Write configuration and results here."""
 
     def training(self, **changes: Any) -> TrainingConfig:
         """Return the configuration of a training."""
-        from turtlebot_gym_agents.training.train import TrainingConfig
+        from turtlebot_gym_agents.training.config import TrainingConfig
 
         self.given()
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Learned)}
@@ -69,22 +68,24 @@ class Train(_Learned):
 
     def run(self) -> None:
         """Train, print a table, and write what is asked for."""
-        with _needs_agents():
-            from turtlebot_gym_agents.training.train import train
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        configs = [self.training(seed=self.seed + at, evaluations=self.evaluations) for at in range(self.seeds)]
+        with _needs_agents():
+            from turtlebot_gym_agents.training.train import train
+        from rich.table import Table
+
         table = Table(
             "seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy",
             title=f"{self.env}, {self.algo}, the best model on the evaluation's seeds",
         )  # fmt: skip
         runs = []
-        for seed in range(self.seed, self.seed + self.seeds):
-            folder = self.out / f"seed-{seed}" if self.seeds > 1 else self.out
-            config = self.training(seed=seed, evaluations=self.evaluations)
+        for config in configs:
+            folder = self.out / f"seed-{config.seed}" if self.seeds > 1 else self.out
             result = train(config, folder, resume=self.resume)
             best = result.best
             table.add_row(
-                str(seed),
+                str(config.seed),
                 f"{result.steps:,}",
                 f"{result.seconds:.1f}",
                 f"{result.steps_per_second:,.0f}",
@@ -93,7 +94,7 @@ class Train(_Learned):
                 f"{best['steps_to_end']:.1f}",
                 str(folder / "policy.onnx"),
             )
-            runs.append({"seed": seed, "folder": folder, **asdict(result)})
+            runs.append({"seed": config.seed, "folder": folder, **asdict(result)})
         print_tables(table)
         if self.json is not None:
             write_json(self.json, {"runs": runs}, config=asdict(self))
@@ -113,12 +114,16 @@ class Tune(_Learned):
 
     def run(self) -> None:
         """Search, print a table, and write what is asked for."""
+        config = self.training()
         with _needs_agents():
             from turtlebot_gym_agents.training.tuning import tune
+        from rich.console import Console
+        from rich.table import Table
+
         console = Console(stderr=True)
         with console.status("") as status:
             study = tune(
-                self.training(),
+                config,
                 self.out,
                 trials=self.trials,
                 progress=lambda ended: status.update(f"{ended} of {self.trials} trials"),
@@ -168,8 +173,9 @@ class Export:
         with _needs_agents():
             from turtlebot_gym_agents.policies.bundle import Card
             from turtlebot_gym_agents.policies.fit import describe_robot
+            from turtlebot_gym_agents.training.config import TrainingConfig
             from turtlebot_gym_agents.training.export import export, load_model
-            from turtlebot_gym_agents.training.train import TrainingConfig
+        from rich.console import Console
 
         model = load_model(self.model, allow_pickle=self.allow_pickle)
         beside = self.model.parent / "config.json"

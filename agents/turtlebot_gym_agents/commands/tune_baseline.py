@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rich.table import Table
-
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress, write_json
 
 SHOWN = 5
 """Tries in the table, the fastest first."""
@@ -43,6 +40,8 @@ class TuneBaseline(Setting):
 
     def run(self) -> None:
         """Search, print a table, and write what is asked for."""
+        from rich.table import Table
+
         from turtlebot_gym_agents.evaluation.tune_baseline import tune_baseline
 
         names = ("filter", "robot", "arrival", "noise", "observation", "delay")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,28 +30,11 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Pose, Senses
+from turtlebot_gym_agents.evaluation.columns import Columns
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Columns:
-    """Names of the columns of a recording."""
-
-    time: str = "t"
-    """Time, s; increasing."""
-    v: str = "vx"
-    """Forward speed by the wheels since the row before, m/s."""
-    omega: str = "gyro"
-    """Turning rate by the wheels since the row before, rad/s."""
-    x: str = "px"
-    """True position, m."""
-    y: str = "py"
-    """True position, m."""
-    theta: str = "theta"
-    """True heading, rad."""
 
 
 ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)

@@ -18,6 +18,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from turtlebot_gym.systems import SIZES
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
+from turtlebot_gym_agents.training.graph import graph_of
 
 TOLERANCE = 1e-5
 """Largest difference between an action of the model and one of its bundle: both compute in float32."""
@@ -91,11 +92,11 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
     space, shapes = model.observation_space, (model.observation_space.shape, model.action_space.shape)
     if shapes != ((size,), (2,)) or not isinstance(space, spaces.Box):
         raise ValueError(f"model must map observations ({size},) to actions (2,), got {shapes[0]} and {shapes[1]}.")
-    program = _program(_Deterministic(model.policy).eval(), size)
+    graph = graph_of(model.policy) or _program(_Deterministic(model.policy).eval(), size).model_proto
     observations = np.random.default_rng(0).uniform(space.low, space.high, (samples, size)).astype(np.float32)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
-        write_bundle(beside, program.model_proto, card)
+        write_bundle(beside, graph, card)
         actions, _ = model.predict(observations, deterministic=True)
         difference = float(np.abs(actions - BundlePolicy(beside)(observations)).max())
         if not difference <= TOLERANCE:

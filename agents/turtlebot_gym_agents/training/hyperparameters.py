@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 OURS = ("n_envs", "n_timesteps", "policy")
 """Keys that are not arguments of the algorithm; all of them must be given."""
+OPTIONS = {"env": "--env", "seed": "--seed", "device": "--device", "tensorboard_log": "--out"}
+"""Arguments of the algorithm that are options of the training, and no hyper-parameters."""
 
 
 def configs_folder() -> Path:
@@ -49,6 +51,8 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
     missing = [key for key in OURS if key not in chosen]
     if missing:
         raise ValueError(f"{file}, {env}: {', '.join(missing)} must be given.")
+    if option := next((key for key in OPTIONS if key in chosen), None):
+        raise ValueError(f"{file}, {env}: {option} is no hyper-parameter; use the option {OPTIONS[option]}.")
     whole = {key: int(_number(key, chosen[key])) for key in ("n_envs", "n_timesteps")}
     if not all(number > 0 for number in whole.values()):
         raise ValueError(f"{file}, {env}: n_envs and n_timesteps must be positive, got {whole}.")

@@ -15,15 +15,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import stable_baselines3
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
-from turtlebot_gym import Parameters, Robot
+from turtlebot_gym import Parameters
+from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.files import replace_json
@@ -33,8 +33,10 @@ from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters, normalization
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
+from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig
+from turtlebot_gym_agents.training.devices import choose_device
 from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
+from turtlebot_gym_agents.training.optimizer import EPS, Adam
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
@@ -43,82 +45,6 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this on: apart from other runs', and from the evaluation's."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainingConfig:
-    """What a training run depends on."""
-
-    env: str = "turtlebot_gym/TurtleBotNav-v0"
-    """Environment id."""
-    algo: str = "ppo"
-    """Algorithm of Stable-Baselines3, in lower case."""
-    seed: int = 0
-    """Of the network, and what the environments' seeds follow from."""
-    robot: str | Robot = "burger"
-    """Robot preset, or a robot."""
-    noise: str = "tutorial"
-    """Noise preset."""
-    filter: str = "matched"
-    """Filter preset."""
-    observation: str = "ekf"
-    """What the policy sees: ekf, odometry or truth."""
-    arrival: str = "truth"
-    """Who says that the robot has arrived: truth or belief."""
-    delay: int = 0
-    """Steps by which commands come late."""
-    fix: str | None = None
-    """What measures the pose from outside; None for nothing."""
-    world: str | None = None
-    """In rooms: the world; None for the environment's own."""
-    lidar: str | None = None
-    """In rooms: the LiDAR; None for the environment's own."""
-    randomize: bool = False
-    """Whether noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment, see
-    `randomization`; ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
-    speed_error: float = SPEED_ERROR
-    """With ``randomize``: greatest error of the executed speed, as a share of it."""
-    steps: int | None = None
-    """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
-    config: Path | None = None
-    """Hyper-parameters, YAML; those that come with the package where it is not given."""
-    evaluations: int = 8
-    """How often the policy is evaluated on the way."""
-    episodes: int = 500
-    """Episodes of each evaluation."""
-    checkpoint_seconds: float = 5.0
-    """Least time between two checkpoints, s."""
-    threads: int = 1
-    """Torch's threads: small networks gain nothing from more."""
-
-    def __post_init__(self) -> None:
-        for name in ("steps", "evaluations", "episodes", "threads"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} must be positive, got {value!r}.")
-        if not 0.0 <= self.speed_error < 1.0:
-            raise ValueError(f"speed_error must be at least 0 and less than 1, got {self.speed_error!r}.")
-        if not 0 <= self.seed < 2**20:
-            raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
-
-    def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
-        """Return environments; randomized ones differ from each other."""
-        names = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
-        envs = gym.make_vec(
-            self.env,
-            num_envs=num_envs,
-            vectorization_mode="vector_entry_point",
-            autoreset_mode=AutoresetMode.SAME_STEP,
-            **{name: value for name in names if (value := getattr(self, name)) is not None},
-        )
-        if randomize:
-            bare: Any = envs.unwrapped
-            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed, speed_error=self.speed_error))
-        return envs
-
-
-_FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "threads")
-"""Fields of the configuration that may be others when a run is resumed; what is in the file ``config`` may not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +83,8 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
     hyper = hyperparameters.load(config.algo, config.env, config.config)
     total = config.steps or hyper["n_timesteps"]
     checkpoint = folder / "checkpoint.zip"
-    record = {"config": plain(asdict(config)), "hyperparameters": hyper, **provenance()}
+    device = choose_device(config.device, choose("algo", config.algo, ALGORITHMS))
+    record = {"config": plain(asdict(config)), "hyperparameters": hyper, "device": device, **provenance()}
     if checkpoint.exists():
         if not resume:
             raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
@@ -177,7 +104,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
     callbacks = [judge, CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), *([bar] if progress else [])]
     try:
         # A finished run has nothing to learn, but the callbacks find its best model again.
-        learn(model, total, callbacks)
+        learn(model, total, callbacks, threads=config.threads)
     finally:
         bar.stop()
     seconds = round(time.perf_counter() - start, 1)
@@ -224,16 +151,19 @@ def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv
     algorithm = choose("algo", config.algo, ALGORITHMS)
     keywords = hyperparameters.arguments(dict(hyper), algorithm)
     bearing = make_policy("bearing", robot=_parameters(envs).robot, dt=_parameters(envs).dt)
-    mean, std = normalization.measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
+    with limited(config.threads):
+        mean, std = normalization.measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
     keywords["policy_kwargs"] |= {
         "features_extractor_class": normalization.NormalizedObservation,
         "features_extractor_kwargs": {"mean": mean, "std": std},
     }
+    if algorithm is stable_baselines3.PPO:
+        keywords["policy_kwargs"] = {"optimizer_class": Adam, "optimizer_kwargs": {"eps": EPS}} | keywords["policy_kwargs"]
     model = algorithm(
         hyper["policy"],
         Sb3VecEnv(envs),
         seed=config.seed,
-        device="cpu",
+        device=choose_device(config.device, algorithm),
         tensorboard_log=None if tensorboard is None else str(tensorboard),
         **keywords,
     )
@@ -248,7 +178,8 @@ def load_checkpoint(config: TrainingConfig, checkpoint: Path, envs: VectorEnv) -
         checkpoint: The file.
         envs: Where it goes on.
     """
-    model = choose("algo", config.algo, ALGORITHMS).load(checkpoint, env=Sb3VecEnv(envs), device="cpu")
+    algorithm = choose("algo", config.algo, ALGORITHMS)
+    model = algorithm.load(checkpoint, env=Sb3VecEnv(envs), device=choose_device(config.device, algorithm))
     if isinstance(model, OffPolicyAlgorithm):
         model.load_replay_buffer(replay_path(checkpoint))
     return _set_up(model, config)
@@ -263,9 +194,17 @@ def _set_up(model: BaseAlgorithm, config: TrainingConfig) -> BaseAlgorithm:
     return model
 
 
-def learn(model: BaseAlgorithm, total: int, callbacks: list[Any]) -> None:
-    """Train a model until it has made so many steps, those that it has made already included."""
-    model.learn(max(0, total - model.num_timesteps), callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
+def learn(model: BaseAlgorithm, total: int, callbacks: list[Any], *, threads: int = 1) -> None:
+    """Train a model until it has made so many steps, those that it has made already included.
+
+    Args:
+        model: What learns.
+        total: Steps.
+        callbacks: Called on the way.
+        threads: Of the compiled loop.
+    """
+    with limited(threads):
+        model.learn(max(0, total - model.num_timesteps), callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
 
 
 def _parameters(envs: VectorEnv) -> Parameters:
@@ -278,7 +217,7 @@ def _require_same(old: Mapping[str, Any], new: Mapping[str, Any], folder: Path) 
     """Raise ValueError if a folder's run is of another configuration."""
     for part in ("config", "hyperparameters"):
         keys = set(old[part]) | set(new[part])
-        for key in sorted(keys - set(_FREE_TO_CHANGE)):
+        for key in sorted(keys - set(FREE_TO_CHANGE)):
             before, now = old[part].get(key), new[part].get(key)
             if before != now:
                 raise ValueError(f"{folder} holds a run with {key} {before!r}: it cannot be resumed with {now!r}.")

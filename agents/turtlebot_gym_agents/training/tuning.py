@@ -94,6 +94,7 @@ def tune(
         pruner=optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=1),
     )
     about = plain({"config": asdict(config), "hyperparameters": base})
+    del about["config"]["device"]  # a study goes on on any
     if study.user_attrs.get("about", about) != about:
         raise ValueError(f"{folder} holds a study of another configuration: choose another folder.")
     if not study.trials:
@@ -161,7 +162,7 @@ def _run(trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]) -> 
     envs, judges = config.make(hyper["n_envs"], randomize=config.randomize), config.make(config.episodes)
     judge = EvaluationCallback(judges, every=max(1, total // config.evaluations), go_on=go_on)
     try:
-        learn(make_model(config, hyper, envs, tensorboard=None), total, [judge])
+        learn(make_model(config, hyper, envs, tensorboard=None), total, [judge], threads=config.threads)
     finally:
         envs.close()
         judges.close()

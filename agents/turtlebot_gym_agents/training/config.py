@@ -1,0 +1,95 @@
+"""What a training run depends on; apart from the training, so that it is checked before torch is imported."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from turtlebot_gym import Robot
+from turtlebot_gym.validation import choose
+from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
+
+DEVICES = ("cpu", "cuda", "auto")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """What a training run depends on."""
+
+    env: str = "turtlebot_gym/TurtleBotNav-v0"
+    """Environment id."""
+    algo: str = "ppo"
+    """Algorithm of Stable-Baselines3, in lower case."""
+    seed: int = 0
+    """Of the network, and what the environments' seeds follow from."""
+    robot: str | Robot = "burger"
+    """Robot preset, or a robot."""
+    noise: str = "tutorial"
+    """Noise preset."""
+    filter: str = "matched"
+    """Filter preset."""
+    observation: str = "ekf"
+    """What the policy sees: ekf, odometry or truth."""
+    arrival: str = "truth"
+    """Who says that the robot has arrived: truth or belief."""
+    delay: int = 0
+    """Steps by which commands come late."""
+    fix: str | None = None
+    """What measures the pose from outside; None for nothing."""
+    world: str | None = None
+    """In rooms: the world; None for the environment's own."""
+    lidar: str | None = None
+    """In rooms: the LiDAR; None for the environment's own."""
+    randomize: bool = False
+    """Whether noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment, see
+    `randomization`; ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
+    speed_error: float = SPEED_ERROR
+    """With ``randomize``: greatest error of the executed speed, as a share of it."""
+    steps: int | None = None
+    """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
+    config: Path | None = None
+    """Hyper-parameters, YAML; those that come with the package where it is not given."""
+    evaluations: int = 8
+    """How often the policy is evaluated on the way."""
+    episodes: int = 500
+    """Episodes of each evaluation."""
+    checkpoint_seconds: float = 5.0
+    """Least time between two checkpoints, s."""
+    device: str = "cpu"
+    """Where the network learns: cpu, cuda or auto, see `devices.choose_device`."""
+    threads: int = 1
+    """Torch's threads, and those of the compiled loop: small networks gain nothing from more."""
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "evaluations", "episodes", "threads"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ValueError(f"{name} must be positive, got {value!r}.")
+        choose("device", self.device, dict.fromkeys(DEVICES))
+        if not 0.0 <= self.speed_error < 1.0:
+            raise ValueError(f"speed_error must be at least 0 and less than 1, got {self.speed_error!r}.")
+        if not 0 <= self.seed < 2**20:
+            raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
+
+    def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
+        """Return environments; randomized ones differ from each other."""
+        names = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
+        envs = gym.make_vec(
+            self.env,
+            num_envs=num_envs,
+            vectorization_mode="vector_entry_point",
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            **{name: value for name in names if (value := getattr(self, name)) is not None},
+        )
+        if randomize:
+            bare: Any = envs.unwrapped
+            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed, speed_error=self.speed_error))
+        return envs
+
+
+FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
+"""Fields of the configuration that may be others when a run is resumed; what is in the file ``config`` may not."""

@@ -1,0 +1,30 @@
+"""torch's Adam without what takes a second to import."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import torch
+
+EPS = 1e-5
+"""What Stable-Baselines3's on-policy algorithms give Adam by default: larger than torch's, against NaN."""
+
+
+class Adam(torch.optim.Adam):
+    """torch's Adam, to the bit.
+
+    torch's optimizers import ``torch._dynamo``, and with it sympy and more, to hide themselves from ``torch.compile``. Here
+    their methods are called without that: a training step with this one is not to be compiled.
+    """
+
+    state_dict = inspect.unwrap(torch.optim.Adam.state_dict)
+    load_state_dict = inspect.unwrap(torch.optim.Adam.load_state_dict)
+    add_param_group = inspect.unwrap(torch.optim.Adam.add_param_group)
+    zero_grad = inspect.unwrap(torch.optim.Adam.zero_grad)
+    _step: Any = inspect.unwrap(torch.optim.Adam.step)
+
+    def step(self, closure: Any = None) -> Any:
+        """Make a step, see `torch.optim.Adam.step`."""
+        with torch.no_grad():
+            return self._step(closure)

@@ -1,0 +1,71 @@
+"""What the command line imports: little for its help, torch only to train."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = (
+    "torch",
+    "stable_baselines3",
+    "numba",
+    "scipy",
+    "matplotlib",
+    "rich",
+    "yaml",
+    "onnx",
+    "onnxruntime",
+    "optuna",
+    "mujoco",
+)
+
+
+def loaded(script, heavy=HEAVY):
+    """Return which heavy modules a script leaves in memory, in a Python of its own."""
+    script += f"\nimport json, sys\nprint(json.dumps([name for name in {heavy} if name in sys.modules]))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["train", "--help"], ["evaluate", "--help"], ["calibrate", "--help"]], ids=str
+)
+def test_help_imports_nothing_heavy(arguments):
+    script = f"""
+from turtlebot_gym_agents.__main__ import main
+try:
+    main({arguments})
+except SystemExit:
+    pass
+"""
+    assert loaded(script) == []
+
+
+def test_a_training_is_configured_without_torch():
+    found = loaded("from turtlebot_gym_agents.training.config import TrainingConfig; TrainingConfig()")
+    assert not {"torch", "stable_baselines3", "matplotlib", "onnxruntime", "optuna"} & set(found)
+
+
+def test_the_names_of_the_agents_package_are_found():
+    import turtlebot_gym_agents
+    from turtlebot_gym_agents import make_policy, policies
+
+    assert make_policy is policies.make_policy
+    assert all(hasattr(turtlebot_gym_agents, name) for name in turtlebot_gym_agents.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        turtlebot_gym_agents.Nothing  # noqa: B018
+
+
+def test_training_imports_neither_torchs_exporter_nor_its_compiler(tmp_path):
+    script = f"""
+from pathlib import Path
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import train
+train(TrainingConfig(steps=1, episodes=4, evaluations=1), Path({str(tmp_path / "run")!r}), progress=False)
+"""
+    assert loaded(script, ("torch._dynamo", "sympy", "onnxscript", "matplotlib", "optuna", "onnx")) == ["onnx"]
+    assert (tmp_path / "run" / "policy.onnx").is_file()

@@ -1,0 +1,43 @@
+"""Our Adam is torch's, to the bit."""
+
+from __future__ import annotations
+
+import torch
+
+from turtlebot_gym_agents.training.optimizer import Adam
+
+
+def trained(kind, *, again=None):
+    """Return a network's weights after some steps; with ``again``, through a saved state in the middle."""
+    torch.manual_seed(0)
+    network = torch.nn.Sequential(torch.nn.Linear(13, 64), torch.nn.ReLU(), torch.nn.Linear(64, 2))
+    optimizer = kind(network.parameters(), lr=1e-3, eps=1e-5)
+    for step in range(30):
+        if again and step == 15:
+            state, optimizer = optimizer.state_dict(), again(network.parameters(), lr=7.0)
+            optimizer.load_state_dict(state)
+        optimizer.zero_grad()
+        network(torch.randn(32, 13)).square().sum().backward()
+        optimizer.step()
+    return torch.cat([weight.detach().flatten() for weight in network.parameters()])
+
+
+def test_its_steps_are_torchs():
+    expected = trained(torch.optim.Adam)
+    assert torch.equal(trained(Adam), expected)
+    assert not torch.equal(expected, trained(torch.optim.AdamW))  # the comparison can fail
+
+
+def test_its_state_is_torchs():
+    expected = trained(torch.optim.Adam)
+    for first, then in ((Adam, torch.optim.Adam), (torch.optim.Adam, Adam), (Adam, Adam)):
+        assert torch.equal(trained(first, again=then), expected)
+
+
+def test_gradients_are_as_they_were_after_a_step():
+    weight = torch.nn.Parameter(torch.ones(3))
+    optimizer = Adam([weight])
+    weight.sum().backward()
+    optimizer.step()
+    assert torch.is_grad_enabled()
+    assert weight.requires_grad
