@@ -16,11 +16,12 @@ import numpy as np
 
 from turtlebot_gym.compiled.cache import bind, compiled, fingerprint
 from turtlebot_gym.compiled.packing import TILE, Packing, as_tuple, packing
-from turtlebot_gym.kernel import HAS_NUMBA, kernel
+from turtlebot_gym.kernel import HAS_NUMBA, kernel, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System, step_of
 from turtlebot_gym.systems.episode import start_outcome
+from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
 
 if HAS_NUMBA:
@@ -60,14 +61,16 @@ class Loops(NamedTuple):
 
 
 @cache
-def layout_of(system: System) -> Layout:
+def layout_of(system: System, special: Special = GENERAL) -> Layout:
     """Return how a system's values lie in a tile, from an example of each."""
     begin, transition, observe, *_ = step_of(system)
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
     start, _ = system.lay_out(1, p, scene)
     world, outcome = transition(begin(start, 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
-    parameters, a_world, an_outcome, observation = map(packing, (p, world, outcome, observe(world, p)))
+    parameters = packing(p, known=dict(special.parameters))
+    a_world = packing(world, known=dict(special.world), same=dict(special.same))
+    an_outcome, observation = packing(outcome), packing(observe(world, p))
     at_outcome = a_world.size * TILE
     at_observation = at_outcome + an_outcome.size * TILE
     at_action = at_observation + observation.size * TILE
@@ -130,56 +133,66 @@ def _look_tile_of(system: System) -> Callable[..., None]:
     return look_tile
 
 
-def _step_tile_of(system: System) -> Callable[..., None]:
+def _do_nothing() -> None:
+    """Stand for `prefer_wide` in plain Python."""
+
+
+def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
     """Return the kernel that advances a tile of environments."""
     _, _, observe, advance, retarget, _ = step_of(system)
     look_tile, seen = _look_tile_of(system), system.surroundings.seen if system.surroundings else 0
-    parameters, world, outcome, observation, at_outcome, at_observation, at_action, _ = layout_of(system)
+    parameters, world, outcome, observation, at_outcome, at_observation, at_action, _ = layout_of(system, special)
     load_parameters, load_world, load_outcome = parameters.load, world.load, outcome.load
     store_world, store_outcome, store_observation = world.store, outcome.store, observation.store
     n_outcome, n_observation = outcome.size, observation.size
     at_reached = at_outcome + outcome.names.index("reached") * TILE
+    widen = prefer_wide if HAS_NUMBA and system.compiled else _do_nothing
+    own = 1 if special == GENERAL else 0  # of a special case all share the parameters in a tile's first lane
 
     @kernel
     def step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile, which begins with environment ``first``."""
+        widen()
+        asked = actions[first : first + count]
         for lane in range(count):
-            tile[at_action + lane] = actions[first + lane, 0]
-            tile[at_action + TILE + lane] = actions[first + lane, 1]
+            tile[at_action + lane] = asked[lane, 0]
+            tile[at_action + TILE + lane] = asked[lane, 1]
         for lane in range(count):
-            p = load_parameters(row, lane)
+            p = load_parameters(row, own * lane)
             command = command_of(tile[at_action + lane], tile[at_action + TILE + lane], p.robot)
             world, outcome = advance(load_world(tile, lane), command, int(keys[lane]), waypoints.shape[1], p)
             store_world(tile, lane, world)
             store_outcome(tile, at_outcome + lane, outcome)
         for lane in range(count):
             if tile[at_reached + lane] != 0.0:
-                p = load_parameters(row, lane)
+                p = load_parameters(row, own * lane)
                 world, outcome = load_world(tile, lane), load_outcome(tile, at_outcome + lane)
                 world, outcome = retarget(world, outcome, waypoints[first + lane], p)
                 store_world(tile, lane, world)
                 store_outcome(tile, at_outcome + lane, outcome)
         look_tile(first, count, tile, keys, row, observations, scenes)
         for lane in range(count):
-            p = load_parameters(row, lane)
+            p = load_parameters(row, own * lane)
             store_observation(tile, at_observation + lane, observe(load_world(tile, lane), p))
+        shown = observations[first : first + count]
         for lane in range(count):
             for k in range(n_observation):
-                observations[first + lane, k if k < n_observation - 1 else k + seen] = tile[at_observation + k * TILE + lane]
+                shown[lane, k if k < n_observation - 1 else k + seen] = tile[at_observation + k * TILE + lane]
         for k in range(n_outcome):
+            told = outcomes[k][first : first + count]
             for lane in range(count):
-                outcomes[k, first + lane] = tile[at_outcome + k * TILE + lane]
+                told[lane] = tile[at_outcome + k * TILE + lane]
 
     return step_tile
 
 
-def _reset_lane_of(system: System) -> Callable[..., None]:
+def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
     """Return the kernel that begins an episode of one environment."""
     begin, _, observe, *_ = step_of(system)
     lay_out, around = system.lay_out, system.surroundings
     scene_at, seen = (around.at, around.seen) if around else (_no_scene, 0)
     show_ranges = _show_ranges_of(system)
-    parameters, world, outcome, observation, at_outcome, at_observation, *_ = layout_of(system)
+    parameters, world, outcome, observation, at_outcome, at_observation, *_ = layout_of(system, special)
     load_parameters, store_world = parameters.load, world.store
     store_outcome, store_observation = outcome.store, observation.store
     n_outcome, n_observation = outcome.size, observation.size
@@ -248,11 +261,11 @@ def _loop(
 
 
 @cache
-def loops_of(system: System) -> Loops:
-    """Return the compiled loops of a system; processes share them by numba's cache."""
-    step_tile, reset_lane = _step_tile_of(system), _reset_lane_of(system)
+def loops_of(system: System, special: Special = GENERAL) -> Loops:
+    """Return the compiled loops of a system, for all parameters or a special case; processes share them by numba's cache."""
+    step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     return Loops(
-        layout_of(system),
+        layout_of(system, special),
         _loop(_step_rows, step_tile, system=system, parallel=False),
         _loop(_step_rows, step_tile, system=system, parallel=True),
         _loop(_reset_rows, reset_lane, system=system, parallel=False),
