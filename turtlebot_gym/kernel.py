@@ -55,8 +55,15 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
-def prefer_wide() -> None:
-    """Ask the compiler for its widest vectors in the loops of the function that calls this; only for compiled ones."""
+prefer_wide: Any = None
+"""``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
+compiled_scratch: Any = None
+"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it returns."""
+
+
+def scratch(size: int) -> Any:
+    """Return room for ``size`` numbers; see `compiled_scratch`."""
+    return [0.0] * size
 
 
 def borrowed(array: Any) -> Any:
@@ -70,6 +77,8 @@ def borrowed(array: Any) -> Any:
 if extending is not None:
     from llvmlite import ir
     from numba import float64, int64, types
+    from numba.core import cgutils, errors
+    from numba.np import arrayobj
 
     def _emit_sqrt(typing_context, x):
         def emit(context, builder, signature, arguments):
@@ -121,6 +130,25 @@ if extending is not None:
     @_overload(split, jit_options={"forceinline": True})
     def _split(x):
         return lambda x: _split_bits(x)
+
+    def _emit_scratch(typing_context, size):
+        if not isinstance(size, types.Literal):
+            raise errors.RequireLiteralValue(size)
+        count = size.literal_value
+
+        def emit(context, builder, signature, arguments):
+            with builder.goto_entry_block():
+                room = builder.alloca(ir.DoubleType(), ir.Constant(ir.IntType(64), count))
+                room.align = 64
+            array = context.make_array(signature.return_type)(context, builder)
+            shape = cgutils.pack_array(builder, [context.get_constant(types.intp, count)])
+            strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)])
+            arrayobj.populate_array(array, room, shape, strides, context.get_constant(types.intp, 8), None)
+            return array._getvalue()
+
+        return types.Array(float64, 1, "C")(size), emit  # an overload's frame would end before its caller's
+
+    compiled_scratch = _intrinsic(_emit_scratch)
 
     def _emit_wide(typing_context):
         def emit(context, builder, signature, arguments):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from sys import getrefcount
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,9 @@ from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 8 * TILE
 """Batches below this run on one thread: sharing them out would cost more than it saves."""
+
+_UNHELD = 3
+"""References to an array that only the batch holds, as seen in `Batch.empty`: of a tuple, a name and an argument."""
 
 
 class Batch:
@@ -50,12 +54,13 @@ class Batch:
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((n_tiles, TILE), np.int64)
-        self._tiles = np.zeros((n_tiles, layout.size))
+        self._tiles = np.zeros((n_tiles, layout.world.size * TILE))
         self._parallel = num_envs >= PARALLEL_FROM
         self._around, self._plan = self.system.surroundings, plan
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
-        self._first = self._tiles[0, : layout.at_outcome : TILE]
+        self._first = self._tiles[0, ::TILE]
+        self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
         self.set_parameters(parameters)
 
@@ -93,7 +98,7 @@ class Batch:
             special = special_of(self.system, numbers, self.waypoints.shape[1])
         if special == self._special:
             return
-        numbers_at = self._tiles[:, : self.layout.at_outcome].reshape(len(self._tiles), -1, TILE)
+        numbers_at = self._tiles.reshape(len(self._tiles), -1, TILE)
         if self._special is None:
             for path, value in special.world:
                 numbers_at[:, self.layout.world.names.index(path)] = value
@@ -130,29 +135,43 @@ class Batch:
             observations: Shape (N, K); rows outside the mask are left as they are.
             outcomes: Shape (6, N); likewise.
         """
+        self._visit(mask, True, observations, outcomes)
+
+    def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return observations of where the environments are, and outcomes as of a reset, in the shapes of `step`."""
+        observations, outcomes = self.empty()
+        self._visit(np.ones(self.num_envs, np.bool_), False, observations, outcomes)
+        return observations, outcomes
+
+    def _visit(
+        self,
+        mask: NDArray[np.bool_],
+        begins: bool,
+        observations: NDArray[np.float32],
+        outcomes: NDArray[np.float64],
+    ) -> None:
+        """Write what there is to see in some environments, after their episodes' begin if it is to be."""
         state = self._tiles, self._keys, self._parameters, self.waypoints
         parallel = self._around is not None and self._parallel and Threads.acquire()
         loop = self._loops.reset_parallel if parallel else self._loops.reset
         try:
-            loop(mask, self.seeds, self.episodes, *state, observations, outcomes, self.scenes)
+            loop(mask, begins, self.seeds, self.episodes, *state, observations, outcomes, self.scenes)
         finally:
             if parallel:
                 Threads.lock.release()
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return uninitialized observations and outcomes, in the shapes of `step`."""
-        observations, outcomes = self._shapes
-        return np.empty(observations, np.float32), np.empty(outcomes)
+        """Return uninitialized observations and outcomes, in the shapes of `step`: new ones, or such as nobody holds any more.
 
-    def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return fresh observations and outcomes of the last step or reset, in the shapes of `step`."""
-        n, first = self.layout.outcome.size, self.layout.world.size
-        rows = self._rows(range(first, first + n + self.layout.observation.size))
-        outcomes, observations = np.ascontiguousarray(rows[:, :n].T), rows[:, n:].astype(np.float32)
-        if self._around:
-            parts = observations[:, :-1], self._around.ranges(self.scenes), observations[:, -1:]
-            observations = np.concatenate(parts, axis=1)
-        return observations, outcomes
+        The memory of large arrays goes back to the system with them, and a step would spend a third of its time on asking for it.
+        """
+        for observations, outcomes in self._given:
+            if getrefcount(observations) == _UNHELD and getrefcount(outcomes) == _UNHELD:
+                return observations, outcomes
+        shape, told = self._shapes
+        fresh = np.empty(shape, np.float32), np.empty(told)
+        self._given = [*self._given[-1:], fresh]
+        return fresh
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
