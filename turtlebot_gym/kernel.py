@@ -26,6 +26,14 @@ def kernel(function: F) -> F:
     return function if extending is None else extending.register_jitable(forceinline=True)(function)
 
 
+def algebra(function: F) -> F:
+    """Make a `kernel` whose numbers are finite and in which the sign of a zero means nothing.
+
+    Compiled, a product with a zero that is known beforehand is then no work. No other result changes by a bit.
+    """
+    return function if extending is None else extending.register_jitable(forceinline=True, fastmath={"nnan", "nsz"})(function)
+
+
 def sqrt(x: float) -> float:
     """Return the square root of ``x >= 0``, correctly rounded."""
     return math.sqrt(x)
@@ -41,6 +49,23 @@ def plus(a: int, b: int) -> int:
     return (a + b) & 0xFFFFFFFFFFFFFFFF
 
 
+def split(x: float) -> tuple[float, float]:
+    """Return the significand, in [0.5, 1), and the exponent of a normal number x > 0: ``x = significand * 2^exponent``."""
+    significand, exponent = math.frexp(x)
+    return significand, float(exponent)
+
+
+prefer_wide: Any = None
+"""``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
+compiled_scratch: Any = None
+"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it returns."""
+
+
+def scratch(size: int) -> Any:
+    """Return room for ``size`` numbers; see `compiled_scratch`."""
+    return [0.0] * size
+
+
 def borrowed(array: Any) -> Any:
     """Return an array whose uses a compiled loop does not count; its owner must outlive the loop.
 
@@ -50,7 +75,10 @@ def borrowed(array: Any) -> Any:
 
 
 if extending is not None:
-    from numba import float64, int64
+    from llvmlite import ir
+    from numba import float64, int64, types
+    from numba.core import cgutils, errors
+    from numba.np import arrayobj
 
     def _emit_sqrt(typing_context, x):
         def emit(context, builder, signature, arguments):
@@ -86,6 +114,50 @@ if extending is not None:
     @_overload(plus, jit_options={"forceinline": True})
     def _plus(a, b):
         return lambda a, b: _add(int64(a), int64(b))
+
+    def _emit_split(typing_context, x):
+        def emit(context, builder, signature, arguments):
+            bits = builder.bitcast(arguments[0], ir.IntType(64))
+            exponent = builder.sub(builder.lshr(bits, bits.type(52)), bits.type(1022))
+            half = builder.or_(builder.and_(bits, bits.type(0x000FFFFFFFFFFFFF)), bits.type(0x3FE0000000000000))
+            parts = builder.bitcast(half, ir.DoubleType()), builder.sitofp(exponent, ir.DoubleType())
+            return context.make_tuple(builder, signature.return_type, parts)
+
+        return types.UniTuple(float64, 2)(float64), emit
+
+    _split_bits = _intrinsic(_emit_split)
+
+    @_overload(split, jit_options={"forceinline": True})
+    def _split(x):
+        return lambda x: _split_bits(x)
+
+    def _emit_scratch(typing_context, size):
+        if not isinstance(size, types.Literal):
+            raise errors.RequireLiteralValue(size)
+        count = size.literal_value
+
+        def emit(context, builder, signature, arguments):
+            with builder.goto_entry_block():
+                room = builder.alloca(ir.DoubleType(), ir.Constant(ir.IntType(64), count))
+                room.align = 64
+            array = context.make_array(signature.return_type)(context, builder)
+            shape = cgutils.pack_array(builder, [context.get_constant(types.intp, count)])
+            strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)])
+            arrayobj.populate_array(array, room, shape, strides, context.get_constant(types.intp, 8), None)
+            return array._getvalue()
+
+        return types.Array(float64, 1, "C")(size), emit  # an overload's frame would end before its caller's
+
+    compiled_scratch = _intrinsic(_emit_scratch)
+
+    def _emit_wide(typing_context):
+        def emit(context, builder, signature, arguments):
+            set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite knows no such attributes
+            return context.get_dummy_value()
+
+        return types.void(), emit
+
+    prefer_wide = _intrinsic(_emit_wide)
 
     def _emit_borrowed(typing_context, array):
         def emit(context, builder, signature, arguments):

@@ -84,12 +84,31 @@ def test_what_is_read_is_a_copy(num_envs):
     assert [batch.world(i) for i in range(num_envs)] == before
 
 
-def test_what_the_last_step_returned_can_be_had_again():
-    batch = started(TILE + 3, make_parameters(SQUARE))
+@pytest.mark.parametrize("task", [SQUARE, turtlebot_gym.NAV])
+def test_what_the_last_step_returned_can_be_had_again(task):
+    batch = started(TILE + 3, make_parameters(task))
     observations, outcomes = batch.step(np.full((TILE + 3, 2), 0.5, np.float32))
-    for again, first in zip(batch.last(), (observations, outcomes), strict=True):
-        np.testing.assert_array_equal(again, first)
-        assert again.dtype == first.dtype
+    worlds = [batch.world(i) for i in range(TILE + 3)]
+    again, told = batch.last()
+    assert again.tobytes() == observations.tobytes()
+    np.testing.assert_array_equal(told[1], outcomes[1])  # the distance; reward and end were the step's
+    assert not told[[0, 2, 3, 4, 5]].any()
+    assert [batch.world(i) for i in range(TILE + 3)] == worlds
+
+
+@pytest.mark.parametrize("num_envs", [3, 2 * PARALLEL_FROM])
+def test_no_array_is_written_again_while_somebody_holds_it_or_a_part_of_it(num_envs):
+    batch = started(num_envs, make_parameters(SQUARE))
+    actions, held, copies, places = np.full((num_envs, 2), 0.5, np.float32), [], [], set()
+    for step in range(12):
+        observations, outcomes = batch.step(actions)
+        places.add(observations.ctypes.data)
+        if step < 6:  # a view keeps the whole, and so does one array of the two
+            held += [observations[1:] if step % 2 else outcomes[2]]
+            copies += [held[-1].copy()]
+        del observations, outcomes
+    assert all((one == other).all() for one, other in zip(held, copies, strict=True))
+    assert len(places) < 12, "no array was used again"
 
 
 def test_a_reset_leaves_the_rows_outside_its_mask():

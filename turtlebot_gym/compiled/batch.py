@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from sys import getrefcount
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.loop import loops_of
+from turtlebot_gym.compiled.loop import layout_of, loops_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
 from turtlebot_gym.compiled.threads import Threads
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems import Parameters, Surroundings, System, World, system_of
+from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 64 * TILE
 """Batches below this run on one thread: sharing out a quarter of a millisecond would cost more than it saves."""
 ROOMS_PARALLEL_FROM = 8 * TILE
 """The same in rooms, where a step takes about ten times as long."""
+
+_UNHELD = 3
+"""References to an array that only the batch holds, as seen in `Batch.empty`: of a tuple, a name and an argument."""
 
 
 class Batch:
@@ -45,19 +50,20 @@ class Batch:
         first = parameters if isinstance(parameters, Parameters) else parameters[0]
         self.system = system or system_of(first)
         self._by_parameters = system is None
-        self._loops = loops_of(self.system)
-        self.layout = layout = self._loops.layout
+        self.layout = layout = layout_of(self.system)
         self.num_envs = num_envs
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((n_tiles, TILE), np.int64)
-        self._tiles = np.zeros((n_tiles, layout.size))
+        self._tiles = np.zeros((n_tiles, layout.world.size * TILE))
         self._around, self._plan = self.system.surroundings, plan
         self._parallel = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
-        self._first = self._tiles[0, : layout.at_outcome : TILE]
+        self._first = self._tiles[0, ::TILE]
+        self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
+        self._special: Special | None = None
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
@@ -66,7 +72,8 @@ class Batch:
         Rooms of other sizes are drawn anew at the next reset, before which there is none to be driven in.
         """
         same = isinstance(parameters, Parameters)
-        rows = [parameters] * TILE if same else list(parameters)
+        rows = [parameters] if same else list(parameters)
+        first = rows[0]
         if self._by_parameters and any(system_of(row) != self.system for row in rows):
             raise ValueError(
                 "parameters must be for one system: the kind of filter must be the same in all, and so must the plant; "
@@ -75,16 +82,31 @@ class Batch:
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
+        self._choose_loops(first if same else None)
         if self._around:
             self._make_room_for(
                 self._around, [parameters] * self.num_envs if isinstance(parameters, Parameters) else parameters
             )
-        rows += rows[-1:] * (-len(rows) % TILE)
-        table = np.array([list(flatten(as_tuple(row))) for row in (rows[:1] if same else rows)], np.float64)
-        if same:
-            table = np.repeat(table, TILE, axis=0)
+        table = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
+        table = np.repeat(table, TILE if same else np.r_[[1] * (len(rows) - 1), 1 + -len(rows) % TILE], axis=0)
         tiles = table.reshape(-1, TILE, self.layout.parameters.size).transpose(0, 2, 1)
         self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
+
+    def _choose_loops(self, shared: Parameters | None) -> None:
+        """Use the loops of the special case that parameters belong to, if all share them and it was so from the start."""
+        special = GENERAL
+        if shared is not None and self._by_parameters and self._special != GENERAL:
+            numbers = dict(zip(self.layout.parameters.names, flatten(as_tuple(shared)), strict=True))
+            special = special_of(self.system, numbers, self.waypoints.shape[1])
+        if special == self._special:
+            return
+        numbers_at = self._tiles.reshape(len(self._tiles), -1, TILE)
+        if self._special is None:
+            for path, value in special.world:
+                numbers_at[:, self.layout.world.names.index(path)] = value
+        else:
+            numbers_at[:] = numbers_at[:, self._loops.layout.world.places]
+        self._special, self._loops = special, loops_of(self.system, special)
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
         """Use another world from the next reset on, before which there is none to be driven in.
@@ -115,29 +137,43 @@ class Batch:
             observations: Shape (N, K); rows outside the mask are left as they are.
             outcomes: Shape (6, N); likewise.
         """
+        self._visit(mask, True, observations, outcomes)
+
+    def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return observations of where the environments are, and outcomes as of a reset, in the shapes of `step`."""
+        observations, outcomes = self.empty()
+        self._visit(np.ones(self.num_envs, np.bool_), False, observations, outcomes)
+        return observations, outcomes
+
+    def _visit(
+        self,
+        mask: NDArray[np.bool_],
+        begins: bool,
+        observations: NDArray[np.float32],
+        outcomes: NDArray[np.float64],
+    ) -> None:
+        """Write what there is to see in some environments, after their episodes' begin if it is to be."""
         state = self._tiles, self._keys, self._parameters, self.waypoints
         parallel = self._around is not None and self._parallel and Threads.acquire()
         loop = self._loops.reset_parallel if parallel else self._loops.reset
         try:
-            loop(mask, self.seeds, self.episodes, *state, observations, outcomes, self.scenes)
+            loop(mask, begins, self.seeds, self.episodes, *state, observations, outcomes, self.scenes)
         finally:
             if parallel:
                 Threads.release()
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return uninitialized observations and outcomes, in the shapes of `step`."""
-        observations, outcomes = self._shapes
-        return np.empty(observations, np.float32), np.empty(outcomes)
+        """Return uninitialized observations and outcomes, in the shapes of `step`: new ones, or such as nobody holds any more.
 
-    def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return fresh observations and outcomes of the last step or reset, in the shapes of `step`."""
-        n = self.layout.outcome.size
-        rows = self._rows(self.layout.at_outcome, n + self.layout.observation.size)
-        outcomes, observations = np.ascontiguousarray(rows[:, :n].T), rows[:, n:].astype(np.float32)
-        if self._around:
-            parts = observations[:, :-1], self._around.ranges(self.scenes), observations[:, -1:]
-            observations = np.concatenate(parts, axis=1)
-        return observations, outcomes
+        The memory of large arrays goes back to the system with them, and a step would spend a third of its time on asking for it.
+        """
+        for observations, outcomes in self._given:
+            if getrefcount(observations) == _UNHELD and getrefcount(outcomes) == _UNHELD:
+                return observations, outcomes
+        shape, told = self._shapes
+        fresh = np.empty(shape, np.float32), np.empty(told)
+        self._given = [*self._given[-1:], fresh]
+        return fresh
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
@@ -162,20 +198,20 @@ class Batch:
 
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of a part of all worlds, by its dotted path, such as "body.true_state"; (N, k), of a number (N,)."""
-        if path in self.layout.world.names:
-            return self._rows(self.layout.world.names.index(path) * TILE, 1)[:, 0]
-        part = self.layout.world.slices[path]
-        return self._rows(part.start * TILE, part.stop - part.start)
+        world = self._loops.layout.world
+        if path in world.names:
+            return self._rows([world.places[world.names.index(path)]])[:, 0]
+        return self._rows(world.places[world.slices[path]])
 
     def first_world(self) -> NDArray[np.float64]:
         """Return a copy of the first environment's world, one number after the other, as the layout has them."""
-        return self._first.copy()
+        return self._first[list(self._loops.layout.world.places)]
 
     def world(self, index: int) -> World:
         """Return one environment's world, in Python's own numbers."""
-        return self.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
+        return self._loops.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
 
-    def _rows(self, start: int, size: int) -> NDArray[np.float64]:
-        """Return ``size`` numbers of each environment, from a place in the tiles on; (N, size)."""
-        part = self._tiles[:, start : start + size * TILE].reshape(len(self._tiles), size, TILE)
-        return part.transpose(0, 2, 1).reshape(-1, size)[: self.num_envs].copy()  # of a single tile it would be a view
+    def _rows(self, places: Sequence[int]) -> NDArray[np.float64]:
+        """Return the numbers of each environment that lie in some places of the tiles; (N, number of places)."""
+        part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, places]
+        return part.transpose(0, 2, 1).reshape(-1, len(places))[: self.num_envs].copy()

@@ -16,11 +16,12 @@ import numpy as np
 
 from turtlebot_gym.compiled.cache import bind, compiled, fingerprint
 from turtlebot_gym.compiled.packing import TILE, Packing, as_tuple, packing
-from turtlebot_gym.kernel import HAS_NUMBA, kernel
+from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, kernel, prefer_wide, scratch
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System, step_of
 from turtlebot_gym.systems.episode import start_outcome
+from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
 
 if HAS_NUMBA:
@@ -30,19 +31,19 @@ else:
 
 
 class Layout(NamedTuple):
-    """How a system's values lie in a tile, one after the other: world, outcome, observation, action."""
+    """How a system's values lie in a tile, and in a thread's scratch: observation, outcome, action, one after the other."""
 
     parameters: Packing
     """In a tile of their own."""
     world: Packing
+    """The tile; nothing else is kept from step to step."""
     outcome: Packing
     observation: Packing
     at_outcome: int
-    """Where the outcome begins in a tile."""
-    at_observation: int
+    """Where the outcome begins in the scratch."""
     at_action: int
-    size: int
-    """Numbers in a tile."""
+    scratch: int
+    """Numbers in the scratch."""
 
 
 class Loops(NamedTuple):
@@ -54,25 +55,29 @@ class Loops(NamedTuple):
     step_parallel: Callable[..., None]
     """The same, on all threads."""
     reset: Callable[..., None]
-    """Begins the episodes of some environments."""
+    """Begins the episodes of some environments, or writes down again where they are."""
     reset_parallel: Callable[..., None]
     """The same, on all threads: worth it where a room is drawn for each."""
 
 
-@cache
-def layout_of(system: System) -> Layout:
+def layout_of(system: System, special: Special = GENERAL) -> Layout:
     """Return how a system's values lie in a tile, from an example of each."""
+    return _layout_of(system, special)
+
+
+@cache
+def _layout_of(system: System, special: Special) -> Layout:
     begin, transition, observe, *_ = step_of(system)
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
     start, _ = system.lay_out(1, p, scene)
     world, outcome = transition(begin(start, 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
-    parameters, a_world, an_outcome, observation = map(packing, (p, world, outcome, observe(world, p)))
-    at_outcome = a_world.size * TILE
-    at_observation = at_outcome + an_outcome.size * TILE
-    at_action = at_observation + observation.size * TILE
-    size = at_action + 2 * TILE
-    return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_observation, at_action, size)
+    parameters = packing(p, known=dict(special.parameters))
+    a_world = packing(world, known=dict(special.world), same=dict(special.same))
+    an_outcome, observation = packing(outcome), packing(observe(world, p))
+    at_outcome = observation.size * TILE
+    at_action = at_outcome + an_outcome.size * TILE
+    return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
 
 
 @kernel
@@ -102,103 +107,133 @@ def _show_ranges_of(system: System) -> Callable[..., None]:
     return show_ranges
 
 
-def _look_tile_of(system: System) -> Callable[..., None]:
-    """Return the kernel that looks round for a tile of environments, one after the other."""
+def _show_of(system: System, special: Special) -> Callable[..., None]:
+    """Return the kernel that writes an environment's observation into a scratch."""
+    observe, store_observation = system.observe, layout_of(system, special).observation.store
+
+    @kernel
+    def show(scratch, lane, world, p):
+        store_observation(scratch, lane, observe(world, p))
+
+    return show
+
+
+@kernel
+def _show_later(scratch: Any, lane: int, world: Any, p: Any) -> None:
+    """Leave it to `_look_tile_of`'s kernel, which comes after."""
+
+
+def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
+    """Return the kernel that looks round for a tile of environments, one after the other, and writes their observations."""
     around = system.surroundings
     if around is None:
 
         @kernel
-        def look_at_nothing(first, count, tile, keys, row, observations, scenes):
-            """There is nothing around."""
+        def look_at_nothing(first, count, tile, scratch, keys, row, observations, scenes):
+            """There is nothing around, and the observations are written."""
 
         return look_at_nothing
     look_round, scene_at, show_ranges = step_of(system).look_round, around.at, _show_ranges_of(system)
-    parameters, world, outcome, _, at_outcome, *_ = layout_of(system)
+    show = _show_of(system, special)
+    parameters, world, outcome, _, at_outcome, *_ = layout_of(system, special)
     load_parameters, load_world, load_outcome = parameters.load, world.load, outcome.load
     store_world, store_outcome = world.store, outcome.store
 
     @kernel
-    def look_tile(first, count, tile, keys, row, observations, scenes):
+    def look_tile(first, count, tile, scratch, keys, row, observations, scenes):
         for lane in range(count):
             p, scene = load_parameters(row, lane), scene_at(scenes, first + lane)
-            world, outcome = load_world(tile, lane), load_outcome(tile, at_outcome + lane)
+            world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
             world, outcome = look_round(world, outcome, int(keys[lane]), p, scene)
             store_world(tile, lane, world)
-            store_outcome(tile, at_outcome + lane, outcome)
+            store_outcome(scratch, at_outcome + lane, outcome)
             show_ranges(first + lane, scene, observations)
+        for lane in range(count):
+            show(scratch, lane, load_world(tile, lane), load_parameters(row, lane))
 
     return look_tile
 
 
-def _step_tile_of(system: System) -> Callable[..., None]:
+def _do_nothing() -> None:
+    """Stand for `prefer_wide` in plain Python."""
+
+
+def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
     """Return the kernel that advances a tile of environments."""
-    _, _, observe, advance, retarget, _ = step_of(system)
-    look_tile, seen = _look_tile_of(system), system.surroundings.seen if system.surroundings else 0
-    parameters, world, outcome, observation, at_outcome, at_observation, at_action, _ = layout_of(system)
+    _, _, _, advance, retarget, _ = step_of(system)
+    around, look_tile = system.surroundings, _look_tile_of(system, special)
+    show, seen = (_show_later, around.seen) if around else (_show_of(system, special), 0)
+    parameters, world, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
     load_parameters, load_world, load_outcome = parameters.load, world.load, outcome.load
-    store_world, store_outcome, store_observation = world.store, outcome.store, observation.store
+    store_world, store_outcome = world.store, outcome.store
     n_outcome, n_observation = outcome.size, observation.size
     at_reached = at_outcome + outcome.names.index("reached") * TILE
+    is_compiled = HAS_NUMBA and system.compiled
+    widen, scratch_of = (prefer_wide, compiled_scratch) if is_compiled else (_do_nothing, scratch)
+    own = 1 if special == GENERAL else 0  # in a special case all share the parameters of a tile's first lane
 
     @kernel
     def step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile, which begins with environment ``first``."""
+        widen()
+        scratch = scratch_of(size)
+        asked, shown = actions[first : first + count], observations[first : first + count]
         for lane in range(count):
-            tile[at_action + lane] = actions[first + lane, 0]
-            tile[at_action + TILE + lane] = actions[first + lane, 1]
+            scratch[at_action + lane] = asked[lane, 0]
+            scratch[at_action + TILE + lane] = asked[lane, 1]
         for lane in range(count):
-            p = load_parameters(row, lane)
-            command = command_of(tile[at_action + lane], tile[at_action + TILE + lane], p.robot)
+            p = load_parameters(row, own * lane)
+            command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
             world, outcome = advance(load_world(tile, lane), command, int(keys[lane]), waypoints.shape[1], p)
             store_world(tile, lane, world)
-            store_outcome(tile, at_outcome + lane, outcome)
+            store_outcome(scratch, at_outcome + lane, outcome)
+            show(scratch, lane, world, p)
         for lane in range(count):
-            if tile[at_reached + lane] != 0.0:
-                p = load_parameters(row, lane)
-                world, outcome = load_world(tile, lane), load_outcome(tile, at_outcome + lane)
+            if scratch[at_reached + lane] != 0.0:
+                p = load_parameters(row, own * lane)
+                world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
                 world, outcome = retarget(world, outcome, waypoints[first + lane], p)
                 store_world(tile, lane, world)
-                store_outcome(tile, at_outcome + lane, outcome)
-        look_tile(first, count, tile, keys, row, observations, scenes)
-        for lane in range(count):
-            p = load_parameters(row, lane)
-            store_observation(tile, at_observation + lane, observe(load_world(tile, lane), p))
+                store_outcome(scratch, at_outcome + lane, outcome)
+                show(scratch, lane, world, p)
+        look_tile(first, count, tile, scratch, keys, row, observations, scenes)
         for lane in range(count):
             for k in range(n_observation):
-                observations[first + lane, k if k < n_observation - 1 else k + seen] = tile[at_observation + k * TILE + lane]
+                shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]
         for k in range(n_outcome):
+            told = outcomes[k][first : first + count]
             for lane in range(count):
-                outcomes[k, first + lane] = tile[at_outcome + k * TILE + lane]
+                told[lane] = scratch[at_outcome + k * TILE + lane]
 
     return step_tile
 
 
-def _reset_lane_of(system: System) -> Callable[..., None]:
-    """Return the kernel that begins an episode of one environment."""
-    begin, _, observe, *_ = step_of(system)
-    lay_out, around = system.lay_out, system.surroundings
+def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
+    """Return the kernel that begins an episode of one environment, or tells where it is."""
+    begin, lay_out, around = step_of(system).begin, system.lay_out, system.surroundings
     scene_at, seen = (around.at, around.seen) if around else (_no_scene, 0)
-    show_ranges = _show_ranges_of(system)
-    parameters, world, outcome, observation, at_outcome, at_observation, *_ = layout_of(system)
-    load_parameters, store_world = parameters.load, world.store
-    store_outcome, store_observation = outcome.store, observation.store
+    show, show_ranges = _show_of(system, special), _show_ranges_of(system)
+    parameters, world, outcome, observation, at_outcome, _, size = layout_of(system, special)
+    load_parameters, load_world, store_world, store_outcome = parameters.load, world.load, world.store, outcome.store
     n_outcome, n_observation = outcome.size, observation.size
+    scratch_of = compiled_scratch if HAS_NUMBA and system.compiled else scratch
 
     @kernel
-    def reset_lane(environment, lane, tile, key, row, waypoints, observations, outcomes, scenes):
-        p, scene = load_parameters(row, lane), scene_at(scenes, environment)
-        start, goal = lay_out(key, p, scene)
-        if p.task.random:
-            waypoints[0, 0], waypoints[0, 1], waypoints[0, 2] = goal.x, goal.y, goal.theta
-        world = begin(start, key, waypoints, p, scene)
-        store_world(tile, lane, world)
-        store_outcome(tile, at_outcome + lane, start_outcome(world))
-        store_observation(tile, at_observation + lane, observe(world, p))
+    def reset_lane(environment, lane, begins, tile, key, row, waypoints, observations, outcomes, scenes):
+        scratch, p, scene = scratch_of(size), load_parameters(row, lane), scene_at(scenes, environment)
+        if begins:
+            start, goal = lay_out(key, p, scene)
+            if p.task.random:
+                waypoints[0, 0], waypoints[0, 1], waypoints[0, 2] = goal.x, goal.y, goal.theta
+            store_world(tile, lane, begin(start, key, waypoints, p, scene))
+        world = load_world(tile, lane)
+        store_outcome(scratch, at_outcome, start_outcome(world))
+        show(scratch, 0, world, p)
         for k in range(n_observation):
-            observations[environment, k if k < n_observation - 1 else k + seen] = tile[at_observation + k * TILE + lane]
+            observations[environment, k if k < n_observation - 1 else k + seen] = scratch[k * TILE]
         show_ranges(environment, scene, observations)
         for k in range(n_outcome):
-            outcomes[k, environment] = tile[at_outcome + k * TILE + lane]
+            outcomes[k, environment] = scratch[at_outcome + k * TILE]
 
     return reset_lane
 
@@ -222,17 +257,18 @@ def _step_rows(identity: str) -> Callable[..., None]:
 
 
 def _reset_rows(identity: str) -> Callable[..., None]:
-    def reset_rows(mask, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+    def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
         for index in prange(len(tiles)):
             at = np.int64(index)
             row = parameters[at if len(parameters) > 1 else 0]
             for environment in range(at * TILE, min((at + 1) * TILE, len(mask))):
                 if mask[environment]:
-                    lane = environment % TILE
-                    keys[at, lane] = episode_key(int(seeds[environment]), int(episodes[environment]))
+                    lane, visited = environment % TILE, waypoints[environment]
+                    if begins:
+                        keys[at, lane] = episode_key(int(seeds[environment]), int(episodes[environment]))
                     key = int(keys[at, lane])  # signed: unsigned and signed integers would meet in floats
-                    _work(environment, lane, tiles[at], key, row, waypoints[environment], observations, outcomes, scenes)
+                    _work(environment, lane, begins, tiles[at], key, row, visited, observations, outcomes, scenes)
 
     return reset_rows
 
@@ -247,12 +283,16 @@ def _loop(
     return compiled(bind(make(identity), _work=work), parallel=parallel)
 
 
+def loops_of(system: System, special: Special = GENERAL) -> Loops:
+    """Return the compiled loops of a system, for all parameters or a special case; processes share them by numba's cache."""
+    return _loops_of(system, special)
+
+
 @cache
-def loops_of(system: System) -> Loops:
-    """Return the compiled loops of a system; processes share them by numba's cache."""
-    step_tile, reset_lane = _step_tile_of(system), _reset_lane_of(system)
+def _loops_of(system: System, special: Special) -> Loops:
+    step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     return Loops(
-        layout_of(system),
+        layout_of(system, special),
         _loop(_step_rows, step_tile, system=system, parallel=False),
         _loop(_step_rows, step_tile, system=system, parallel=True),
         _loop(_reset_rows, reset_lane, system=system, parallel=False),

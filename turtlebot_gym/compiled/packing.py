@@ -8,8 +8,9 @@ proof that two arrays do not overlap.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import namedtuple
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -57,28 +58,40 @@ class Packing(NamedTuple):
     """The dotted path of each number."""
     slices: dict[str, slice]
     """Where each tuple in the value is among its numbers, by its dotted path."""
+    places: tuple[int, ...]
+    """Where each number is read: at its own place, or at that of a number that equals it."""
 
 
-def packing(example: Any) -> Packing:
+def packing(
+    example: Any, *, known: Mapping[str, float] | None = None, same: Mapping[str, str] | None = None
+) -> Packing:
     """Write the load and store functions of a value's type.
 
     Args:
         example: A (nested) NamedTuple of numbers, with the structure and the types (float, bool) of all of its kind.
+        known: Numbers that are known beforehand, by dotted path: they are neither loaded nor stored.
+        same: Numbers that equal one that comes before them, by dotted path: they are read there, and not stored.
     """
+    known, same = known or {}, same or {}
     types: dict[str, type] = {}
-    places: list[str] = []
     names: list[str] = []
+    places: list[int] = []
     writes: list[str] = []
     slices: dict[str, slice] = {}
 
     def read(value: Any, path: str) -> str:
         """Return the expression that reads a value, and note how to write it."""
         if not isinstance(value, tuple):
-            places.append(f"buffer[at + {len(places) * TILE}]")
-            names.append(path.partition(".")[2])
-            writes.append(f"    {places[-1]} = {path}")
-            return f"({places[-1]} != 0.0)" if isinstance(value, bool) else places[-1]
-        start = len(places)
+            name = path.partition(".")[2]
+            places.append(places[names.index(same[name])] if name in same else len(places))
+            names.append(name)
+            if name in known:
+                return repr(type(value)(known[name]))
+            place = f"buffer[at + {places[-1] * TILE}]"
+            if name not in same:
+                writes.append(f"    {place} = {path}")
+            return f"({place} != 0.0)" if isinstance(value, bool) else place
+        start = len(names)
         fields = getattr(value, "_fields", None)
         if fields is None:
             expression = "(" + "".join(f"{read(item, f'{path}[{at}]')}, " for at, item in enumerate(value)) + ")"
@@ -86,12 +99,12 @@ def packing(example: Any) -> Packing:
             kind = f"T{len(types)}"
             types[kind] = type(value)
             expression = f"{kind}({', '.join(read(getattr(value, name), f'{path}.{name}') for name in fields)})"
-        slices[path.partition(".")[2]] = slice(start, len(places))
+        slices[path.partition(".")[2]] = slice(start, len(names))
         return expression
 
     source = "\n".join(
         ["def load(buffer, at):", f"    return {read(example, 'value')}", "def store(buffer, at, value):", *writes]
     )
-    scope: dict[str, Any] = dict(types)
+    scope: dict[str, Any] = {**types, "inf": math.inf}
     exec(source, scope)  # made of field names only
-    return Packing(len(places), kernel(scope["load"]), kernel(scope["store"]), tuple(names), slices)
+    return Packing(len(names), kernel(scope["load"]), kernel(scope["store"]), tuple(names), slices, tuple(places))

@@ -248,13 +248,14 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         observations, outcomes = batch.step(values)
         if self._mode is AutoresetMode.NEXT_STEP and ended.any():
             self._begin_next(ended, observations, outcomes)
-        rewards = outcomes[_REWARD].copy()
+        rewards = outcomes[_REWARD]
         terminated, truncated = outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
         self._done = done = terminated | truncated
         if self._mode is not AutoresetMode.SAME_STEP or not done.any():
             return observations, rewards, terminated, truncated, self._info(outcomes)
         final = {"final_obs": of_rows(done, observations), "_final_obs": done.copy()}
         final |= {"final_info": self._info(outcomes, done), "_final_info": done.copy()}
+        rewards = rewards.copy()
         self._begin_next(done, observations, outcomes)
         return observations, rewards, terminated, truncated, self._info(outcomes) | final
 
@@ -270,13 +271,14 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return infos of all environments, or of those in the mask; zeros stand for the others."""
-        infos: dict[str, Any] = {"distance": outcomes[_DISTANCE].copy(), "is_success": outcomes[_SUCCESS] != 0.0}
+        infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": outcomes[_SUCCESS] != 0.0}
         for key, path in self._told.items():
             numbers = self._batch.numbers(path)
             infos[key] = numbers != 0.0 if key in FLAGS else numbers
         if self._full:
             infos["covariance"] = matrices(infos["covariance"])
         if mask is not None:
+            infos["distance"] = infos["distance"].copy()
             for value in infos.values():
                 value[~mask] = 0
         for key in list(infos):

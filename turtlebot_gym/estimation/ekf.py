@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation.update import Variances, inverse_of, of_heading, of_x, of_y, update
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import execution_variances, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
@@ -42,7 +42,7 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
     return Estimate(Belief(State(x, y, theta, 0.0, 0.0), covariance), 0.0, 0.0)
 
 
-@kernel
+@algebra
 def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> Belief:
     """Move the belief by one control interval: the pose with the believed twist, and then the twist to the executed one.
 
@@ -62,7 +62,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
     # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
     a, c, e = moved.x_theta, moved.x_v, moved.x_omega
     b, s, g = moved.y_theta, moved.y_v, moved.y_omega
-    keep = 1.0 if tuning.remember_velocity else 0.0
+    keep = tuning.remember_velocity
     var_v, var_omega = execution_variances(twist, tuning.process, dt)
     share = dt / REFERENCE_PERIOD
     Q = tuning.Q
@@ -85,18 +85,18 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
         max(xx + a * xt + c * xv + e * xw, 0.0) + Q[0] * share,
         xy + b * xt + s * xv + g * xw,
         xt + dt * xw,
-        keep * xv,
-        keep * xw,
+        xv if keep else 0.0,
+        xw if keep else 0.0,
         max(yy + b * yt + s * yv + g * yw, 0.0) + Q[1] * share,
         yt + dt * yw,
-        keep * yv,
-        keep * yw,
+        yv if keep else 0.0,
+        yw if keep else 0.0,
         max(tt + dt * tw, 0.0) + Q[2] * share,
-        keep * tv,
-        keep * tw,
-        keep * P.vv + max(var_v, Q[3] * share),
-        keep * P.vw,
-        keep * P.ww + max(var_omega, Q[4] * share),
+        tv if keep else 0.0,
+        tw if keep else 0.0,
+        (P.vv if keep else 0.0) + max(var_v, Q[3] * share),
+        P.vw if keep else 0.0,
+        (P.ww if keep else 0.0) + max(var_omega, Q[4] * share),
     )
     pose = State(mean.x + moved.x, mean.y + moved.y, wrap(mean.theta + moved.theta), twist.v, twist.omega)
     return Belief(pose, covariance)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.values import Belief, Covariance, State
 
 Variances = tuple[float, ...]
@@ -41,7 +41,7 @@ def of_heading(P: Covariance) -> Projection:
     return Projection(State(P.xt, P.yt, P.tt, P.tv, P.tw), P.tt)
 
 
-@kernel
+@algebra
 def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
     """Take out of P what a scalar measurement tells: ``P - column column' / S``, with ``inverse`` for 1 / S."""
     x, y, t, v, w = column
@@ -62,7 +62,7 @@ def inverse_of(S: float) -> float:
     return 1.0 / (S if some else 1.0) if some else 0.0
 
 
-@kernel
+@algebra
 def absorb(belief: Belief, column: State, gain: float, inverse: float) -> Belief:
     """Move a belief by what a scalar measurement tells.
 

@@ -6,7 +6,7 @@ masks keep Python's unbounded integers in step with the machine's.
 
 from __future__ import annotations
 
-from turtlebot_gym.kernel import kernel, plus, sqrt, times
+from turtlebot_gym.kernel import kernel, plus, split, sqrt, times
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos
 
 _M64 = 0xFFFFFFFFFFFFFFFF
@@ -70,32 +70,17 @@ def normals(key: int, step: int, stream: int) -> tuple[float, float]:
 
 
 @kernel
-def _double(exponent: float, x: float, power: float, factor: float, limit: float) -> tuple[float, float]:
-    """Multiply x by ``factor = 2^power`` where it is below the limit, exactly.
-
-    It is written as arithmetic, because LLVM would make branches of conditional expressions whose conditions hang together.
-    """
-    below = 1.0 if x < limit else 0.0
-    return exponent - power * below, x * (1.0 + (factor - 1.0) * below)
-
-
-@kernel
 def log_unit(x: float) -> float:
     """Return the natural logarithm of x in (2^-63, 1], to 1e-15 relative, without a branch.
 
-    Exact multiplications by powers of two bring x to [0.707, 1.414], one comparison each; then the series of fdlibm's log.
+    A power of two, taken off exactly, brings x to [0.707, 1.414]; then the series of fdlibm's log.
 
     References:
         Sun Microsystems, *fdlibm* (1993), e_log.c: the coefficients.
     """
-    exponent = 0.0
-    exponent, x = _double(exponent, x, 32.0, 2.0**32, 2.0**-32)
-    exponent, x = _double(exponent, x, 16.0, 2.0**16, 2.0**-16)
-    exponent, x = _double(exponent, x, 8.0, 2.0**8, 2.0**-8)
-    exponent, x = _double(exponent, x, 4.0, 2.0**4, 2.0**-4)
-    exponent, x = _double(exponent, x, 2.0, 2.0**2, 2.0**-2)
-    exponent, x = _double(exponent, x, 1.0, 2.0, 0.5)
-    exponent, x = _double(exponent, x, 1.0, 2.0, 0.7071067811865476)
+    x, exponent = split(x)
+    below = x < 0.7071067811865476
+    x, exponent = (2.0 * x if below else x), (exponent - 1.0 if below else exponent)
     f = x - 1.0
     s = f / (2.0 + f)
     z = s * s

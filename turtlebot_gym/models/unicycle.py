@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.parameters import REFERENCE_PERIOD, ProcessNoise
 from turtlebot_gym.robots import Robot
@@ -39,7 +39,7 @@ def limit(command: Command, robot: Robot) -> Command:
     wheel = v + omega * robot.wheel_separation * 0.5
     excess = max(max(v / robot.max_linear, omega / robot.max_angular), wheel / robot.max_wheel)
     excess = excess if excess > 1.0 + ROUNDING else 1.0
-    return Command(forward / excess, command.omega / excess)
+    return Command(forward / excess + 0.0, command.omega / excess + 0.0)  # with 0 added, no zero is negative
 
 
 @kernel
@@ -71,7 +71,7 @@ class Motion(NamedTuple):
     y_omega: float
 
 
-@kernel
+@algebra
 def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> Motion:
     """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `INTEGRATORS`.
 
@@ -99,7 +99,7 @@ def advance(pose: Pose, v: float, omega: float, dt: float, middle: float) -> Pos
     return Pose(pose.x + moved.x, pose.y + moved.y, wrap(pose.theta + moved.theta))
 
 
-@kernel
+@algebra
 def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tuple[float, float]:
     """Return the variances of the executed speed and turning rate around the command; m^2/s^2, rad^2/s^2.
 
@@ -111,7 +111,7 @@ def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tup
     return (noise.alpha1 * v2 + noise.alpha2 * omega2) * scale, (noise.alpha3 * v2 + noise.alpha4 * omega2) * scale
 
 
-@kernel
+@algebra
 def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[float, float], dt: float) -> Command:
     """Return the twist that the robot really makes of a command.
 
@@ -127,7 +127,7 @@ def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[
     return Command((command.v + sqrt(var_v) * draws[0]) * share, (command.omega + sqrt(var_omega) * draws[1]) * share)
 
 
-@kernel
+@algebra
 def slips(slipping: bool, noise: ProcessNoise, draw: float, dt: float) -> bool:
     """Return whether the wheels slip in the next step: a two-state Markov chain.
 

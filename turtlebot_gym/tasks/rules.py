@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import Robot
@@ -58,7 +58,7 @@ def due(steps: float, visited: float, task: Task, dt: float) -> bool:
     return steps * dt > (visited + 1.0) * task.switch_period - 0.5 * dt
 
 
-@kernel
+@algebra
 def remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -> float:
     """Return the way that is left, counted as far as the reference, m; below zero beyond it.
 
