@@ -6,7 +6,7 @@ DATA ?= ../shared/data
 OUT ?= out
 READY := $(VENV)/.ready
 
-.PHONY: help demo test test-kilted test-slow check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
+.PHONY: help demo test test-kilted test-slow test-clients check mutants bench bench-ros bench-lockstep bench-rooms bench-barn bench-estimation bench-arrival bench-fix bench-calibration faults study study-rooms study-transfer docs notebooks build clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -33,7 +33,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
-	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
@@ -47,6 +47,12 @@ test-kilted:  ## the ROS nodes on ROS 2 Kilted, in an environment of their own
 		--editable '.[ros-kilted,deploy,dev]'
 	$(KILTED)/bin/python -m pytest -m "not slow" tests/bridges/test_guard.py tests/bridges/test_lockstep_graph.py \
 		tests/bridges/test_namespaces.py tests/bridges/test_discovery.py tests/bridges/test_convert.py
+
+CLIENTS := .venv-clients
+
+test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (N minutes)
+	$(RUN)python tests/clients/environments.py $(CLIENTS)
+	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
 
 check: $(READY)  ## style, types and the direction of imports
 	$(RUN)ruff check
@@ -120,4 +126,4 @@ build: $(READY)  ## build the wheel, install it alone, and try it
 	cd dist && thin/bin/python ../tests/bridges/thin.py > thin.txt  # filter, policies and guard, with numpy and PyYAML alone
 
 clean:  ## remove the virtual environment and all output
-	rm -rf $(VENV) $(KILTED) $(OUT) dist build
+	rm -rf $(VENV) $(KILTED) $(CLIENTS) $(OUT) dist build
