@@ -33,7 +33,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
-	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow"
+	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
@@ -47,6 +47,12 @@ test-kilted:  ## the ROS nodes on ROS 2 Kilted, in an environment of their own
 		--editable '.[ros-kilted,deploy,dev]'
 	$(KILTED)/bin/python -m pytest -m "not slow" tests/bridges/test_guard.py tests/bridges/test_lockstep_graph.py \
 		tests/bridges/test_namespaces.py tests/bridges/test_discovery.py tests/bridges/test_convert.py
+
+CLIENTS := .venv-clients
+
+test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (N minutes)
+	$(RUN)python tests/clients/environments.py $(CLIENTS)
+	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
 
 check: $(READY)  ## style, types and the direction of imports
 	$(RUN)ruff check
@@ -131,4 +137,4 @@ build: $(READY)  ## build the wheel, install it alone, and try it
 	cd dist && thin/bin/python ../tests/bridges/thin.py > thin.txt  # filter, policies and guard, with numpy and PyYAML alone
 
 clean:  ## remove the virtual environment and all output
-	rm -rf $(VENV) $(KILTED) $(OUT) dist build
+	rm -rf $(VENV) $(KILTED) $(CLIENTS) $(OUT) dist build

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+import yaml
 from stable_baselines3 import PPO, SAC, TD3
 
 from turtlebot_gym_agents.training import hyperparameters
@@ -43,6 +44,26 @@ def test_what_is_saved_is_loaded(tmp_path):
     assert hyperparameters.load("ppo", "an/Id-v0", tmp_path / "best.yaml") == hyper
 
 
+def test_the_zoos_text_is_the_mapping_that_it_says(tmp_path):
+    head = "default: {n_envs: 1, n_timesteps: 5, policy: MlpPolicy, policy_kwargs: "
+    text = write(tmp_path, head + '"dict(net_arch=dict(pi=[8], vf=[9]), activation_fn=nn.ReLU, log_std_init=-0.5)"}')
+    hyper = hyperparameters.load("ppo", TASKS[0], text)
+    assert hyper["policy_kwargs"] == {"net_arch": {"pi": [8], "vf": [9]}, "activation_fn": "ReLU", "log_std_init": -0.5}
+    assert hyperparameters.arguments(hyper, PPO)["policy_kwargs"]["activation_fn"] is torch.nn.ReLU
+
+
+@pytest.mark.parametrize("algo", SHIPPED)
+@pytest.mark.parametrize("env", TASKS)
+def test_what_is_written_means_the_same_to_the_zoo(algo, env, tmp_path):
+    """rl-baselines3-zoo evaluates text under ``policy_kwargs`` with ``nn`` in scope, and splits rates at their underscore."""
+    hyper = hyperparameters.load(algo, env)
+    hyperparameters.save(tmp_path / "saved.yaml", env, hyper)
+    ours = hyperparameters.arguments(hyper, ALGORITHMS[algo])["policy_kwargs"]
+    for file in (tmp_path / "saved.yaml", hyperparameters.configs_folder() / f"{algo}.yaml"):
+        theirs = yaml.safe_load(file.read_text())[env]["policy_kwargs"]
+        assert (eval(theirs, {"nn": torch.nn}) if isinstance(theirs, str) else theirs) == ours
+
+
 def test_names_become_objects():
     names = {
         "learning_rate": "lin_0.002",
@@ -70,7 +91,15 @@ def test_a_linear_rate_is_never_negative():
     [
         ({"learning_rate": "cos_0.1"}, "learning_rate must be"),
         ({"learning_rate": "lin_-1"}, "learning_rate must be"),
-        ({"policy_kwargs": "dict(net_arch=[64])"}, "policy_kwargs must be a mapping, not code"),
+        ({"policy_kwargs": "dict(net_arch=[open('x')])"}, "policy_kwargs must be a mapping, or text like"),
+        ({"policy_kwargs": "dict(activation_fn=os.system)"}, "policy_kwargs must be"),
+        ({"policy_kwargs": "dict(activation_fn=nn.functional.relu)"}, "policy_kwargs must be"),
+        ({"policy_kwargs": "dict(**nn.__dict__)"}, "policy_kwargs must be"),
+        ({"policy_kwargs": "dict([])"}, "policy_kwargs must be"),
+        ({"policy_kwargs": "nn.ReLU"}, "policy_kwargs must be"),
+        ({"policy_kwargs": "dict("}, "policy_kwargs must be"),
+        ({"policy_kwargs": 3}, "policy_kwargs must be"),
+        ({"policy_kwargs": "dict(activation_fn=nn.functional)"}, "activation_fn must name"),
         ({"policy_kwargs": {"activation_fn": "__import__('os')"}}, "activation_fn must name"),
         ({"policy_kwargs": {"activation_fn": "functional"}}, "activation_fn must name"),
         ({"noise_type": "pink", "noise_std": 0.1}, "noise_type must be"),

@@ -47,7 +47,7 @@ def test_two_trials_and_a_third_later(config, tmp_path):
 
     content = yaml.safe_load((tmp_path / "study" / "best.yaml").read_text())
     best = hyperparameters.load("ppo", config.env, tmp_path / "study" / "best.yaml")
-    assert content == {config.env: best}
+    assert set(content) == {config.env}
     assert best == with_parameters(TINY, again.best_params)
     assert best["learning_rate"] == f"lin_{again.best_params['learning_rate']:.6g}"
     with pytest.raises(ValueError, match="another configuration"):

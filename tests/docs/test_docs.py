@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 import gymnasium as gym
 import pytest
+import tomllib
 import yaml
 from markdown_it import MarkdownIt
 
@@ -41,6 +42,10 @@ QUICK = {
     "bringup": {"duration": "3"},
 }
 """Options that make the commands of the pages short; all others are left as they stand."""
+
+
+CLIENTS = tomllib.loads((ROOT / "tests" / "clients" / "clients.toml").read_text(encoding="utf-8"))
+"""Scripts that `make test-clients` runs, in environments that have their libraries."""
 
 
 class Block(NamedTuple):
@@ -106,6 +111,8 @@ def test_code_blocks_work(page, tmp_path, monkeypatch):
     names = {"__name__": "page"}
     with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
         for block in blocks_of(page):
+            if not CLIENTS.get(Path(block.title).stem, {}).get("in_make_test", True):
+                continue
             if block.title:
                 Path(block.title).write_text(block.text)
             if block.kind == "python":

@@ -1,7 +1,16 @@
-"""Hyper-parameters from YAML, in the form that rl-baselines3-zoo reads; nothing in them is evaluated as code."""
+"""Hyper-parameters from YAML, in the form that rl-baselines3-zoo reads; nothing in them is evaluated as code.
+
+The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and on to the algorithm as it is where it is a mapping; a
+mapping cannot name an activation function. So the files hold ``policy_kwargs: dict(net_arch=[64, 64], activation_fn=nn.ReLU)``.
+Here that text is parsed, and refused if it is anything but a call of ``dict`` with literals and names of ``nn``.
+
+References:
+    rl-baselines3-zoo 2.9.2, ``rl_zoo3/exp_manager.py``, ``_preprocess_hyperparams``.
+"""
 
 from __future__ import annotations
 
+import ast
 import inspect
 from importlib import resources
 from pathlib import Path
@@ -35,7 +44,7 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
         path: Another file.
 
     Raises:
-        ValueError: If there is no such file, or it has nothing for the environment.
+        ValueError: If there is no such file, it has nothing for the environment, or what it has is of another form.
     """
     file = path or configs_folder() / f"{algo}.yaml"
     if not file.is_file():
@@ -56,13 +65,45 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
     whole = {key: int(_number(key, chosen[key])) for key in ("n_envs", "n_timesteps")}
     if not all(number > 0 for number in whole.values()):
         raise ValueError(f"{file}, {env}: n_envs and n_timesteps must be positive, got {whole}.")
+    if isinstance(text := chosen.get("policy_kwargs"), str):
+        chosen = {**chosen, "policy_kwargs": _keywords(text)}
     return {**chosen, **whole}
 
 
 def save(path: Path, env: str, hyper: dict[str, Any]) -> None:
-    """Write hyper-parameters so that `load` reads them back."""
+    """Write hyper-parameters so that `load` reads them back, and rl-baselines3-zoo, too."""
+    if isinstance(network := hyper.get("policy_kwargs"), dict):
+        written = ", ".join(f"{key}={_written(key, value)}" for key, value in network.items())
+        hyper = {**hyper, "policy_kwargs": f"dict({written})"}
     with replacing(path) as beside:
-        beside.write_text(yaml.safe_dump({env: hyper}, sort_keys=False), encoding="utf-8")
+        beside.write_text(yaml.safe_dump({env: hyper}, sort_keys=False, width=128), encoding="utf-8")
+
+
+def _written(key: str, value: Any) -> str:
+    return f"nn.{str(value).removeprefix('nn.')}" if key == "activation_fn" else repr(value)
+
+
+def _keywords(text: str) -> dict[str, Any]:
+    """Return what ``dict(name=literal, activation_fn=nn.Name)`` says, with the name as text, without running it."""
+    try:
+        call = ast.parse(text.strip(), mode="eval").body
+        value = _value(call) if isinstance(call, ast.Call) else None
+    except (SyntaxError, ValueError, RecursionError):
+        value = None
+    if value is None:
+        raise ValueError(
+            f"policy_kwargs must be a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)', got {text!r}."
+        )
+    return value
+
+
+def _value(node: ast.expr) -> Any:
+    match node:
+        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords) if all(one.arg for one in keywords):
+            return {str(one.arg): _value(one.value) for one in keywords}
+        case ast.Attribute(value=ast.Name(id="nn"), attr=name):
+            return name
+    return ast.literal_eval(node)
 
 
 def arguments(hyper: dict[str, Any], algorithm: type[BaseAlgorithm]) -> dict[str, Any]:
@@ -73,14 +114,12 @@ def arguments(hyper: dict[str, Any], algorithm: type[BaseAlgorithm]) -> dict[str
     """
     import torch
 
-    keywords = {key: value for key, value in hyper.items() if key not in OURS}
+    keywords = {key: value for key, value in hyper.items() if key not in (*OURS, "policy_kwargs")}
     for key, value in keywords.items():
         if isinstance(value, str):
             keywords[key] = _rate(key, value) if key in ("learning_rate", "clip_range") else _plain(value)
-    network = keywords.pop("policy_kwargs", {})
-    if not isinstance(network, dict):
-        raise ValueError(f"policy_kwargs must be a mapping, not code, got {network!r}.")
-    network = dict(network)
+    network = hyper.get("policy_kwargs", {})
+    network = dict(network) if isinstance(network, dict) else _keywords(str(network))
     if "activation_fn" in network:
         activation = getattr(torch.nn, str(network["activation_fn"]).removeprefix("nn."), None)
         if not (isinstance(activation, type) and issubclass(activation, torch.nn.Module)):

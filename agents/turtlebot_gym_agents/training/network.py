@@ -1,0 +1,117 @@
+"""From a torch network of any library to a policy bundle, with the proof that both do the same.
+
+A library's policy becomes a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to actions (n, 2), the mean action
+without exploration. torch, onnx and onnxscript suffice: Stable-Baselines3, whose models `export` takes, need not be there.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from torch import nn
+
+from turtlebot_gym import Parameters
+from turtlebot_gym.systems import system_of
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
+from turtlebot_gym_agents.policies.fit import describe_robot
+
+TOLERANCE = 1e-5
+"""Largest difference between an action of the network and one of its bundle: both compute in float32."""
+
+
+def export_network(
+    network: nn.Module, path: str | Path, env: str, *, training: Mapping[str, Any] | None = None, **options: Any
+) -> float:
+    """Write a network as a bundle, if the two do the same; actions beyond 1 are clipped.
+
+    Args:
+        network: From float32 observations (n, 13), in a room (n, 50), to actions (n, 2). It is left in evaluation mode.
+        path: The bundle's file, replaced in one step.
+        env: Id of the environment that it was trained in.
+        training: What the card says about the training, such as library, version, algorithm, steps and seed.
+        **options: What the environment was made with: ``robot``, ``noise``, ``filter`` and so on.
+
+    Returns:
+        The largest difference between their actions, on 10,000 observations, uniform in the observation space.
+
+    Raises:
+        ValueError: If the network's actions have another shape.
+        RuntimeError: If the difference is larger than `TOLERANCE`.
+    """
+    made = gym.make(env, **options)
+    space: Any = made.observation_space
+    card = _card(env, made.unwrapped.parameters, training or {}, options)  # pyright: ignore[reportAttributeAccessIssue]
+    made.close()
+    observations = np.random.default_rng(0).uniform(space.low, space.high, (10_000, *space.shape)).astype(np.float32)
+    clipped = _Clipped(network).cpu().eval()
+    with torch.no_grad():
+        expected = clipped(torch.from_numpy(observations)).numpy()
+    if expected.shape != (len(observations), 2):
+        raise ValueError(f"network must give actions (n, 2), got {expected.shape} for {len(observations)} observations.")
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(target) as beside:
+        write_bundle(beside, _program(clipped, space.shape[0]).model_proto, card)
+        difference = float(np.abs(expected - BundlePolicy(beside)(observations)).max())
+        if not difference <= TOLERANCE:
+            beside.unlink()
+            raise RuntimeError(f"{path} is not written: its actions would differ from the network's by {difference:.2g}.")
+    return difference
+
+
+class _Clipped(nn.Module):
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        return torch.clamp(self.network(observation), -1.0, 1.0)
+
+
+def _card(env: str, parameters: Parameters, training: Mapping[str, Any], options: Mapping[str, Any]) -> Card:
+    """Return the card of a policy for an environment that was made with these options."""
+
+    def named(name: str, default: str) -> str:
+        given = options.get(name, default)
+        return given if isinstance(given, str) else "custom"
+
+    return Card(
+        env=env,
+        robot=describe_robot(options.get("robot", "burger")),
+        dt=parameters.dt,
+        noise=named("noise", "tutorial"),
+        filter=named("filter", "matched"),
+        observation=named("observation", "ekf"),
+        layout=system_of(parameters).layout,
+        training=training,
+    )
+
+
+def _program(network: nn.Module, size: int) -> torch.onnx.ONNXProgram:
+    registration = logging.getLogger("torch.onnx._internal.exporter._registration")
+    level = registration.level
+    registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # torch's exporter uses what torch deprecates
+            program = torch.onnx.export(
+                network,
+                (torch.zeros(2, size),),
+                input_names=["observation"],
+                output_names=["action"],
+                dynamic_shapes=({0: torch.export.Dim("n")},),
+                dynamo=True,
+                verbose=False,
+            )
+    finally:
+        registration.setLevel(level)
+    assert program is not None
+    return program

@@ -1,0 +1,57 @@
+"""Networks of other libraries: the bundle does what the network does, or it is not written."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from turtlebot_gym import make_noise
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.training import network as module
+from turtlebot_gym_agents.training.network import TOLERANCE, export_network
+
+NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
+torch.set_num_threads(1)
+
+
+def mlp(inputs=13, outputs=2):
+    torch.manual_seed(0)
+    return nn.Sequential(nn.Linear(inputs, 16), nn.Tanh(), nn.Dropout(0.5), nn.Linear(16, outputs))
+
+
+def test_the_bundle_does_what_the_network_does(tmp_path):
+    network, path = mlp(), tmp_path / "new" / "nav.onnx"
+    assert export_network(network, path, NAV, robot="waffle", noise="rough", dt=0.05, training={"library": "own"}) <= TOLERANCE
+    policy = BundlePolicy(path)
+    observations = np.random.default_rng(5).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (500, 13)).astype(np.float32)
+    with torch.no_grad():
+        free = network(torch.from_numpy(observations)).numpy()  # in evaluation mode, where nothing drops out
+    assert (np.abs(free) > 1.0).any()
+    np.testing.assert_allclose(policy(observations), np.clip(free, -1.0, 1.0), rtol=0, atol=TOLERANCE)
+    card = policy.card
+    assert (card.env, card.dt, card.noise, card.filter, card.observation) == (NAV, 0.05, "rough", "matched", "ekf")
+    assert (card.robot["name"], card.layout, card.training) == ("waffle", 1, {"library": "own"})
+    assert [file.name for file in path.parent.iterdir()] == ["nav.onnx"]
+
+
+def test_a_network_for_rooms_takes_their_observations(tmp_path):
+    export_network(mlp(50), tmp_path / "rooms.onnx", ROOMS, noise=make_noise("rough"), world="dense")
+    policy = BundlePolicy(tmp_path / "rooms.onnx")
+    assert (policy.layout, policy.card.noise) == (2, "custom")
+    assert policy(np.zeros((3, 50))).shape == (3, 2)
+
+
+def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch):
+    program, path = module._program, tmp_path / "nav.onnx"
+    monkeypatch.setattr(module, "_program", lambda network, size: program(nn.Sequential(network, nn.Softsign()), size))
+    path.write_text("the old one")
+    with pytest.raises(RuntimeError, match="differ from the network's"):
+        export_network(mlp(), path, NAV)
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
+
+
+def test_refuses_networks_with_other_actions(tmp_path):
+    with pytest.raises(ValueError, match=r"must give actions \(n, 2\), got \(10000, 4\)"):
+        export_network(mlp(outputs=4), tmp_path / "nav.onnx", NAV)
+    assert not [*tmp_path.iterdir()]

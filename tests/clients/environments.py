@@ -1,0 +1,73 @@
+"""Make the environments in which other people's libraries are run, one for each file in requirements/.
+
+Each has this package, what the file names, and the versions of constraints.txt, except where the file pins another one.
+
+Usage:
+    python environments.py FOLDER [NAME ...]
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+REQUIREMENTS = Path(__file__).parent / "requirements"
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
+
+
+def names() -> list[str]:
+    """Return the environments' names."""
+    return sorted(file.stem for file in REQUIREMENTS.glob("*.txt"))
+
+
+def constraints(requirements: str, pinned: str) -> str:
+    """Return the pins of constraints.txt but for those of packages that the requirements pin themselves."""
+    own = {_key(line) for line in requirements.splitlines()}
+    return "".join(line for line in pinned.splitlines(keepends=True) if _key(line) not in own or not _key(line))
+
+
+def _key(line: str) -> str:
+    found = _NAME.match(line)
+    return re.sub(r"[-_.]+", "-", found[0]).lower() if found else ""
+
+
+def make(folder: Path, name: str) -> None:
+    """Make an environment, unless it is there and made from the same files.
+
+    Args:
+        folder: Where the environments are.
+        name: Its name.
+
+    Raises:
+        subprocess.CalledProcessError: If pip cannot install it.
+    """
+    file, pinned = REQUIREMENTS / f"{name}.txt", (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    chosen = constraints(file.read_text(encoding="utf-8"), pinned)
+    made_from = hashlib.sha256((chosen + file.read_text(encoding="utf-8")).encode()).hexdigest()
+    place = folder / name
+    ready = place / ".ready"
+    if ready.is_file() and ready.read_text(encoding="utf-8") == made_from:
+        return
+    subprocess.run([sys.executable, "-m", "venv", "--clear", place], check=True)
+    (place / "constraints.txt").write_text(chosen, encoding="utf-8")
+    pip = [place / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    editable = ["--editable", f"{ROOT}[agents]"]
+    subprocess.run([*pip, "--constraint", place / "constraints.txt", "--requirement", file, *editable], check=True)
+    ready.write_text(made_from, encoding="utf-8")
+
+
+def main(folder: str, *chosen: str) -> None:
+    """Make environments, all of them where none are named."""
+    for name in chosen or names():
+        print(f"The environment {name} ...", flush=True)
+        make(Path(folder), name)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    main(*sys.argv[1:])
