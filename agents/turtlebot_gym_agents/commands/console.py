@@ -59,13 +59,14 @@ class Setting:
 
 
 @contextmanager
-def progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it."""
+def progress(total: int) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it, and may tell another
+    total."""
     console = Console(stderr=True)
     columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
-        yield lambda completed: bar.update(task, completed=completed)
+        yield lambda completed, total=None: bar.update(task, completed=completed, total=total)
 
 
 def print_tables(*tables: Table) -> None:
