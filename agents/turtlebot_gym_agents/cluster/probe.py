@@ -1,4 +1,4 @@
-"""Looks at a cluster from a process of its own, which can be given up: ``python -m turtlebot_gym_agents.cluster.probe``.
+"""Looks at a cluster from a process of its own, which can be given up; `access` runs this file.
 
 Ray waits long for what does not answer, writes walls of text, and can end the process that asked. So this one asks first. It
 prints one line of JSON: the cluster's address, and of each node what it has and with what it would compute.
@@ -50,4 +50,5 @@ def main(address: str, seconds: float) -> None:
 
 
 if __name__ == "__main__":
+    del sys.path[0]  # this folder: its modules are no libraries
     main(sys.argv[1], float(sys.argv[2]))

@@ -7,27 +7,23 @@ alone, so that nothing is stored twice.
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import os
-import socket
-import subprocess
+import signal
 import sys
-import time
-from collections.abc import Iterable, Iterator
+import threading
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from secrets import token_hex
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import Any
 
-from turtlebot_gym_agents.cluster.origin import difference, origin
+from turtlebot_gym_agents.cluster.access import access, probe
 from turtlebot_gym_agents.cluster.store import Result
 from turtlebot_gym_agents.cluster.units import Unit, run
 from turtlebot_gym_agents.cluster.work import Workers
 
-PATIENCE = 13.0
-"""How long a cluster has to answer, s."""
 RETRIES = 3
 """How often a unit is begun again whose worker has died."""
 OBJECT_STORE = 100 * 2**20
@@ -40,10 +36,13 @@ _QUIET = {
     "RAY_task_oom_retries": str(RETRIES),  # without end by default
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
-_LOCAL = {
+_ALONE = {
     **ONE_THREAD,
     # Without it, Ray on Linux takes an address that other machines reach, and listens on all interfaces.
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
+    # Others on this machine must not run code here; by default Ray would leave a token in the home folder.
+    "RAY_AUTH_MODE": "token",
+    "RAY_AUTH_TOKEN": token_hex(32),
 }
 
 
@@ -66,45 +65,75 @@ def ray_workers(cluster: str, *, workers: int | None = None, memory: int = 0) ->
         raise ValueError(f"workers is for the cluster 'local', not for {cluster!r}: it has as many as its nodes have cores.")
     if workers is not None and not workers > 0:
         raise ValueError(f"workers must be positive, got {workers}.")
-    os.environ.update(_QUIET)
-    if cluster == "local":
-        os.environ.update(_LOCAL)
+    with _environment({**_QUIET, **(_ALONE if cluster == "local" else {})}):
+        try:
+            import ray  # reads the environment
+        except ImportError as error:
+            raise ImportError("Clusters need Ray: pip install 'turtlebot-gym[cluster]'.") from error
+        with _own_ray(workers, memory) if cluster == "local" else _cluster(cluster, memory):
+            yield lambda units: _results(units, memory)
+
+
+@contextmanager
+def _own_ray(workers: int | None, memory: int) -> Iterator[None]:
+    """Start a Ray on this machine, and end it."""
+    import ray
+
+    folder = Path(mkdtemp(prefix="tg-", dir=None if os.name == "nt" else "/tmp"))  # sockets need a short path
     try:
-        import ray
-    except ImportError as error:
-        raise ImportError("Clusters need Ray: pip install 'turtlebot-gym[cluster]'.") from error
-    folder = Path(mkdtemp(prefix="tg-", dir=None if os.name == "nt" else "/tmp")) if cluster == "local" else None
-    address = ""
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.CRITICAL}
-    try:
-        if folder is not None:
-            with _told_in_a_line():
-                ray.init(
-                    address="local",
-                    num_cpus=workers,
-                    include_dashboard=False,
-                    object_store_memory=OBJECT_STORE,
-                    _temp_dir=str(folder),  # the default's would stay; sockets need a short path
-                    **quiet,
-                )
-            largest = max(node["Resources"].get("memory", 0.0) for node in ray.nodes())
-        else:
-            address, nodes = _probe(cluster)
-            largest = max(node["memory"] for node in nodes)
-        if largest < memory:
-            raise OSError(
-                f"The cluster {cluster!r} has too little memory: a worker needs {memory / 1e6:,.0f} MB, and its largest node "
-                f"gives {largest / 1e6:,.0f} MB."
+        with _told_in_a_line():
+            ray.init(
+                address="local",
+                num_cpus=workers,
+                include_dashboard=False,
+                object_store_memory=OBJECT_STORE,
+                log_to_driver=False,
+                logging_level=logging.CRITICAL,
+                _temp_dir=str(folder),  # the default's would stay
             )
-        if folder is None:
-            with _told_in_a_line():
-                ray.init(address=address, runtime_env={"env_vars": ONE_THREAD}, **quiet)
-        yield lambda units: _results(units, memory)
+        (node,) = ray.nodes()
+        if node["NodeManagerAddress"] != "127.0.0.1":
+            raise OSError(
+                f"Ray listens on {node['NodeManagerAddress']}, not on localhost alone: it was imported before "
+                "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER=0 was set."
+            )
+        _require_memory("local", node["Resources"].get("memory", 0.0), memory)
+        yield
     finally:
         with _no_interrupt():
             ray.shutdown()
-            if folder is not None:
-                rmtree(folder, ignore_errors=True)
+            rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _cluster(name: str, memory: int) -> Iterator[None]:
+    """Connect to a cluster that is there."""
+    import ray
+
+    with _environment(access()):
+        address, nodes = probe(name)
+        _require_memory(name, max(node["memory"] for node in nodes), memory)
+        try:
+            with _told_in_a_line():
+                ray.init(
+                    address=address,
+                    runtime_env={"env_vars": ONE_THREAD},
+                    log_to_driver=False,
+                    logging_level=logging.CRITICAL,
+                )
+            yield
+        finally:
+            with _no_interrupt():
+                ray.shutdown()
+
+
+def _require_memory(cluster: str, largest: float, memory: int) -> None:
+    """Raise OSError if no node gives a unit what it needs: it would wait for one without end."""
+    if largest < memory:
+        raise OSError(
+            f"The cluster {cluster!r} has too little memory: a worker needs {memory / 1e6:,.0f} MB, and its largest node gives "
+            f"{largest / 1e6:,.0f} MB."
+        )
 
 
 def _results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tuple[str, Result]]:
@@ -150,66 +179,6 @@ def _work(unit: Unit) -> Result:
     return run(unit)
 
 
-def _probe(cluster: str) -> tuple[str, list[dict[str, Any]]]:
-    """Return the address and the nodes of a cluster, if it can do the work.
-
-    Raises:
-        OSError: If not.
-    """
-    begun = time.monotonic()
-    if cluster != "auto":
-        _require_listener(cluster)
-    command = [sys.executable, "-m", "turtlebot_gym_agents.cluster.probe", cluster, str(PATIENCE - 3.0)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
-    )
-    try:
-        out, err = process.communicate(timeout=PATIENCE - (time.monotonic() - begun))
-    except subprocess.TimeoutExpired as error:
-        raise OSError(f"The cluster {cluster!r} does not answer within {PATIENCE:g} s: is it a Ray cluster?") from error
-    finally:
-        process.kill()
-        process.wait()
-    if process.returncode != 0:
-        raise OSError(f"The cluster {cluster!r} cannot be used: {_reason(err, cluster)}")
-    told = json.loads(out.strip().splitlines()[-1])
-    if not told["nodes"]:
-        raise OSError(f"The cluster {cluster!r} has no node with a core.")
-    for node in told["nodes"]:
-        there = node["origin"]
-        if there is None:
-            raise OSError(f"The node {node['host']} of the cluster does not answer.")
-        if "missing" in there:
-            raise OSError(
-                f"The node {node['host']} of the cluster lacks the module {there['missing']}: install turtlebot-gym[cluster] "
-                "in the environment in which `ray start` runs there."
-            )
-        if other := difference(origin(), there):
-            raise OSError(f"The node {node['host']} of the cluster has {other}: results could differ.")
-    return told["address"], told["nodes"]
-
-
-def _require_listener(address: str) -> None:
-    """Raise ValueError or OSError unless something listens at an address."""
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    if not (colon and host and port.isdigit()) or address.startswith("ray://"):
-        raise ValueError(f"cluster must be 'local', 'auto' or HOST:PORT, as `ray start --head` prints it, got {address!r}.")
-    try:
-        socket.create_connection((host, int(port)), timeout=5.0).close()
-    except (OSError, OverflowError) as error:
-        raise OSError(f"There is no cluster at {address}: {error}.") from error
-
-
-def _reason(text: str, cluster: str) -> str:
-    """Return the last line of what Ray has said, which is the exception's."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith((" ", "\t", "["))]
-    if cluster == "auto" and "ConnectionError" in text:
-        return "no Ray runs on this machine; `ray start` makes it part of a cluster, and 'local' needs none."
-    errors = [line for line in lines if "Error: " in line]
-    return (errors or lines or ["Ray ended without a word."])[-1]
-
-
 @contextmanager
 def _told_in_a_line() -> Iterator[None]:
     """Make a plain OSError of what Ray raises where it cannot begin."""
@@ -222,9 +191,6 @@ def _told_in_a_line() -> Iterator[None]:
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
     """Let nothing interrupt the end, which would leave processes behind."""
-    import signal
-    import threading
-
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -234,3 +200,15 @@ def _no_interrupt() -> Iterator[None]:
     finally:
         with contextlib.suppress(TypeError):
             signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set variables of the environment for as long as the block lasts; those that are set stay as they are."""
+    ours = {name: value for name, value in variables.items() if name not in os.environ}
+    os.environ.update(ours)
+    try:
+        yield
+    finally:
+        for name in ours:
+            os.environ.pop(name, None)
