@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from secrets import token_hex
 from shutil import rmtree
@@ -65,13 +66,12 @@ def ray_workers(cluster: str, *, workers: int | None = None, memory: int = 0) ->
         raise ValueError(f"workers is for the cluster 'local', not for {cluster!r}: it has as many as its nodes have cores.")
     if workers is not None and not workers > 0:
         raise ValueError(f"workers must be positive, got {workers}.")
-    with _environment({**_QUIET, **(_ALONE if cluster == "local" else {})}):
-        try:
-            import ray  # reads the environment
-        except ImportError as error:
-            raise ImportError("Clusters need Ray: pip install 'turtlebot-gym[cluster]'.") from error
-        with _own_ray(workers, memory) if cluster == "local" else _cluster(cluster, memory):
-            yield lambda units: _results(units, memory)
+    if find_spec("ray") is None:
+        raise ImportError("Clusters need Ray: pip install 'turtlebot-gym[cluster]'.")
+    variables = {**_QUIET, **_ALONE} if cluster == "local" else {**_QUIET, **access()}
+    connected = _own_ray(workers, memory) if cluster == "local" else _cluster(cluster, memory)
+    with _environment(variables), connected:  # Ray reads them when it is imported
+        yield lambda units: _results(units, memory)
 
 
 @contextmanager
@@ -110,21 +110,20 @@ def _cluster(name: str, memory: int) -> Iterator[None]:
     """Connect to a cluster that is there."""
     import ray
 
-    with _environment(access()):
-        address, nodes = probe(name)
-        _require_memory(name, max(node["memory"] for node in nodes), memory)
-        try:
-            with _told_in_a_line():
-                ray.init(
-                    address=address,
-                    runtime_env={"env_vars": ONE_THREAD},
-                    log_to_driver=False,
-                    logging_level=logging.CRITICAL,
-                )
-            yield
-        finally:
-            with _no_interrupt():
-                ray.shutdown()
+    address, nodes = probe(name)
+    _require_memory(name, max(node["memory"] for node in nodes), memory)
+    try:
+        with _told_in_a_line():
+            ray.init(
+                address=address,
+                runtime_env={"env_vars": ONE_THREAD},
+                log_to_driver=False,
+                logging_level=logging.CRITICAL,
+            )
+        yield
+    finally:
+        with _no_interrupt():
+            ray.shutdown()
 
 
 def _require_memory(cluster: str, largest: float, memory: int) -> None:
