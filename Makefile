@@ -33,10 +33,14 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
-	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients"
+	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients and not cluster"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
+
+test-cluster: $(READY)  ## Ray, which it installs: the same results with any number of workers, kills, errors (10 minutes)
+	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cluster]'
+	$(RUN)python -m pytest -m cluster tests/agents/cluster
 
 KILTED := .venv-kilted
 
@@ -112,6 +116,10 @@ bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, a
 bench-calibration: $(READY)  ## whether a calibration's intervals hold the truth, on 200 drives, and what it is worth (half an hour; resumes)
 	$(RUN)python benchmarks/calibration.py --kept $(OUT)/calibration
 	$(RUN)python benchmarks/calibration.py --part recorded --data $(DATA)
+
+bench-cluster: $(READY)  ## Ray: what a unit of work costs with 1 and 2 workers, and what breaks first with 1,000 (5 minutes)
+	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cluster]'
+	$(RUN)python benchmarks/cluster.py
 
 study: $(READY)  ## what learning is worth: train and tune it all, ship the policies (half an hour; an interrupted run resumes)
 	$(RUN)python benchmarks/robustness.py

@@ -25,8 +25,13 @@ def provenance() -> dict[str, Any]:
     return {
         "version": turtlebot_gym.__version__,
         "commit": _commit(),
-        "libraries": {"python": platform.python_version(), **dict(filter(all, map(_installed, LIBRARIES)))},
+        "libraries": libraries(),
     }
+
+
+def libraries() -> dict[str, str | None]:
+    """Return the versions of Python and of the installed ones among `LIBRARIES`."""
+    return {"python": platform.python_version(), **dict(filter(all, map(_installed, LIBRARIES)))}
 
 
 def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import fields
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import NamedTuple
@@ -161,7 +162,10 @@ def check(line, ros):
         for name in names:
             assert f"<code>{name}</code>" in ros, f"{name} is not in the ROS reference"
 
-    match shlex.split(line, comments=True):
+    words = shlex.split(line, comments=True)
+    while words and re.match(r"[A-Z_]+=", words[0]):  # variables of the environment
+        words.pop(0)
+    match words:
         case []:
             pass
         case ["ros2", "launch", "turtlebot_gym_ros", file, *given]:
@@ -183,6 +187,13 @@ def check(line, ros):
             known(*(topic for topic in topics if topic not in ("/tf", "/tf_static")))
         case ["make", target]:
             assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        case ["turtlebot-gym", command, *given]:
+            options = {item.name for item in fields(COMMANDS[command])}
+            assert {word[2:] for word in given if word.startswith("--")} <= options
+        case ["ray", "start", *given]:
+            assert {word for word in given if word.startswith("--")} <= {"--head", "--port", "--address"}
+        case ["sbatch", "--array=0-31", script, *_]:
+            assert (ROOT / script).is_file()
         case ["pip", "install", where]:
             assert re.fullmatch(r"\.\[\w+\]", where)
             assert re.search(rf"^{where[2:-1]} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
@@ -211,6 +222,8 @@ def test_commands_that_cannot_be_run_name_what_there_is(page, ros):
         "python -m turtlebot_gym_ros kalman_filter --ros-args -p filtre:=matched",
         "ros2 bag record /odo",
         "make everything",
+        "turtlebot-gym train --sedes 3",
+        "sbatch --array=0-31 agents/configs/slrum.sh",
         "rosrun turtlebot_gym_ros kalman_filter",
     ],
 )

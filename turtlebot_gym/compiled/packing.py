@@ -62,9 +62,7 @@ class Packing(NamedTuple):
     """Where each number is read: at its own place, or at that of a number that equals it."""
 
 
-def packing(
-    example: Any, *, known: Mapping[str, float] | None = None, same: Mapping[str, str] | None = None
-) -> Packing:
+def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Mapping[str, str] | None = None) -> Packing:
     """Write the load and store functions of a value's type.
 
     Args:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,6 +20,8 @@ from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure, write_json
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
+from turtlebot_gym_agents.commands.placement import Placement
+from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
 
 if TYPE_CHECKING:
@@ -73,7 +75,7 @@ class _Driven(Setting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(_Driven):
+class Evaluate(_Driven, Placement):
     """Drive policies on the same seeds, and tell how well they do.
 
     Of policies, noises and observations each combination is evaluated.
@@ -97,24 +99,15 @@ class Evaluate(_Driven):
     def run(self) -> None:
         """Evaluate, print tables, and write what is asked for."""
         from turtlebot_gym_agents.commands import report
-        from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
         combinations = list(itertools.product(self.policy, self.noise, self.observation))
         if not combinations:
             raise ValueError("policy, noise and observation must name at least one each.")
-        evaluations: dict[str, Evaluation] = {}
+        names, common = ("policy", "noise", "observation"), {"env": self.env, "episodes": self.episodes, "seed": self.seed}
+        asked = [common | dict(zip(names, one, strict=True)) | self.options() for one in combinations]
         with progress(self.episodes * len(combinations)) as advance_to:
-            for at, (policy, noise, observation) in enumerate(combinations):
-                evaluations[self._label(policy, noise, observation)] = evaluate(
-                    policy,
-                    env=self.env,
-                    episodes=self.episodes,
-                    seed=self.seed,
-                    progress=lambda ended, done=at * self.episodes: advance_to(done + ended),
-                    noise=noise,
-                    observation=observation,
-                    **self.options(),
-                )
+            found = (self._spread if self.spread else self._here)(asked, advance_to)
+        evaluations = dict(zip(itertools.starmap(self._label, combinations), found, strict=True))
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
         print_tables(*report.evaluation_tables(evaluations, title=title))
@@ -123,9 +116,25 @@ class Evaluate(_Driven):
                 {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
                 for label, one in evaluations.items()
             ]
-            write_json(self.json, {"runs": runs}, config=asdict(self))
+            write_json(self.json, {"runs": runs}, config=self.settings())
         if self.plot is not None:
             save_figure(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
+
+    def _here(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
+        from turtlebot_gym_agents.evaluation.evaluate import evaluate
+
+        self.require_cluster()
+        return [
+            evaluate(**one, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
+            for at, one in enumerate(asked)
+        ]
+
+    def _spread(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
+        from turtlebot_gym_agents.cluster.units import Drive
+        from turtlebot_gym_agents.cluster.work import evaluate_all
+
+        with self.place(memory=Drive.memory) as place:
+            return evaluate_all(asked, **place._asdict(), progress=advance_to)
 
     def _label(self, *names: str) -> str:
         """Return what tells a combination from the others."""
@@ -191,6 +200,7 @@ COMMANDS: dict[str, type[Command]] = {
     "tune": Tune,
     "tune-baseline": TuneBaseline,
     "export": Export,
+    "study": Study,
     "benchmark": Benchmark,
 }
 """Subcommands by name."""

@@ -57,8 +57,9 @@ class Setting:
 
 
 @contextmanager
-def progress(total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it."""
+def progress(total: int) -> Iterator[Callable[..., None]]:
+    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it, and may tell another
+    total."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -66,7 +67,7 @@ def progress(total: int) -> Iterator[Callable[[int], None]]:
     columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
-        yield lambda completed: bar.update(task, completed=completed)
+        yield lambda completed, total=None: bar.update(task, completed=completed, total=total)
 
 
 def print_tables(*tables: Table) -> None:

@@ -11,10 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables, write_json
+from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.placement import Placement
 
 if TYPE_CHECKING:
+    from optuna import Study
+
     from turtlebot_gym_agents.training.config import TrainingConfig
+    from turtlebot_gym_agents.training.train import TrainingResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +58,7 @@ class _Learned(Setting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(_Learned):
+class Train(_Learned, Placement):
     """Train policies with Stable-Baselines3, and leave each as a policy bundle, OUT/policy.onnx."""
 
     out: Path = Path("runs/nav")
@@ -70,22 +74,27 @@ class Train(_Learned):
         """Train, print a table, and write what is asked for."""
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
-        configs = [self.training(seed=self.seed + at, evaluations=self.evaluations) for at in range(self.seeds)]
+        self.require_cluster()
+        seeds = range(self.seed, self.seed + self.seeds)
+        folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
+        configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
         with _needs_agents():
             from turtlebot_gym_agents.training.train import train
         from rich.table import Table
 
+        if self.spread:
+            results = self._spread(configs, folders)
+        else:
+            results = (train(config, folder, resume=self.resume) for config, folder in zip(configs, folders, strict=True))
         table = Table(
             "seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy",
             title=f"{self.env}, {self.algo}, the best model on the evaluation's seeds",
         )  # fmt: skip
-        runs = []
-        for config in configs:
-            folder = self.out / f"seed-{config.seed}" if self.seeds > 1 else self.out
-            result = train(config, folder, resume=self.resume)
+        runs, times = [], []
+        for seed, folder, result in zip(seeds, folders, results, strict=True):
             best = result.best
             table.add_row(
-                str(config.seed),
+                str(seed),
                 f"{result.steps:,}",
                 f"{result.seconds:.1f}",
                 f"{result.steps_per_second:,.0f}",
@@ -94,14 +103,26 @@ class Train(_Learned):
                 f"{best['steps_to_end']:.1f}",
                 str(folder / "policy.onnx"),
             )
-            runs.append({"seed": config.seed, "folder": folder, **asdict(result)})
+            told = asdict(result)
+            times.append({"seed": seed, **{name: told.pop(name) for name in ("seconds", "steps_per_second")}})
+            runs.append({"seed": seed, "folder": folder, **told})
         print_tables(table)
         if self.json is not None:
-            write_json(self.json, {"runs": runs}, config=asdict(self))
+            write_json(self.json, {"runs": runs, "times": times}, config=self.settings())
+
+    def _spread(self, configs: list[TrainingConfig], folders: list[Path]) -> Iterator[TrainingResult]:
+        """Train in units of work."""
+        from turtlebot_gym_agents.cluster.trainings import train_all
+        from turtlebot_gym_agents.cluster.units import Training
+
+        if self.resume:
+            raise ValueError("resume goes on from a checkpoint; in units of work, trainings that are done are in the store.")
+        with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as place:
+            yield from train_all(configs, folders, **place._asdict(), progress=advance_to)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tune(_Learned):
+class Tune(_Learned, Placement):
     """Search for hyper-parameters with Optuna, and leave the best as OUT/best.yaml, for train --config.
 
     A search that was stopped goes on when the same is asked for again.
@@ -111,6 +132,12 @@ class Tune(_Learned):
     """Folder of the study."""
     trials: int = 50
     """How many finished trials the study is to have, earlier ones included."""
+    storage: str | None = None
+    """Where the study is, so that several processes can share it: a file, Optuna's journal, or the URL of a database. By
+    default OUT/study.db."""
+    generation: int | None = None
+    """Draw so many trials at once, so that they can run side by side: the search depends on it, but not on the number of
+    workers. By default trials are drawn one by one, on a cluster 8 at once."""
 
     def run(self) -> None:
         """Search, print a table, and write what is asked for."""
@@ -120,14 +147,18 @@ class Tune(_Learned):
         from rich.console import Console
         from rich.table import Table
 
+        self.require_cluster()
         console = Console(stderr=True)
         with console.status("") as status:
-            study = tune(
-                config,
-                self.out,
-                trials=self.trials,
-                progress=lambda ended: status.update(f"{ended} of {self.trials} trials"),
-            )
+
+            def told(ended: int) -> None:
+                status.update(f"{ended} of {self.trials} trials")
+
+            common = {"trials": self.trials, "storage": self.storage, "progress": told}
+            if self.spread or self.generation is not None:
+                study = self._spread(**common)
+            else:
+                study = tune(config, self.out, **common)
         complete = [trial for trial in study.trials if trial.value is not None]
         complete.sort(key=lambda trial: -(trial.value or 0.0))
         table = Table("trial", "return", "hyper-parameters", title=f"{self.env}, {self.algo}: the best of {len(study.trials)}")
@@ -139,7 +170,17 @@ class Tune(_Learned):
                 {"number": one.number, "state": one.state.name, "return": one.value, "parameters": one.params}
                 for one in study.trials
             ]
-            write_json(self.json, {"trials": trials}, config=asdict(self))
+            write_json(self.json, {"trials": trials}, config={**self.settings(), "generation": self._generation()})
+
+    def _generation(self) -> int | None:
+        return 8 if self.generation is None and self.spread else self.generation
+
+    def _spread(self, **common: Any) -> Study:
+        """Search in generations of units of work."""
+        from turtlebot_gym_agents.cluster.search import Trial, search
+
+        with self.place(memory=Trial.memory, store=self.out / "units") as place:
+            return search(self.training(), self.out, generation=self._generation() or 1, **common, **place._asdict())
 
 
 @dataclass(frozen=True, kw_only=True)

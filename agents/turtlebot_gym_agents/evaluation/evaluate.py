@@ -132,8 +132,7 @@ def evaluate(
         raise ValueError(f"episodes must be a positive whole number, got {episodes!r}.")
     require_known(env, seed)
     runs = []
-    for start in range(0, episodes, BATCH):
-        size = min(BATCH, episodes - start)
+    for start, size in batches(episodes, BATCH):
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
         told = lambda ended, start=start: progress(start + ended)  # noqa: E731
         runs.append(drive(envs, policy, seed + start, told, allow_mismatch=allow_mismatch))
@@ -147,6 +146,18 @@ def evaluate(
         episodes=concatenate(parts),
         trajectory=trajectories[0],
     )
+
+
+def batches(episodes: int, size: int) -> list[tuple[int, int]]:
+    """Return first episode and number of episodes of each batch; results do not depend on the size.
+
+    The last batch takes a single one that is left over: alone it would be summed over time in another order, by NumPy's
+    pairwise summation, and differ in the last bit.
+    """
+    starts = list(range(0, episodes, size))
+    if len(starts) > 1 and episodes - starts[-1] == 1:
+        starts.pop()
+    return [(start, end - start) for start, end in zip(starts, [*starts[1:], episodes], strict=True)]
 
 
 def require_known(env: str, seed: int) -> None:

@@ -63,7 +63,9 @@ class TrainingResult:
     """Figures of this call's evaluations."""
 
 
-def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progress: bool = True) -> TrainingResult:
+def train(
+    config: TrainingConfig, folder: Path, *, resume: bool = False, progress: bool = True, hyper: Mapping[str, Any] | None = None
+) -> TrainingResult:
     """Train one policy.
 
     Args:
@@ -71,6 +73,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
         folder: Where the run's files go.
         resume: Go on from the folder's checkpoint, if there is one.
         progress: Whether to show a bar.
+        hyper: Hyper-parameters, where the configuration's file has been read elsewhere.
 
     Returns:
         What it has come to; the folder holds the policy.
@@ -80,7 +83,7 @@ def train(config: TrainingConfig, folder: Path, *, resume: bool = False, progres
             of another configuration.
     """
     start = time.perf_counter()
-    hyper = hyperparameters.load(config.algo, config.env, config.config)
+    hyper = dict(hyper or hyperparameters.load(config.algo, config.env, config.config))
     total = config.steps or hyper["n_timesteps"]
     checkpoint = folder / "checkpoint.zip"
     device = choose_device(config.device, choose("algo", config.algo, ALGORITHMS))

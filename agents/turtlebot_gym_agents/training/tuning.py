@@ -1,22 +1,27 @@
 """Search for hyper-parameters with Optuna: resumable, with trials that fall behind cut short.
 
-A study's folder holds ``study.db`` (Optuna's own sqlite storage: stop whenever you like and go on later, or have several
-processes work on it at once) and ``best.yaml``, the best hyper-parameters so far in the form that training reads.
+A study's folder holds ``study.db`` (Optuna's sqlite storage, unless another is named: stop whenever you like and go on
+later, or have several processes work on it at once) and ``best.yaml``, the best hyper-parameters so far in the form that
+training reads.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optuna
 import torch
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
+from sqlalchemy.exc import SQLAlchemyError
 
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.provenance import plain, provenance
@@ -59,6 +64,7 @@ def tune(
     folder: Path,
     *,
     trials: int = 50,
+    storage: str | None = None,
     progress: Callable[[int], None] = lambda ended: None,
 ) -> optuna.Study:
     """Search for the hyper-parameters with which the last evaluation's mean return is highest.
@@ -69,7 +75,8 @@ def tune(
     Args:
         config: What to train; its ``steps`` are each trial's.
         folder: The study's; one that holds a study is gone on with.
-        trials: How many finished trials the study is to have, earlier ones included.
+        trials: How many finished trials the study is to have, earlier ones and those of other processes included.
+        storage: Where the study is, see `open_study`; ``study.db`` in the folder where it is not given.
         progress: Called with the number of finished trials.
 
     Returns:
@@ -82,33 +89,106 @@ def tune(
     if not trials > 0:
         raise ValueError(f"trials must be positive, got {trials!r}.")
     base = hyperparameters.load(config.algo, config.env, config.config)
-    folder.mkdir(parents=True, exist_ok=True)
+    study = open_study(folder, storage, plain({"config": asdict(config), "hyperparameters": base}))
     torch.set_num_threads(config.threads)
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = optuna.create_study(
-        study_name="turtlebot-gym",
-        storage=f"sqlite:///{folder / 'study.db'}",
-        load_if_exists=True,
-        direction="maximize",
-        sampler=optuna.samplers.TPESampler(seed=config.seed, multivariate=False),
-        pruner=optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=1),
-    )
-    about = plain({"config": asdict(config), "hyperparameters": base})
-    del about["config"]["device"]  # a study goes on on any
-    if study.user_attrs.get("about", about) != about:
-        raise ValueError(f"{folder} holds a study of another configuration: choose another folder.")
-    if not study.trials:
-        study.set_user_attr("about", about)
-        study.set_user_attr("provenance", provenance())
-        study.enqueue_trial(starting_point(space, base))
-    while (finished := len(study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED)))) < trials:
+    while (finished := len(finished_trials(study))) < trials:
         progress(finished)
-        trial = study.ask(space)
-        study.tell(trial, *_run(trial, config, with_parameters(base, trial.params)))
-        if study.get_trials(states=(TrialState.COMPLETE,)):
-            hyperparameters.save(folder / "best.yaml", config.env, with_parameters(base, study.best_params))
+        trial = study.ask()
+        # A seed for each trial: processes that share a study draw other hyper-parameters.
+        study.sampler = Sampler([config.seed, trial.number], {} if trial.number else starting_point(space, base))
+        suggest(trial, space)
+        study.tell(trial, *run_trial(trial, config, with_parameters(base, trial.params)))
+        save_best(study, folder, config, base)
     progress(finished)
     return study
+
+
+def open_study(folder: Path, storage: str | None, about: Mapping[str, Any]) -> optuna.Study:
+    """Return a study, which is made where there is none.
+
+    Args:
+        folder: The study's; made where it is missing.
+        storage: A database's URL, as SQLAlchemy takes it, or a file, Optuna's journal, which a network's file system may hold;
+            by default ``study.db`` in the folder.
+        about: What the study depends on, in JSON's own types.
+
+    Raises:
+        ValueError: If there is one of another configuration, or the storage cannot be used.
+    """
+    about = {**about, "config": {name: value for name, value in about["config"].items() if name != "device"}}  # any goes on
+    folder.mkdir(parents=True, exist_ok=True)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        study = optuna.create_study(
+            study_name="turtlebot-gym",
+            storage=_storage(storage or f"sqlite:///{folder / 'study.db'}"),
+            load_if_exists=True,
+            direction="maximize",
+            pruner=pruner(),
+        )
+    except (OSError, ImportError, SQLAlchemyError, optuna.exceptions.OptunaError) as error:
+        raise ValueError(f"storage must be a file or the URL of a database, got {storage!r}: {error}") from error
+    if study.user_attrs.get("about", about) != about:
+        raise ValueError(f"{storage or folder} holds a study of another configuration: choose another folder.")
+    if "about" not in study.user_attrs:
+        study.set_user_attr("about", about)
+        study.set_user_attr("provenance", provenance())
+    return study
+
+
+def _storage(name: str) -> optuna.storages.BaseStorage | str:
+    """Return a storage by its URL, or by the file of a journal."""
+    if "://" in name:
+        return name
+    Path(name).parent.mkdir(parents=True, exist_ok=True)
+    return JournalStorage(JournalFileBackend(name))
+
+
+def pruner() -> optuna.pruners.BasePruner:
+    """Return what cuts trials short: those below the median of the earlier ones."""
+    return optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=1)
+
+
+def finished_trials(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    """Return the trials that have come to an end of their own."""
+    return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
+
+
+def save_best(study: optuna.Study, folder: Path, config: TrainingConfig, base: Mapping[str, Any]) -> None:
+    """Write ``best.yaml``, once there is a best trial."""
+    if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
+        hyperparameters.save(folder / "best.yaml", config.env, with_parameters(base, study.best_params))
+
+
+class Sampler(optuna.samplers.TPESampler):
+    """Optuna's tree-structured Parzen estimator, with some parameters given.
+
+    Args:
+        seed: Numbers that the draws follow from.
+        given: Parameters that are not drawn.
+    """
+
+    def __init__(self, seed: Sequence[int], given: Mapping[str, Any]) -> None:
+        super().__init__(seed=int(np.random.SeedSequence(seed).generate_state(1)[0]), multivariate=False)
+        self.given = given
+        """Parameters that are not drawn; they may be replaced between trials."""
+
+    def sample_independent(
+        self, study: optuna.Study, trial: optuna.trial.FrozenTrial, param_name: str, param_distribution: BaseDistribution
+    ) -> Any:
+        """Return a parameter."""
+        drawn = super().sample_independent(study, trial, param_name, param_distribution)
+        return self.given.get(param_name, drawn)
+
+
+def suggest(trial: optuna.Trial, space: Mapping[str, BaseDistribution]) -> dict[str, Any]:
+    """Draw a trial's parameters with its study's sampler, and return them."""
+    for name, distribution in space.items():
+        if isinstance(distribution, CategoricalDistribution):
+            trial.suggest_categorical(name, distribution.choices)
+        elif isinstance(distribution, FloatDistribution):
+            trial.suggest_float(name, distribution.low, distribution.high, log=distribution.log)
+    return trial.params
 
 
 def with_parameters(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -150,7 +230,7 @@ def starting_point(space: Mapping[str, BaseDistribution], base: Mapping[str, Any
     return found
 
 
-def _run(trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]) -> tuple[float | None, TrialState]:
+def run_trial(trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]) -> tuple[float | None, TrialState]:
     """Return a trial's value, and whether it was cut short."""
     total = config.steps or hyper["n_timesteps"]
 

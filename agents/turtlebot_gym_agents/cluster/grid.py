@@ -1,0 +1,186 @@
+"""A study: policies and trainings in every combination of settings, on the same episodes, with intervals.
+
+It is a YAML file. What is in ``grid`` may be a list; each combination is a cell. Every policy drives in every cell. A training
+is done anew in each cell, with several seeds, and what its policies do is told with the differences between them::
+
+    episodes: 2000
+    seed: 1000000
+    compare_with: bearing
+    grid:
+      env: turtlebot_gym/TurtleBotNav-v0
+      noise: [tutorial, documented]
+    policies: [bearing, proportional]
+    trainings:
+      ppo: {algo: ppo, seeds: 3, steps: 200000}
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from turtlebot_gym.files import load_yaml
+from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.units import CHUNK, Drive, Training, Unit, drives, training
+from turtlebot_gym_agents.cluster.work import Workers, complete, evaluation, in_turn
+from turtlebot_gym_agents.evaluation.comparison import compare
+from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, paired, require_known
+from turtlebot_gym_agents.evaluation.metrics import holm
+
+SETTINGS = ("env", "robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar", "switch", "laps")
+"""What a grid may hold: arguments of environments."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """What a study compares."""
+
+    grid: Mapping[str, Any] = field(default_factory=dict)
+    """Settings by name, each a value or a list of values."""
+    policies: tuple[str, ...] = ()
+    """Names for `turtlebot_gym_agents.make_policy`."""
+    trainings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """By name: fields of `training.train.TrainingConfig`, and ``seeds``, how many are trained, from seed 0 on."""
+    compare_with: str | None = None
+    """The policy whose times are subtracted; the first one where it is not given."""
+    episodes: int = 1000
+    """Episodes of each policy in each cell."""
+    seed: int = 0
+    """Of the first episode."""
+    chunk: int = CHUNK
+    """Episodes of a unit of work; results do not depend on it."""
+
+    def __post_init__(self) -> None:
+        if not self.policies:
+            raise ValueError("policies must name at least one.")
+        if self.baseline not in self.policies:
+            raise ValueError(f"compare_with must be one of policies, {', '.join(self.policies)}, got {self.compare_with!r}.")
+        for name in ("episodes", "chunk"):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value > 1):
+                raise ValueError(f"{name} must be a whole number > 1, got {value!r}.")
+        if unknown := [name for name in self.grid if name not in SETTINGS]:
+            raise ValueError(f"grid must hold settings, {', '.join(SETTINGS)}, got {', '.join(unknown)}.")
+        for env in _listed(self.grid.get("env", NAV)):
+            require_known(env, self.seed)
+
+    @property
+    def baseline(self) -> str:
+        """Return the policy that others are compared with."""
+        return self.compare_with or self.policies[0]
+
+    def cells(self) -> list[dict[str, Any]]:
+        """Return the settings of each cell."""
+        names = {"env": NAV, **self.grid}
+        return [dict(zip(names, one, strict=True)) for one in itertools.product(*map(_listed, names.values()))]
+
+    def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[Training]:
+        """Return the units of a training in a cell, one for each seed."""
+        from turtlebot_gym_agents.training.train import TrainingConfig
+
+        said = dict(self.trainings[name])
+        seeds = said.pop("seeds", 1)
+        known = {item.name for item in fields(TrainingConfig)} - {"seed"}
+        if unknown := [each for each in {**said, **cell} if each not in known]:
+            raise ValueError(
+                f"training {name!r} cannot be told {', '.join(unknown)}; it can be told {', '.join(sorted(known))}."
+            )
+        if "config" in said:
+            said["config"] = Path(said["config"])
+        return [training(TrainingConfig(**{**said, **cell, "seed": seed})) for seed in range(seeds)]
+
+    def drives_of(self, policy: str, cell: Mapping[str, Any], *, bundle: bytes | None = None) -> list[Drive]:
+        """Return the units of a policy's evaluation in a cell; the policy may be given as a bundle's content."""
+        files = None if bundle is None else {policy: {Path(policy).name: bundle}}
+        return drives(policy, **cell, episodes=self.episodes, seed=self.seed, chunk=self.chunk, files=files)
+
+
+def read_grid(path: Path) -> Grid:
+    """Read a study.
+
+    Raises:
+        ValueError: If it is no YAML, or says what a study cannot be told; the message names the file.
+    """
+    try:
+        said = load_yaml(path)
+        known = [item.name for item in fields(Grid)]
+        unknown = [str(name) for name in said if name not in known] if isinstance(said, Mapping) else [repr(said)]
+        if unknown:
+            raise ValueError(f"a study must hold {', '.join(known)}, got {', '.join(unknown)}.")
+        return Grid(**{**said, "policies": tuple(_listed(said.get("policies", ())))})
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def study(
+    grid: Grid,
+    *,
+    workers: Workers = in_turn,
+    store: Store | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[dict[str, Any]]:
+    """Return what policies and trainings have come to in each cell.
+
+    Args:
+        grid: What is compared.
+        workers: Who does it, see `work.complete`.
+        store: Where results are kept as they come; a study that was stopped goes on from there.
+        progress: Called with what is done and the whole, as `units.Unit.size` counts it, of trainings and then of episodes.
+
+    Returns:
+        Of each cell: its setting; of each policy a summary and the paired difference of times to the baseline, s; of each
+        training what `evaluation.comparison.compare` returns, with p-values corrected for all of the study's (Holm).
+    """
+    cells = grid.cells()
+    trained: list[tuple[int, str, int]] = []
+    trainings: list[Unit] = []
+    for at, cell in enumerate(cells):
+        for name in grid.trainings:
+            for number, unit in enumerate(grid.trainings_of(name, cell)):
+                trained.append((at, name, number))
+                trainings.append(unit)
+    bundles = dict(zip(trained, _all(trainings, workers, store, progress), strict=True))
+
+    asked = {(at, policy): grid.drives_of(policy, cell) for at, cell in enumerate(cells) for policy in grid.policies}
+    for (at, name, number), result in bundles.items():
+        label = f"{name}/seed-{number}.onnx"
+        asked[at, label] = grid.drives_of(label, cells[at], bundle=result.files["policy.onnx"])
+    results = iter(_all([unit for units in asked.values() for unit in units], workers, store, progress))
+    found: dict[tuple[int, str], Evaluation] = {}
+    for (at, policy), units in asked.items():
+        config = {**cells[at], "policy": policy, "episodes": grid.episodes, "seed": grid.seed}
+        found[at, policy] = evaluation(units, [next(results) for _ in units], config)
+    rows = [_row(grid, at, cell, found) for at, cell in enumerate(cells)]
+    compared = [one for row in rows for one in row["trainings"].values() if "p" in one]
+    for one, p in zip(compared, holm([one["p"] for one in compared]), strict=True):
+        one["p_holm"] = p
+    return rows
+
+
+def _all(units: list[Any], workers: Workers, store: Store | None, progress: Callable[[int, int], None]) -> list[Result]:
+    total = sum(unit.size for unit in units)
+    return complete(units, workers=workers, store=store, progress=lambda done: progress(done, total))
+
+
+def _row(grid: Grid, at: int, cell: Mapping[str, Any], found: Mapping[tuple[int, str], Evaluation]) -> dict[str, Any]:
+    """Return what is told of a cell."""
+    baseline = found[at, grid.baseline]
+    policies = {}
+    for policy in grid.policies:
+        one = found[at, policy]
+        policies[policy] = {**one.summary(), "difference": paired(one, baseline)}
+    trainings = {}
+    for name in grid.trainings:
+        learned = [one for (where, policy), one in found.items() if where == at and policy.startswith(f"{name}/seed-")]
+        if len(learned) > 1:
+            trainings[name] = compare(learned, baseline)
+        else:  # one training says nothing of others: it is a policy
+            policies[name] = {**learned[0].summary(), "difference": paired(learned[0], baseline)}
+    return {"setting": dict(cell), "compared_with": grid.baseline, "policies": policies, "trainings": trainings}
+
+
+def _listed(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, (list, tuple)) else [value]

@@ -1,0 +1,54 @@
+"""Looks at a cluster from a process of its own, which can be given up; `access` runs this file.
+
+Ray waits long for what does not answer, writes walls of text, and can end the process that asked. So this one asks first. It
+prints one line of JSON: the cluster's address, and of each node what it has and with what it would compute.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from typing import Any
+
+
+def look() -> dict[str, Any]:
+    """Return the origin of results of the node where this runs; this function is sent there, and knows nothing of here."""
+    try:
+        from turtlebot_gym_agents.cluster.origin import origin
+    except ImportError as error:
+        return {"missing": error.name or str(error)}
+    return origin()
+
+
+def main(address: str, seconds: float) -> None:
+    """Ask, and print the answer."""
+    import ray
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    ray.init(address=address, log_to_driver=False, logging_level=logging.CRITICAL)
+    nodes = [node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) > 0.0]
+    task = ray.remote(look)
+    asked = {
+        task.options(
+            num_cpus=0, max_retries=0, scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+        ).remote(): node
+        for node in nodes
+    }
+    told, _ = ray.wait(list(asked), num_returns=len(asked), timeout=seconds) if asked else ([], [])
+    answers = {asked[each]["NodeID"]: ray.get(each) for each in told}
+    found = [
+        {
+            "host": f"{node['NodeManagerHostname']} ({node['NodeManagerAddress']})",
+            "cpus": node["Resources"]["CPU"],
+            "memory": node["Resources"].get("memory", 0.0),
+            "origin": answers.get(node["NodeID"]),
+        }
+        for node in nodes
+    ]
+    print(json.dumps({"address": ray.get_runtime_context().gcs_address, "nodes": found}), flush=True)
+
+
+if __name__ == "__main__":
+    del sys.path[0]  # this folder: its modules are no libraries
+    main(sys.argv[1], float(sys.argv[2]))

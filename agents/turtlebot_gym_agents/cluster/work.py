@@ -1,0 +1,100 @@
+"""Units and their results: what is stored is taken from there, the rest is done, and kept as it comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.units import Unit, drives, episodes_of, key, run, trajectory_of
+from turtlebot_gym_agents.evaluation.episodes import concatenate
+from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, require_known
+
+Workers = Callable[[Iterable[tuple[str, Unit]]], Iterator[tuple[str, Result]]]
+"""Does units, which it takes as it needs them, and yields their results in any order, both with their keys."""
+
+
+def in_turn(units: Iterable[tuple[str, Unit]]) -> Iterator[tuple[str, Result]]:
+    """Do units here, one after another."""
+    for name, unit in units:
+        yield name, run(unit)
+
+
+def complete(
+    units: Sequence[Unit],
+    *,
+    workers: Workers = in_turn,
+    store: Store | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[Result]:
+    """Return the results of units, in their order.
+
+    Args:
+        units: What is to be done; equal ones are done once.
+        workers: Who does it. The results do not depend on that.
+        store: Where results are kept as they come. A unit whose result is there is not done.
+        progress: Called with the sum of the sizes of the units of which there is a result.
+
+    Raises:
+        ValueError, OSError, ImportError: What a unit has raised.
+    """
+    keys = [key(unit) for unit in units]
+    sizes: dict[str, int] = {}
+    for name, unit in zip(keys, units, strict=True):
+        sizes[name] = sizes.get(name, 0) + unit.size
+    found = {name: store.get(name) for name in sizes if name in store} if store else {}
+    done = sum(sizes[name] for name in found)
+    progress(done)
+    missing = {name: unit for name, unit in zip(keys, units, strict=True) if name not in found}
+    for name, result in workers(missing.items()) if missing else ():
+        if store:
+            store.put(name, result)
+        found[name] = result
+        done += sizes[name]
+        progress(done)
+    return [found[name] for name in keys]
+
+
+def evaluation(units: Sequence[Unit], results: Sequence[Result], config: Mapping[str, Any]) -> Evaluation:
+    """Return what the units of `units.drives` have come to, as `evaluation.evaluate.evaluate` returns it."""
+    first = results[0]
+    return Evaluation(
+        config=dict(config),
+        limit=first.facts["limit"],
+        max_linear=first.facts["max_linear"],
+        episodes=concatenate([episodes_of(result.arrays) for result in results]),
+        trajectory=trajectory_of(first.arrays),
+    )
+
+
+def evaluate_all(
+    asked: Sequence[Mapping[str, Any]],
+    *,
+    workers: Workers = in_turn,
+    store: Store | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[Evaluation]:
+    """Return several evaluations, cut into units.
+
+    Args:
+        asked: The arguments of `evaluation.evaluate.evaluate` for each; a policy is given by its name.
+        workers: See `complete`, as the next.
+        store: Where results are kept.
+        progress: Called with the number of episodes that were driven.
+    """
+    parts, configs = [], []
+    for one in asked:
+        config = {"env": NAV, "episodes": 1000, "seed": 0, **one}
+        if not (isinstance(config["episodes"], int) and config["episodes"] > 0):
+            raise ValueError(f"episodes must be a positive whole number, got {config['episodes']!r}.")
+        require_known(config["env"], config["seed"])
+        parts.append(drives(**config))
+        configs.append(config)
+    units = [unit for part in parts for unit in part]
+    results = complete(units, workers=workers, store=store, progress=progress)
+    found, at = [], 0
+    for part, config in zip(parts, configs, strict=True):
+        head = {name: config[name] for name in ("env", "policy", "episodes", "seed")}
+        found.append(evaluation(part, results[at : at + len(part)], head | config))
+        at += len(part)
+    return found

@@ -1,0 +1,167 @@
+"""What a unit of work costs on Ray, with 1 and 2 workers, and what that means for 1,000.
+
+Measured: the same evaluation without Ray and with each number of workers, in turn; empty units, which tell what a unit costs
+beside its work; the size of a result; what the driver does with one. The plan for more workers follows from those numbers, and
+says so.
+
+`make bench-cluster` runs it.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import tyro
+
+from turtlebot_gym_agents.cluster.ray_workers import AHEAD, OBJECT_STORE, ray_workers
+from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.units import CHUNK, Drive, drives, key
+from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
+from turtlebot_gym_agents.provenance import write_json
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+PLANNED = (2, 16, 128, 1000)
+"""Numbers of workers in the plan."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Measure, and plan."""
+
+    episodes: int = 20_000
+    """Episodes of the evaluation that is timed."""
+    empty: int = 400
+    """Units that do nothing."""
+    rounds: int = 3
+    """How often each number of workers has its turn; the best one counts."""
+    json: Path = Path("benchmarks/cluster.json")
+    """Where the results go."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Empty:
+    """A unit that does nothing, and tells as much as 250 episodes do."""
+
+    number: int
+    memory = 0
+    size = 1
+
+    def about(self) -> dict[str, Any]:
+        """Return what tells it from the others."""
+        return {"empty": self.number}
+
+    def run(self) -> Result:
+        """Return numbers."""
+        return Result({}, {"numbers": np.zeros(25 * CHUNK)}, {}, {})
+
+
+def seconds_of(units: list[Any], workers: Workers) -> float:
+    """Return how long units take, s."""
+    begun = time.perf_counter()
+    complete(units, workers=workers)
+    return time.perf_counter() - begun
+
+
+def measured(config: Config) -> dict[str, Any]:
+    """Return seconds of units by the number of workers, 0 without Ray, and what starting Ray takes."""
+    asked = {"env": NAV, "episodes": config.episodes, "seed": 0}
+    work, empty = drives("bearing", **asked), [Empty(number=number) for number in range(config.empty)]
+    complete(work[:1])  # compiled
+    found: dict[int, dict[str, float]] = {}
+    for turn in range(config.rounds):
+        for workers in (0, 1, 2):
+            begun = time.perf_counter()
+            if workers == 0:
+                told = {"work": seconds_of(work, in_turn), "empty": seconds_of(empty, in_turn)}
+            else:
+                with ray_workers("local", workers=workers, memory=Drive.memory) as ray:
+                    complete(work[: 2 * workers], workers=ray)  # workers have begun, and loaded the loops
+                    start = time.perf_counter() - begun
+                    told = {"start": start, "work": seconds_of(work, ray), "empty": seconds_of(empty, ray)}
+            best = found.setdefault(workers, told)
+            found[workers] = {name: min(value, best[name]) for name, value in told.items()}
+            print(f"round {turn}, {workers} workers: {told}", flush=True)
+    return {"units": len(work), "by_workers": found}
+
+
+def driver() -> dict[str, float]:
+    """Return what a result costs the driver: bytes, and seconds to name its unit and to keep it."""
+    (unit,) = drives("bearing", env=NAV, episodes=CHUNK, seed=CHUNK)
+    result = complete([unit])[0]
+    held = sum(array.nbytes for array in result.arrays.values())
+    count = 200
+    with TemporaryDirectory() as folder:
+        store = Store(Path(folder))
+        begun = time.process_time()
+        for number in range(count):
+            store.put(str(number), result)
+        keeping = (time.process_time() - begun) / count
+        kept = next(Path(folder).iterdir()).stat().st_size
+    begun = time.process_time()
+    for _ in range(count):
+        key(unit)
+    return {
+        "bytes_held": held,
+        "bytes_stored": kept,
+        "seconds_to_store": keeping,
+        "seconds_to_name": (time.process_time() - begun) / count,
+    }
+
+
+def plan(found: dict[str, Any], costs: dict[str, float], config: Config) -> dict[str, Any]:
+    """Return what follows for more workers, by arithmetic alone; nothing here was run.
+
+    A worker does a unit in so many seconds as the evaluation says; the driver needs so many for each as empty units say, the
+    store's included.
+    """
+    times = found["by_workers"]
+    unit = times[0]["work"] / found["units"]
+    each = times[2]["empty"] / config.empty + costs["seconds_to_store"]
+    rows = {}
+    for workers in PLANNED:
+        wanted = workers / unit
+        rows[str(workers)] = {
+            "results_per_second_wanted": wanted,
+            "driver_busy": wanted * each,
+            "megabytes_per_second": wanted * costs["bytes_held"] / 1e6,
+            "object_store_megabytes": workers * (1 + AHEAD) * costs["bytes_held"] / 1e6,
+            "driver_memory_gigabytes_an_hour": 3600.0 * min(wanted, 1.0 / each) * costs["bytes_held"] / 1e9,
+        }
+    return {
+        "seconds_of_a_unit": unit,
+        "driver_seconds_of_a_unit": each,
+        "workers_that_one_driver_feeds": unit / each,
+        "unit_seconds_for_1000_workers": 1000.0 * each,
+        "episodes_in_a_unit_for_1000_workers": CHUNK * 1000.0 * each / unit,
+        "by_workers": rows,
+    }
+
+
+def main() -> None:
+    """Measure, plan, and write."""
+    config = tyro.cli(Config, description=__doc__)
+    found, costs = measured(config), driver()
+    times = found["by_workers"]
+    result = {
+        "machine": {"cores": os.cpu_count(), "load": os.getloadavg()},
+        "measured": found,
+        "ratio_of_2_workers_to_1": times[1]["work"] / times[2]["work"],
+        "overhead_of_a_unit": {str(n): (times[n]["empty"] - times[0]["empty"]) / config.empty for n in (1, 2)},
+        "driver": costs,
+        "object_store": OBJECT_STORE,
+        "planned": plan(found, costs, config),
+    }
+    write_json(config.json, result, config={"episodes": config.episodes, "empty": config.empty, "rounds": config.rounds})
+    print(f"2 workers do {result['ratio_of_2_workers_to_1']:.2f} times what 1 does.")
+    print(f"A unit costs {result['overhead_of_a_unit']} s beside its work.")
+    print(f"One driver feeds {result['planned']['workers_that_one_driver_feeds']:.0f} workers.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,40 @@
+"""A unit that writes down when it begins and when it ends; workers import it by its name."""
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from turtlebot_gym_agents.cluster.store import Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Logged:
+    """A unit that takes a while."""
+
+    number: int
+    folder: str
+    seconds: float = 0.4
+    memory = 0
+    size = 1
+
+    def about(self):
+        return {"logged": self.number}
+
+    def run(self):
+        self._say("begin")
+        time.sleep(self.seconds)
+        self._say("end")
+        return Result({"number": self.number}, {}, {}, {})
+
+    def _say(self, what):
+        log = os.open(Path(self.folder) / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        os.write(log, f"{what} {self.number} {os.getpid()}\n".encode())  # in one piece
+        os.close(log)
+
+
+def read(folder):
+    """Return the lines of a log: what, number, process."""
+    path = Path(folder) / "log"
+    lines = path.read_text().splitlines() if path.is_file() else []
+    return [(what, int(number), int(process)) for what, number, process in map(str.split, lines)]

@@ -1,0 +1,149 @@
+"""Searches in generations depend on their size alone: not on who is done first, and not on an interruption."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import optuna
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.cluster import search as module
+from turtlebot_gym_agents.cluster.search import Trial, search
+from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.units import run
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.tuning import tune
+
+ROOT = Path(__file__).parents[3]
+pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
+TINY = {
+    "n_envs": 32,
+    "n_timesteps": 512,
+    "policy": "MlpPolicy",
+    "n_steps": 16,
+    "batch_size": 512,
+    "learning_rate": 0.001,
+    "policy_kwargs": {"net_arch": [32, 32]},
+}
+
+
+@pytest.fixture
+def config(tmp_path):
+    hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
+    return TrainingConfig(steps=512, evaluations=1, episodes=8, config=tmp_path / "tiny.yaml")
+
+
+class Imagined:
+    """Does trials without training: their value follows from their learning rate."""
+
+    def __init__(self, *, backwards=False, limit=99):
+        self.seen, self._backwards, self._limit = [], backwards, limit
+
+    def __call__(self, units):
+        for name, unit in sorted(units, key=lambda one: one[1].hyper["learning_rate"], reverse=self._backwards):
+            if len(self.seen) == self._limit:
+                raise KeyboardInterrupt
+            self.seen.append(unit)
+            value = -abs(unit.hyper["learning_rate"] - 0.003)
+            state = "PRUNED" if unit.hyper["learning_rate"] > 0.009 else "COMPLETE"
+            told = {"state": state, "value": value if state == "COMPLETE" else None, "on_the_way": [value], "history": []}
+            yield name, Result(told, {}, {}, {})
+
+
+def told(study):
+    return [(trial.number, trial.state.name, trial.value, trial.params) for trial in study.trials]
+
+
+def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(config, tmp_path):
+    common = {"trials": 14, "generation": 4}
+    expected = search(config, tmp_path / "one", **common, workers=Imagined())
+    assert [trial.number for trial in expected.trials] == list(range(14))
+    assert expected.trials[0].params["learning_rate"] == 0.001  # where the search starts
+    assert len({str(trial.params) for trial in expected.trials}) == 14
+    assert told(search(config, tmp_path / "two", **common, workers=Imagined(backwards=True))) == told(expected)
+
+    store = Store(tmp_path / "units")
+    with pytest.raises(KeyboardInterrupt):
+        search(config, tmp_path / "three", **common, workers=Imagined(limit=6), store=store)
+    later = Imagined()
+    search(config, tmp_path / "three", trials=9, generation=4, workers=later, store=store)
+    assert told(search(config, tmp_path / "three", **common, workers=later, store=store)) == told(expected)
+    assert len(later.seen) == 14 - 6
+    content = hyperparameters.load("ppo", config.env, tmp_path / "three" / "best.yaml")
+    assert content["learning_rate"] == expected.best_params["learning_rate"]
+
+
+def test_the_size_of_a_generation_belongs_to_the_study(config, tmp_path):
+    search(config, tmp_path, trials=2, generation=2, workers=Imagined())
+    with pytest.raises(ValueError, match="another configuration"):
+        search(config, tmp_path, trials=4, generation=4, workers=Imagined())
+    with pytest.raises(ValueError, match="generation must be positive"):
+        search(config, tmp_path, trials=4, generation=0)
+
+
+def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones(config):
+    trial = Trial(config=replace(config, evaluations=2, steps=1024), hyper=TINY)
+    alone = run(trial).facts
+    assert alone["state"] == "COMPLETE"
+    assert alone["value"] == alone["on_the_way"][-1] == alone["history"][-1]["return"]
+    assert len(alone["on_the_way"]) == 2
+    assert run(trial).facts == alone
+    better = {"state": "COMPLETE", "value": 99.0, "on_the_way": [99.0, 99.0, 99.0]}
+    behind = run(replace(trial, earlier=(better,) * 5)).facts
+    assert behind["state"] == "PRUNED"
+    assert behind["value"] is None
+    assert run(replace(trial, earlier=(better,) * 4)).facts == alone  # too few to tell
+
+
+def test_processes_that_share_a_journal_draw_other_parameters(config, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "turtlebot_gym_agents.training.tuning.run_trial",
+        lambda trial, config, hyper: (hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
+    )
+    journal = str(tmp_path / "deep" / "study.journal")
+    first = tune(config, tmp_path / "one", trials=3, storage=journal)
+    both = tune(config, tmp_path / "two", trials=6, storage=journal)
+    assert told(both)[:3] == told(first)
+    assert len({str(trial.params) for trial in both.trials}) == 6
+    assert (tmp_path / "two" / "best.yaml").is_file()
+    assert told(tune(config, tmp_path / "three", trials=6, storage=f"sqlite:///{tmp_path / 'other.db'}")) == told(both)
+    with pytest.raises(ValueError, match="storage must be a file or the URL of a database"):
+        tune(config, tmp_path / "one", trials=1, storage="nothing://at/all")
+
+
+def test_the_command_says_what_it_drew_at_once(config, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(module, "complete", lambda units, **rest: [one for _, one in Imagined()((str(u), u) for u in units)])
+    arguments = ["--config", str(config.config), "--trials", "2", "--out", str(tmp_path), "--json", str(tmp_path / "out.json")]
+    assert main(["tune", *arguments, "--generation", "2"]) == 0
+    content = json.loads((tmp_path / "out.json").read_text())
+    assert content["config"]["generation"] == 2
+    assert not {"json", "out.json", "cluster", "workers", "store", "storage"} & set(content["config"])
+    assert [trial["number"] for trial in content["trials"]] == [0, 1]
+    assert main(["tune", *arguments, "--workers", "2"]) == 2
+    assert "add --cluster local" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_two_jobs_of_the_script_share_a_journal(config, tmp_path):
+    """The job script, with the array's number faked: each job takes trials until the study has four of them."""
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    command = tmp_path / "turtlebot-gym"
+    command.write_text(f'#!/bin/sh\nexec {sys.executable} -m turtlebot_gym_agents "$@"\n')
+    command.chmod(0o755)
+    variables = {**os.environ, "PATH": path, "SHARED": str(tmp_path / "shared"), "TRIALS": "4", "STEPS": "512"}
+    variables["NUMBA_CACHE_DIR"] = os.environ.get("NUMBA_CACHE_DIR", "")  # the package's own
+    script = ["bash", str(ROOT / "agents" / "configs" / "slurm.sh"), "--config", str(config.config)]
+    jobs = [subprocess.Popen(script, env={**variables, "SLURM_ARRAY_TASK_ID": str(job)}, cwd=tmp_path) for job in range(2)]
+    assert [job.wait() for job in jobs] == [0, 0]
+    study = module.open_study(tmp_path / "look", str(tmp_path / "shared" / "study.journal"), {})
+    finished = module.finished_trials(study)
+    assert 4 <= len(finished) <= 5  # both may have been at their last one
+    assert len({str(trial.params) for trial in finished}) == len(finished)
+    assert [(tmp_path / "shared" / f"job-{job}" / "best.yaml").is_file() for job in range(2)].count(True) >= 1

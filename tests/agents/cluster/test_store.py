@@ -1,0 +1,94 @@
+"""The store: results come back as they were put, each once, and what was done is not done again."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.units import Drive, key
+from turtlebot_gym_agents.cluster.work import complete, in_turn
+
+RESULT = Result(
+    facts={"value": 0.1, "nothing": None, "all": [1, float("inf")]},
+    arrays={"numbers": np.array([np.nan, 0.1, -0.0]), "flags": np.array([True, False]), "whole": np.array([2**60])},
+    files={"policy.onnx": b"\x00\x01\xff", "empty": b""},
+    times={"seconds": 1.5, "host": "here"},
+)
+
+
+def same(one, other):
+    assert (one.facts, one.files, one.times) == (other.facts, other.files, other.times)
+    assert {name: (value.dtype, value.tobytes()) for name, value in one.arrays.items()} == {
+        name: (value.dtype, value.tobytes()) for name, value in other.arrays.items()
+    }
+
+
+def test_a_result_comes_back_as_it_was(tmp_path):
+    store = Store(tmp_path / "deep" / "store")
+    assert "a" not in store
+    store.put("a", RESULT)
+    assert "a" in store
+    same(store.get("a"), RESULT)
+    assert [path.name for path in (tmp_path / "deep" / "store").iterdir()] == ["a.npz"]
+
+
+def test_what_is_there_stays(tmp_path):
+    store = Store(tmp_path)
+    store.put("a", RESULT)
+    before = (tmp_path / "a.npz").stat().st_mtime_ns
+    store.put("a", RESULT._replace(facts={}))
+    assert (tmp_path / "a.npz").stat().st_mtime_ns == before
+    same(store.get("a"), RESULT)
+
+
+def test_a_write_that_fails_leaves_nothing_and_damage_is_told(tmp_path):
+    with pytest.raises(TypeError):
+        Store(tmp_path).put("a", RESULT._replace(facts={"value": object()}))
+    assert not [*tmp_path.iterdir()]
+    (tmp_path / "b.npz").write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(ValueError, match=r"b\.npz is damaged"):
+        Store(tmp_path).get("b")
+
+
+UNITS = [Drive(policy="bearing", env="turtlebot_gym/TurtleBotNav-v0", seed=seed, episodes=1) for seed in (0, 1, 2, 1)]
+
+
+class Counted:
+    """Does units that come to their seed, and stops after so many."""
+
+    def __init__(self, limit=99):
+        self.done, self._limit = [], limit
+
+    def __call__(self, units):
+        for name, unit in reversed(list(units)):
+            if len(self.done) == self._limit:
+                raise KeyboardInterrupt
+            self.done.append(unit.seed)
+            yield name, Result({"seed": unit.seed}, {}, {}, {})
+
+
+def test_results_come_in_the_order_of_the_units_and_equal_ones_are_done_once():
+    workers, told = Counted(), []
+    results = complete(UNITS, workers=workers, progress=told.append)
+    assert [result.facts["seed"] for result in results] == [0, 1, 2, 1]
+    assert workers.done == [2, 1, 0]
+    assert told == [0, 1, 3, 4]
+
+
+def test_what_was_stopped_goes_on_where_it_was(tmp_path):
+    store, first, second, third = Store(tmp_path), Counted(2), Counted(), Counted()
+    with pytest.raises(KeyboardInterrupt):
+        complete(UNITS, workers=first, store=store)
+    assert first.done == [2, 1]
+    results = complete(UNITS, workers=second, store=store)
+    assert second.done == [0]
+    assert [result.facts["seed"] for result in results] == [0, 1, 2, 1]
+    complete(UNITS, workers=third, store=store)
+    assert third.done == []
+    assert sorted(path.stem for path in tmp_path.iterdir()) == sorted({key(unit) for unit in UNITS})
+
+
+def test_an_error_of_a_unit_ends_the_work():
+    with pytest.raises(ValueError, match="policy must be one of"):
+        complete([Drive(policy="nobody", env=UNITS[0].env, seed=0, episodes=1)], workers=in_turn)

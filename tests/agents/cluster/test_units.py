@@ -1,0 +1,134 @@
+"""Units of work: results do not depend on how work is cut, and a unit's key on all that its result depends on."""
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.cluster import units as module
+from turtlebot_gym_agents.cluster.attachments import attach, placed, unpacked
+from turtlebot_gym_agents.cluster.units import Drive, columns, drives, episodes_of, key, run
+from turtlebot_gym_agents.cluster.work import evaluate_all
+from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
+from turtlebot_gym_agents.provenance import plain
+from turtlebot_gym_agents.training.train import TrainingConfig
+
+NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
+
+
+def text(evaluation):
+    """Return an evaluation as it is written, every digit of every number."""
+    told = plain({"config": evaluation.config, "summary": evaluation.summary()})
+    numbers = {name: values.tobytes().hex() for name, values in columns(evaluation.episodes)}
+    return json.dumps({**told, "episodes": numbers, "path": evaluation.trajectory.true_state.tobytes().hex()})
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"policy": "bearing", "env": NAV, "episodes": 51, "seed": 7},
+        {"policy": "ppo-nav", "env": NAV, "episodes": 50, "noise": "documented"},
+        {"policy": "corner", "env": SQUARE, "episodes": 11, "arrival": "belief"},
+        {"policy": "gap", "env": ROOMS, "episodes": 9, "world": "clutter"},
+    ],
+    ids=["bearing", "bundle", "with memory of the course", "room"],
+)
+@pytest.mark.parametrize("chunk", [1000, 25, 2])
+def test_an_evaluation_does_not_depend_on_how_it_is_cut(asked, chunk, monkeypatch):
+    expected = text(evaluate(**asked))
+    monkeypatch.setattr(module.drives, "__kwdefaults__", {**module.drives.__kwdefaults__, "chunk": chunk})
+    (cut,) = evaluate_all([asked])
+    assert text(cut) == expected
+
+
+def test_no_batch_has_a_single_episode_unless_there_is_no_other():
+    assert batches(10, 5) == [(0, 5), (5, 5)]
+    assert batches(11, 5) == [(0, 5), (5, 6)]
+    assert batches(12, 5) == [(0, 5), (5, 5), (10, 2)]
+    assert batches(1, 5) == [(0, 1)]
+    assert all(sum(size for _, size in batches(n, k)) == n for n in range(1, 40) for k in range(1, 40))
+
+
+def test_a_unit_can_be_pickled_and_is_the_same_again():
+    (unit,) = drives("ppo-nav", env=NAV, episodes=8, seed=3, noise="rough")
+    again = pickle.loads(pickle.dumps(unit))
+    assert key(again) == key(unit)
+    for one, other in zip(run(unit).arrays.values(), run(again).arrays.values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    config = module.training(TrainingConfig(steps=64))
+    assert key(pickle.loads(pickle.dumps(config))) == key(config)
+
+
+UNIT = Drive(policy="bearing", env=NAV, seed=0, episodes=4, options={"noise": "clean"})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"policy": "proportional"},
+        {"env": SQUARE},
+        {"seed": 1},
+        {"episodes": 5},
+        {"options": {"noise": "rough"}},
+        {"trajectory": True},
+        {"files": {"bearing": {"bearing": b"1"}}},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_a_key_depends_on_all_that_a_result_depends_on(change):
+    assert key(replace(UNIT, **change)) != key(UNIT)
+
+
+def test_a_key_depends_on_code_and_libraries(monkeypatch):
+    before, there = key(UNIT), module.origin()
+    monkeypatch.setattr(module, "origin", lambda: {**there, "code": "other"})
+    other = key(UNIT)
+    monkeypatch.setattr(module, "origin", lambda: {**there, "libraries": {**there["libraries"], "numpy": "1.0"}})
+    assert len({before, other, key(UNIT)}) == 3
+
+
+def test_a_key_of_a_training_has_its_hyperparameters_and_no_path(tmp_path):
+    shipped = module.training(TrainingConfig(steps=64))
+    same = replace(shipped, config=replace(shipped.config, config=tmp_path / "same.yaml", checkpoint_seconds=1.0))
+    assert key(same) == key(shipped)
+    assert key(replace(shipped, hyper={**shipped.hyper, "gamma": 0.5})) != key(shipped)
+    assert key(replace(shipped, config=replace(shipped.config, seed=1))) != key(shipped)
+
+
+def test_files_that_options_name_travel_with_the_unit(tmp_path, monkeypatch):
+    noise = tmp_path / "mine.yaml"
+    noise.write_text("odometry: {R: [0.0009, 0.0009, 0.0025]}\n")
+    asked = {"policy": "bearing", "env": NAV, "episodes": 6, "seed": 0, "noise": str(noise)}
+    expected = evaluate(**asked).episodes
+    (unit,) = drives(**asked)
+    before = key(unit)
+    noise.write_text("odometry: {R: [0.09, 0.09, 0.25]}\n")
+    (changed,) = drives(**asked)
+    assert key(changed) != before
+    noise.unlink()
+    np.testing.assert_array_equal(episodes_of(run(unit).arrays).path, expected.path)
+    assert (episodes_of(run(changed).arrays).path != expected.path).all()
+
+
+def test_a_map_travels_with_its_image_and_a_policy_of_ones_own_as_its_source(tmp_path, monkeypatch):
+    (tmp_path / "floor.yaml").write_text("image: floor.pgm\nresolution: 0.05\n")
+    (tmp_path / "floor.pgm").write_bytes(b"P5 1 1 255 0")
+    (tmp_path / "mine_alone.py").write_text("def drive(observations): ...\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    world = str(tmp_path / "floor.yaml")
+    found = attach(world, "mine_alone:drive", "bearing", 3, None, "json:loads", "nowhere.onnx")
+    assert {name: set(files) for name, files in found.items()} == {
+        world: {"floor.yaml", "floor.pgm"},
+        "module mine_alone": {"mine_alone.py"},
+    }
+    with unpacked(found) as places:
+        there = placed(world, places)
+        assert there != world
+        assert sorted(path.name for path in type(tmp_path)(there).parent.iterdir()) == ["floor.pgm", "floor.yaml"]
+        assert placed("vfh", places) == "vfh"
+        assert placed(f"{world}+safety", places) == f"{there}+safety"
+    assert not type(tmp_path)(there).exists()
