@@ -155,11 +155,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return self._mode
 
     @property
-    def autoreset_mode(self) -> AutoresetMode:
-        """What happens after an episode's end: ``metadata["autoreset_mode"]``, where `SyncVectorEnv` has it too."""
-        return self._mode
-
-    @property
     def parameters(self) -> Parameters | Sequence[Parameters]:
         """All that the environments' transitions depend on: one for all of them, or one for each."""
         return self._batch.parameters

@@ -155,10 +155,8 @@ class Tune(_Learned, Placement):
                 status.update(f"{ended} of {self.trials} trials")
 
             common = {"trials": self.trials, "storage": self.storage, "progress": told}
-            if self.spread or self.generation is not None:
-                study = self._spread(**common)
-            else:
-                study = tune(config, self.out, **common)
+            spread = self.spread or self.generation is not None
+            study = self._spread(**common) if spread else tune(config, self.out, **common)
         complete = [trial for trial in study.trials if trial.value is not None]
         complete.sort(key=lambda trial: -(trial.value or 0.0))
         table = Table("trial", "return", "hyper-parameters", title=f"{self.env}, {self.algo}: the best of {len(study.trials)}")
