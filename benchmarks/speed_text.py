@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from turtlebot_gym_agents.speed.peer import SCANNED
+from turtlebot_gym_agents.speed.report import beside
 
 LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
 
@@ -33,7 +34,7 @@ def section(found: Mapping[str, Any]) -> str:
     ]
     if "busy" in found:
         busy = found["busy"]
-        lines += [f"\nThe same beside {busy['processes']} processes that keep the cores busy:\n", *_table(busy["environments"])]
+        lines += [f"\nThe same {beside(busy['processes'])}:\n", *_table(busy["environments"])]
     if "training" in found:
         lines += ["", *_training(found)]
     return "\n".join(lines)

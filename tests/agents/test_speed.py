@@ -273,7 +273,7 @@ def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
     options = ["--num-envs", "16", *quick, "--no-training", "--busy", "1"]
     assert main(["benchmark", *options, "--json", str(path), "--plot", str(tmp_path / "out" / "speed.png")]) == 0
     told = capsys.readouterr()
-    assert "beside 1 busy processes" in told.out
+    assert "beside 1 busy process " in told.out
     assert not told.err
     assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
     content = json.loads(path.read_text())

@@ -27,7 +27,7 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
     found = [environments_table(result["environments"], title=conditions(result))]
     if "busy" in result:
         busy = result["busy"]
-        found.append(environments_table(busy["environments"], title=f"beside {busy['processes']} busy processes"))
+        found.append(environments_table(busy["environments"], title=beside(busy["processes"])))
     if "training" in result:
         found.append(_training_table(result))
     return found
@@ -40,6 +40,11 @@ def conditions(result: Mapping[str, Any]) -> str:
     if others is not None:
         busy += f", other programs used {others:.1f} cores meanwhile"
     return f"{machine['cores']} cores, {machine['cpu']} ({machine['llvm_cpu']}); {busy}"
+
+
+def beside(processes: int) -> str:
+    """Return how a machine is called that so many processes keep busy."""
+    return f"beside {processes} busy process{'' if processes == 1 else 'es'}"
 
 
 def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> Table:
@@ -73,10 +78,9 @@ def _training_table(result: Mapping[str, Any]) -> Table:
     table.add_row("CPU seconds for a million steps, ours", f"{one['cpu_seconds_per_million']:.1f}")
     busy = result.get("busy", {}).get("training")
     if busy:
-        beside = f"beside {result['busy']['processes']} busy processes"
-        more = busy["cpu_seconds_per_million"] / one["cpu_seconds_per_million"]
-        table.add_row(f"steps/s {beside}", f"{busy['steps_per_second']:,.0f}")
-        table.add_row(f"CPU seconds for a million steps {beside}", f"{busy['cpu_seconds_per_million']:.1f}, {more:.2f} times")
+        where, more = beside(result["busy"]["processes"]), busy["cpu_seconds_per_million"] / one["cpu_seconds_per_million"]
+        table.add_row(f"steps/s {where}", f"{busy['steps_per_second']:,.0f}")
+        table.add_row(f"CPU seconds for a million steps {where}", f"{busy['cpu_seconds_per_million']:.1f}, {more:.2f} times")
     return table
 
 
@@ -92,8 +96,8 @@ def figure(result: Mapping[str, Any]) -> Figure:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    beside = result.get("busy", {}).get("environments", {})
-    rows = {name: row for name, row in result["environments"].items() if row["threads"] is None or name in beside}
+    busy = result.get("busy", {}).get("environments", {})
+    rows = {name: row for name, row in result["environments"].items() if row["threads"] is None or name in busy}
     groups: dict[str, list[str]] = {}
     for name, row in rows.items():
         groups.setdefault(row["base"], []).append(name)
@@ -101,16 +105,15 @@ def figure(result: Mapping[str, Any]) -> Figure:
     drawn = Figure(figsize=(7.0, 2.2 + 0.36 * sum(heights)), layout="constrained")
     panels = drawn.subplots(len(groups), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, (base, names) in zip(panels, groups.items(), strict=True):
-        draw_group(axes, {name: rows[name] for name in names}, beside, base)
+        draw_group(axes, {name: rows[name] for name in names}, busy, base)
         scalar = rows[base]["size"] == 1
-        axes.set_xlim(*_limits([row for row in (*rows.values(), *beside.values()) if (row["size"] == 1) == scalar]))
+        axes.set_xlim(*_limits([row for row in (*rows.values(), *busy.values()) if (row["size"] == 1) == scalar]))
     panels[-1].set_xlabel("environment steps per second, logarithmic")
     present = dict.fromkeys(row["by"] for row in rows.values())
     handles: list[Any] = [Patch(facecolor=COLOURS.get(by, BLACK), label=by) for by in present]
     handles.append(Line2D([], [], linestyle="none", label="per CPU second", **_MARK))
-    if beside:
-        busy = f"beside {result['busy']['processes']} busy processes"
-        handles.append(Line2D([], [], linestyle="none", label=busy, **_BESIDE))
+    if busy:
+        handles.append(Line2D([], [], linestyle="none", label=beside(result["busy"]["processes"]), **_BESIDE))
     drawn.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=10)
     explained = "right: steps per second, and times Gymnasium's CartPole (line; dashed: twice)"
     drawn.suptitle(f"Speed on {result['machine']['cores']} cores\n{explained}", fontsize=10.5)
@@ -121,13 +124,13 @@ _MARK: dict[str, Any] = {"marker": "D", "color": BLACK, "markersize": 5.0, "mec"
 _BESIDE: dict[str, Any] = {"marker": "o", "color": VERMILLION, "markersize": 7.0, "fillstyle": "none", "mew": 1.8}
 
 
-def draw_group(axes: Axes, rows: Mapping[str, Any], beside: Mapping[str, Any], base: str) -> Axes:
+def draw_group(axes: Axes, rows: Mapping[str, Any], busy: Mapping[str, Any], base: str) -> Axes:
     """Draw contenders that have the same base, with lines at the base's rate and at twice that.
 
     Args:
         axes: Where to draw.
         rows: Rows by name, from top to bottom.
-        beside: Rows beside busy processes, those that there are.
+        busy: Rows beside busy processes, those that there are.
         base: Name of the base.
     """
     from matplotlib.ticker import LogLocator, NullFormatter
@@ -141,8 +144,8 @@ def draw_group(axes: Axes, rows: Mapping[str, Any], beside: Mapping[str, Any], b
             hatch="///" if single else None, edgecolor="white", linewidth=0.0,
         )  # fmt: skip
         axes.plot(row["steps_per_cpu_second"], y, linestyle="none", **_MARK)
-        if name in beside:
-            axes.plot(beside[name]["steps_per_second"], y, linestyle="none", **_BESIDE)
+        if name in busy:
+            axes.plot(busy[name]["steps_per_second"], y, linestyle="none", **_BESIDE)
         axes.text(1.02, y, f"{_short(row['steps_per_second'])}, {row['ratio']:.2f}x", transform=right, va="center", fontsize=10)
     for factor, style in ((1.0, "-"), (2.0, "--")):
         axes.axvline(factor * rows[base]["steps_per_second"], color=BLACK, linestyle=style, linewidth=0.9, zorder=2.5)
