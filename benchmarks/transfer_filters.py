@@ -55,7 +55,7 @@ def tunings(noise: str) -> dict[str, FilterTuning]:
 
 def filtered(drives: Sequence[Drive], tuning: FilterTuning, dt: float = 0.1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Run a filter over drives; return errors of the pose, shape (n, T + 1, 3), and its NEES, shape (n, T + 1)."""
-    begin, step = filter_of(tuning)
+    begin, step, _ = filter_of(tuning)
     errors, consistency = [], []
     for truth, senses in drives:
         estimate = begin(senses[0].odometry, tuning)

@@ -51,6 +51,19 @@ def test_any_heading_survives_the_quaternion_to_the_bit():
     assert plain != headings  # sine and cosine alone would lose some
 
 
+def test_a_heading_that_one_unit_in_the_last_place_mends_costs_no_more():
+    """Where the cosine alone, moved by one unit, gives the heading back, that is all that is moved."""
+    mended = 0
+    for heading in np.random.default_rng(3).uniform(-math.pi, math.pi, 5_000).tolist():
+        z, w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+        up = w + math.ulp(w)
+        if 2.0 * math.atan2(z, w) != heading and 2.0 * math.atan2(z, up) == heading:
+            q = quaternion_of(heading)
+            assert (q.z, q.w) == (z, up)
+            mended += 1
+    assert mended > 50
+
+
 def test_a_quaternion_stays_a_rotation_for_other_readers():
     for heading in np.random.default_rng(1).uniform(-math.pi, math.pi, 2_000).tolist():
         q = quaternion_of(heading)
