@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json as json_format
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,7 +72,7 @@ class Train(_Learned):
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
         configs = [self.training(seed=self.seed + at, evaluations=self.evaluations) for at in range(self.seeds)]
-        with _needs_agents():
+        with _loading(configs[0]), _needs_agents():
             from turtlebot_gym_agents.training.train import train
         from rich.table import Table
 
@@ -115,7 +116,7 @@ class Tune(_Learned):
     def run(self) -> None:
         """Search, print a table, and write what is asked for."""
         config = self.training()
-        with _needs_agents():
+        with _loading(config), _needs_agents():
             from turtlebot_gym_agents.training.tuning import tune
         from rich.console import Console
         from rich.table import Table
@@ -201,6 +202,30 @@ class Export:
             f"{self.out}: {self.out.stat().st_size:,} bytes; its actions differ from the model's by at most "
             f"{difference:.1g} on 10,000 observations."
         )
+
+
+@contextmanager
+def _loading(config: TrainingConfig) -> Iterator[None]:
+    """Load a training's loops beside this block; on a new machine they are compiled, and the compiler leaves Python a core."""
+
+    def load() -> None:
+        import numpy as np
+
+        from turtlebot_gym.compiled.threads import limited
+
+        # What is wrong with the configuration is told by the training.
+        with suppress(Exception), limited(config.threads):
+            envs = config.make(1)
+            envs.reset(seed=0)
+            envs.step(np.zeros((1, 2), np.float32))
+            envs.close()
+
+    beside = threading.Thread(target=load)
+    beside.start()
+    try:
+        yield
+    finally:
+        beside.join()
 
 
 @contextmanager
