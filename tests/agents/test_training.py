@@ -211,7 +211,7 @@ def test_callbacks_serve_a_script_of_ones_own(tmp_path, capsys):
     assert "mine" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("kind", "scale"), [(PPO, 10.0), (SAC, 3.0)])
+@pytest.mark.parametrize(("kind", "scale"), [(PPO, 100.0), (SAC, 3.0)])
 def test_a_policy_is_what_predict_does_to_the_bit(small, kind, scale):
     model = kind("MlpPolicy", Sb3VecEnv(small.make(8)), seed=0, device="cpu")
     with torch.no_grad():
