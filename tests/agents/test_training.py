@@ -211,6 +211,20 @@ def test_callbacks_serve_a_script_of_ones_own(tmp_path, capsys):
     assert "mine" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("kind", "scale"), [(PPO, 100.0), (SAC, 3.0)])
+def test_a_policy_is_what_predict_does_to_the_bit(small, kind, scale):
+    model = kind("MlpPolicy", Sb3VecEnv(small.make(8)), seed=0, device="cpu")
+    with torch.no_grad():
+        for parameter in model.policy.parameters():
+            parameter.mul_(scale)  # so that some actions are clipped
+    observations = np.random.default_rng(0).normal(size=(500, 13)).astype(np.float32)
+    for rows in (observations, observations[:1]):
+        actions = policy_of(model)(rows)
+        np.testing.assert_array_equal(actions, model.predict(rows, deterministic=True)[0])
+        assert actions.shape == (len(rows), 2)
+    assert 0.1 < np.mean(np.abs(policy_of(model)(observations)) < 1.0) < 1.0
+
+
 def test_evaluation_can_end_a_training(small):
     judge = EvaluationCallback(small.make(8), every=1024, go_on=lambda found: found["steps"] < 2048)
     model = make_model(small, SMALL, small.make(64), tensorboard=None)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json as json_format
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,7 +79,7 @@ class Train(_Learned, Placement):
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
-        with _needs_agents():
+        with _loading(configs[0]), _needs_agents():
             from turtlebot_gym_agents.training.train import train
         from rich.table import Table
 
@@ -142,7 +143,7 @@ class Tune(_Learned, Placement):
     def run(self) -> None:
         """Search, print a table, and write what is asked for."""
         config = self.training()
-        with _needs_agents():
+        with _loading(config), _needs_agents():
             from turtlebot_gym_agents.training.tuning import tune
         from rich.console import Console
         from rich.table import Table
@@ -240,6 +241,30 @@ class Export:
             f"{self.out}: {self.out.stat().st_size:,} bytes; its actions differ from the model's by at most "
             f"{difference:.1g} on 10,000 observations."
         )
+
+
+@contextmanager
+def _loading(config: TrainingConfig) -> Iterator[None]:
+    """Load a training's loops beside this block; on a new machine they are compiled, and the compiler leaves Python a core."""
+
+    def load() -> None:
+        import numpy as np
+
+        from turtlebot_gym.compiled.threads import limited
+
+        # What is wrong with the configuration is told by the training.
+        with suppress(Exception), limited(config.threads):
+            envs = config.make(1)
+            envs.reset(seed=0)
+            envs.step(np.zeros((1, 2), np.float32))
+            envs.close()
+
+    beside = threading.Thread(target=load)
+    beside.start()
+    try:
+        yield
+    finally:
+        beside.join()
 
 
 @contextmanager

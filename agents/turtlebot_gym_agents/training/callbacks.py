@@ -39,7 +39,8 @@ def save_model(model: BaseAlgorithm, path: Path) -> None:
 
 def policy_of(model: BaseAlgorithm) -> Policy:
     """Return what a model does without exploring: ``model.predict``, to the bit, in half its time where its parts are known."""
-    policy, seen, done = model.policy, model.observation_space, model.action_space
+    policy: Any = model.policy
+    seen, done = model.observation_space, model.action_space
     gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
     if not gaussian or not isinstance(done, spaces.Box) or not isinstance(seen, spaces.Box) or len(seen.shape) != 1:
         return lambda observations: model.predict(observations, deterministic=True)[0]
