@@ -122,11 +122,9 @@ def record(case, mode, num_envs, watched, steps=STEPS):
         log.append(rows(observations, rewards, terminated, truncated, infos)[watched])
         actions[-1] = actions[-1][watched]
         if mode is SAME_STEP and "final_obs" in infos:
-            ended = infos["_final_obs"]
-            final = np.zeros_like(observations)
-            final[ended] = np.stack(infos["final_obs"][ended])
-            last = rows(final, rewards, terminated, truncated, infos["final_info"])[watched]
-            finals |= {(t, row): last[row] for row in np.flatnonzero(ended[watched])}
+            last = np.stack([observations[0] if one is None else one for one in infos["final_obs"]])
+            last = rows(last, rewards, terminated, truncated, infos["final_info"])[watched]
+            finals |= {(t, row): last[row] for row in np.flatnonzero(infos["_final_obs"][watched])}
         done = terminated | truncated
         if mode is DISABLED and done.any():
             observations, infos = env.reset(options={"reset_mask": done})
