@@ -54,7 +54,7 @@ test-kilted:  ## the ROS nodes on ROS 2 Kilted, in an environment of their own
 
 CLIENTS := .venv-clients
 
-test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (N minutes)
+test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (8 minutes, and the installations)
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
 	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
 

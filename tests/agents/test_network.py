@@ -15,13 +15,15 @@ NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
 torch.set_num_threads(1)
 
 
-def mlp(inputs=13, outputs=2):
+def mlp(inputs=13, outputs=2, scale=1.0):
     torch.manual_seed(0)
-    return nn.Sequential(nn.Linear(inputs, 16), nn.Tanh(), nn.Dropout(0.5), nn.Linear(16, outputs))
+    network = nn.Sequential(nn.Linear(inputs, 16), nn.Tanh(), nn.Dropout(0.5), nn.Linear(16, outputs))
+    network[-1].weight.data *= scale
+    return network
 
 
 def test_the_bundle_does_what_the_network_does(tmp_path):
-    network, path = mlp(), tmp_path / "new" / "nav.onnx"
+    network, path = mlp(scale=10.0), tmp_path / "new" / "nav.onnx"
     assert export_network(network, path, NAV, robot="waffle", noise="rough", dt=0.05, training={"library": "own"}) <= TOLERANCE
     policy = BundlePolicy(path)
     observations = np.random.default_rng(5).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (500, 13)).astype(np.float32)
@@ -54,4 +56,17 @@ def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch)
 def test_refuses_networks_with_other_actions(tmp_path):
     with pytest.raises(ValueError, match=r"must give actions \(n, 2\), got \(10000, 4\)"):
         export_network(mlp(outputs=4), tmp_path / "nav.onnx", NAV)
+    assert not [*tmp_path.iterdir()]
+
+
+class Repeating(nn.Module):
+    """As RLlib's head does: repeat something for each row, by a number that tracing takes for a constant."""
+
+    def forward(self, observation):
+        return torch.zeros(1, 2).repeat([len(observation), 1])
+
+
+def test_refuses_networks_that_are_traced_for_one_number_of_rows_only(tmp_path):
+    with pytest.raises(ValueError, match="must not depend on how many observations"):
+        export_network(Repeating(), tmp_path / "nav.onnx", NAV)
     assert not [*tmp_path.iterdir()]

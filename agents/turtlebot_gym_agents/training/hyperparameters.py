@@ -1,6 +1,6 @@
 """Hyper-parameters from YAML, in the form that rl-baselines3-zoo reads; nothing in them is evaluated as code.
 
-The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and on to the algorithm as it is where it is a mapping; a
+The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and as it is to the algorithm where it is a mapping; a
 mapping cannot name an activation function. So the files hold ``policy_kwargs: dict(net_arch=[64, 64], activation_fn=nn.ReLU)``.
 Here that text is parsed, and refused if it is anything but a call of ``dict`` with literals and names of ``nn``.
 

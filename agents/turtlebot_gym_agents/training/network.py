@@ -1,6 +1,6 @@
 """From a torch network of any library to a policy bundle, with the proof that both do the same.
 
-A library's policy becomes a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to actions (n, 2), the mean action
+A library's policy becomes a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to actions (n, 2), the mean ones,
 without exploration. torch, onnx and onnxscript suffice: Stable-Baselines3, whose models `export` takes, need not be there.
 """
 
@@ -43,7 +43,7 @@ def export_network(
         The largest difference between their actions, on 10,000 observations, uniform in the observation space.
 
     Raises:
-        ValueError: If the network's actions have another shape.
+        ValueError: If the network's actions have another shape, or it works for one number of observations only.
         RuntimeError: If the difference is larger than `TOLERANCE`.
     """
     made = gym.make(env, **options)
@@ -56,10 +56,16 @@ def export_network(
         expected = clipped(torch.from_numpy(observations)).numpy()
     if expected.shape != (len(observations), 2):
         raise ValueError(f"network must give actions (n, 2), got {expected.shape} for {len(observations)} observations.")
+    model = _program(clipped, space.shape[0]).model_proto
+    if not model.graph.input[0].type.tensor_type.shape.dim[0].dim_param:
+        raise ValueError(
+            "network must not depend on how many observations it is given, as len(x) or a loop over them makes it: "
+            "pass its layers, nn.Sequential(body, head)."
+        )
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     with replacing(target) as beside:
-        write_bundle(beside, _program(clipped, space.shape[0]).model_proto, card)
+        write_bundle(beside, model, card)
         difference = float(np.abs(expected - BundlePolicy(beside)(observations)).max())
         if not difference <= TOLERANCE:
             beside.unlink()
