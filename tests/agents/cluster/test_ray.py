@@ -23,6 +23,7 @@ sys.path.insert(0, str(HERE))  # helpers, which workers import as well
 import killed
 import processes
 
+from turtlebot_gym_agents import provenance
 from turtlebot_gym_agents.cluster.ray_workers import ray_workers
 from turtlebot_gym_agents.cluster.store import Store
 from turtlebot_gym_agents.cluster.units import drives, key
@@ -73,6 +74,7 @@ def written(command, folder, monkeypatch, *options):
     """Return the file that a command writes, but for its times."""
     folder.mkdir()
     monkeypatch.chdir(folder)
+    monkeypatch.setattr(provenance, "_commit", lambda: "one")  # a commit in the middle of the test is no difference
     (folder / "tiny.yaml").write_text(YAML)
     (folder / "study.yaml").write_text(STUDY)
     assert main([*COMMANDS[command], "--json", "out.json", *options]) == 0
