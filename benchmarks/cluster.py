@@ -36,11 +36,11 @@ PLANNED = (2, 16, 128, 1000)
 class Config:
     """Measure, and plan."""
 
-    episodes: int = 20_000
+    episodes: int = 8000
     """Episodes of the evaluation that is timed."""
-    empty: int = 400
+    empty: int = 200
     """Units that do nothing."""
-    rounds: int = 3
+    rounds: int = 2
     """How often each number of workers has its turn; the best one counts."""
     json: Path = Path("benchmarks/cluster.json")
     """Where the results go."""
