@@ -10,6 +10,7 @@ says so.
 from __future__ import annotations
 
 import os
+import resource
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +22,10 @@ import tyro
 
 from turtlebot_gym_agents.cluster.ray_workers import AHEAD, OBJECT_STORE, ray_workers
 from turtlebot_gym_agents.cluster.store import Result, Store
-from turtlebot_gym_agents.cluster.units import CHUNK, Drive, drives, key
+from turtlebot_gym_agents.cluster.units import CHUNK, Drive, drives, key, training
 from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
 from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.training.train import TrainingConfig
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 PLANNED = (2, 16, 128, 1000)
@@ -34,11 +36,11 @@ PLANNED = (2, 16, 128, 1000)
 class Config:
     """Measure, and plan."""
 
-    episodes: int = 20_000
+    episodes: int = 8000
     """Episodes of the evaluation that is timed."""
-    empty: int = 400
+    empty: int = 200
     """Units that do nothing."""
-    rounds: int = 3
+    rounds: int = 2
     """How often each number of workers has its turn; the best one counts."""
     json: Path = Path("benchmarks/cluster.json")
     """Where the results go."""
@@ -88,6 +90,34 @@ def measured(config: Config) -> dict[str, Any]:
             found[workers] = {name: min(value, best[name]) for name, value in told.items()}
             print(f"round {turn}, {workers} workers: {told}", flush=True)
     return {"units": len(work), "by_workers": found}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peak:
+    """A unit that does another one, and tells what memory its process has needed so far."""
+
+    unit: Any
+    memory = 0
+    size = 1
+
+    def about(self) -> dict[str, Any]:
+        """Return what the other one is."""
+        return {"peak": self.unit.about()}
+
+    def run(self) -> Result:
+        """Do it."""
+        self.unit.run()
+        return Result({"bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}, {}, {}, {})
+
+
+def peaks() -> dict[str, float]:
+    """Return what a worker needs for a unit of each kind, bytes."""
+    (drive,) = drives("ppo-nav", env=NAV, episodes=CHUNK, seed=0)
+    found = {}
+    for name, unit in (("drive", drive), ("training", training(TrainingConfig(steps=20_000, evaluations=1)))):
+        with ray_workers("local", workers=1) as ray:
+            found[name] = complete([Peak(unit=unit)], workers=ray)[0].facts["bytes"]
+    return found
 
 
 def driver() -> dict[str, float]:
@@ -154,6 +184,7 @@ def main() -> None:
         "ratio_of_2_workers_to_1": times[1]["work"] / times[2]["work"],
         "overhead_of_a_unit": {str(n): (times[n]["empty"] - times[0]["empty"]) / config.empty for n in (1, 2)},
         "driver": costs,
+        "memory_of_a_worker": peaks(),
         "object_store": OBJECT_STORE,
         "planned": plan(found, costs, config),
     }

@@ -338,3 +338,15 @@ def test_the_table_of_arrivals_is_what_was_measured():
             assert cell == f"{100.0 * row['false']['value']:.1f} %, {row['later']['value']:.2f} s{never}", line
         rows += 1
     assert rows == 7
+
+
+def test_the_plan_for_a_cluster_is_what_was_measured():
+    told = json.loads((ROOT / "benchmarks" / "cluster.json").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
+    assert f"{told['ratio_of_2_workers_to_1']:.2f} times what one does" in page
+    lines = [line for line in page.partition("## What it costs")[2].splitlines() if line.startswith("|")][2:]
+    for line in lines:
+        workers, wanted, busy, *_ = (cell.strip() for cell in line.strip("|").split("|"))
+        row = told["planned"]["by_workers"][workers.replace(",", "")]
+        assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), line
+    assert len(lines) == len(told["planned"]["by_workers"])

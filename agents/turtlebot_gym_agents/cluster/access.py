@@ -47,6 +47,7 @@ def probe(cluster: str) -> tuple[str, list[dict[str, Any]]]:
     command = [sys.executable, str(script.__file__), cluster, str(seconds - 2.0)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    out = ""
     with subprocess.Popen(command, **pipes, text=True, env=environment) as process:
         try:
             out, err = process.communicate(timeout=seconds)

@@ -23,8 +23,8 @@ def look() -> dict[str, Any]:
 
 def main(address: str, seconds: float) -> None:
     """Ask, and print the answer."""
-    import ray
-    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+    import ray  # pyright: ignore[reportMissingImports]
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy  # pyright: ignore[reportMissingImports]
 
     ray.init(address=address, log_to_driver=False, logging_level=logging.CRITICAL)
     nodes = [node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) > 0.0]

@@ -77,7 +77,7 @@ def ray_workers(cluster: str, *, workers: int | None = None, memory: int = 0) ->
 @contextmanager
 def _own_ray(workers: int | None, memory: int) -> Iterator[None]:
     """Start a Ray on this machine, and end it."""
-    import ray
+    import ray  # pyright: ignore[reportMissingImports]
 
     folder = Path(mkdtemp(prefix="tg-", dir=None if os.name == "nt" else "/tmp"))  # sockets need a short path
     try:
@@ -108,7 +108,7 @@ def _own_ray(workers: int | None, memory: int) -> Iterator[None]:
 @contextmanager
 def _cluster(name: str, memory: int) -> Iterator[None]:
     """Connect to a cluster that is there."""
-    import ray
+    import ray  # pyright: ignore[reportMissingImports]
 
     address, nodes = probe(name)
     _require_memory(name, max(node["memory"] for node in nodes), memory)
@@ -137,8 +137,8 @@ def _require_memory(cluster: str, largest: float, memory: int) -> None:
 
 def _results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tuple[str, Result]]:
     """Yield results as they come, with so many units on their way as keep all cores busy."""
-    import ray
-    from ray.exceptions import RayError, RayTaskError
+    import ray  # pyright: ignore[reportMissingImports]
+    from ray.exceptions import RayError, RayTaskError  # pyright: ignore[reportMissingImports]
 
     task = ray.remote(_work).options(num_cpus=1, memory=memory, max_retries=RETRIES)
     waiting, names = iter(units), {}

@@ -265,8 +265,7 @@ def _alone() -> Iterator[None]:
     except ImportError:  # Windows: each process compiles for itself
         yield
         return
-    name = f"turtlebot-gym-{os.getuid()}-{origin()['code'][:16]}.lock"
-    with (Path(gettempdir()) / name).open("w") as file:
+    with (Path(gettempdir()) / f"turtlebot-gym-{os.getuid()}.lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 

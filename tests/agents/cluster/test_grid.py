@@ -62,20 +62,19 @@ def test_the_command_tells_what_the_evaluations_say_and_goes_on(tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hyper.yaml").write_text(HYPER)
     (tmp_path / "study.yaml").write_text(
-        "episodes: 30\nseed: 9\npolicies: [bearing, proportional]\ngrid: {noise: [clean, rough]}\n"
+        "episodes: 30\nseed: 9\npolicies: [bearing, proportional]\ngrid: {noise: rough}\n"
         "trainings:\n  tiny: {seeds: 2, steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml}\n"
-        "  single: {steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml, randomize: true}\n"
+        "  single: {steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml, speed_error: 0.1}\n"
     )
     assert main(["study", "study.yaml", "--out", "out", "--json", "one.json"]) == 0
     said = capsys.readouterr().out
     assert "tiny, 2 trainings" in said
     assert "minus bearing, s" in said
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "units").iterdir()}
-    assert len(files) == 2 * (3 + 2 + 3)  # of each cell: trainings, two policies, learned ones
+    assert len(files) == 3 + 2 + 3  # trainings, two policies, what was learned
 
     content = json.loads((tmp_path / "one.json").read_text())
-    assert [cell["setting"]["noise"] for cell in content["cells"]] == ["clean", "rough"]
-    cell, common = content["cells"][1], {"episodes": 30, "seed": 9, "noise": "rough"}
+    (cell,), common = content["cells"], {"episodes": 30, "seed": 9, "noise": "rough"}
     bearing, other = evaluate("bearing", **common), evaluate("proportional", **common)
     assert cell["policies"]["proportional"]["time"]["value"] == pytest.approx(np.mean(other.times()))
     assert cell["policies"]["proportional"]["difference"]["low"] == pytest.approx(paired(other, bearing).low)
@@ -87,7 +86,7 @@ def test_the_command_tells_what_the_evaluations_say_and_goes_on(tmp_path, monkey
         if result.files:
             config = json.loads(result.files["config.json"])["config"]
             assert config["config"] == "hyper.yaml"
-            if config["noise"] == "rough" and not config["randomize"]:
+            if config["speed_error"] != 0.1:
                 bundle = tmp_path / f"{config['seed']}.onnx"
                 bundle.write_bytes(result.files["policy.onnx"])
                 bundles.append(bundle)
@@ -101,3 +100,17 @@ def test_the_command_tells_what_the_evaluations_say_and_goes_on(tmp_path, monkey
     assert main(["study", "study.yaml", "--out", "out", "--json", "two.json"]) == 0
     assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
     assert {path: path.stat().st_mtime_ns for path in files if path != gone}.items() <= files.items()
+
+
+def test_each_cell_has_the_same_episodes_in_its_own_setting():
+    grid = Grid(
+        policies=("bearing", "proportional"), compare_with="proportional", grid={"noise": ["clean", "rough"]}, episodes=9
+    )
+    rows = study(grid)
+    assert [row["setting"] for row in rows] == [{"env": NAV, "noise": noise} for noise in ("clean", "rough")]
+    for row in rows:
+        ours = evaluate("bearing", episodes=9, noise=row["setting"]["noise"])
+        assert row["policies"]["bearing"]["path"] == ours.summary()["path"]
+        assert row["policies"]["proportional"]["difference"].value == 0.0
+        assert row["trainings"] == {}
+    assert study(Grid(**{**vars(grid), "chunk": 4})) == rows

@@ -108,9 +108,9 @@ def test_processes_that_share_a_journal_draw_other_parameters(config, tmp_path, 
         lambda trial, config, hyper: (hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
     )
     journal = str(tmp_path / "deep" / "study.journal")
-    first = tune(config, tmp_path / "one", trials=3, storage=journal)
+    first = told(tune(config, tmp_path / "one", trials=3, storage=journal))
     both = tune(config, tmp_path / "two", trials=6, storage=journal)
-    assert told(both)[:3] == told(first)
+    assert told(both)[:3] == first
     assert len({str(trial.params) for trial in both.trials}) == 6
     assert (tmp_path / "two" / "best.yaml").is_file()
     assert told(tune(config, tmp_path / "three", trials=6, storage=f"sqlite:///{tmp_path / 'other.db'}")) == told(both)
