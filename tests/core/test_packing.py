@@ -54,6 +54,18 @@ def test_what_is_stored_is_loaded_again_in_every_lane():
         assert loaded.nested[0].flag is False
 
 
+def test_what_is_known_is_neither_loaded_nor_stored_and_what_is_equal_is_stored_once():
+    known, same = {"first.flag": 1.0, "last": float("inf")}, {"nested[1].a": "pair[0]"}
+    pack = packing(VALUE, known=known, same=same)
+    buffer = np.full(pack.size * TILE, np.nan)
+    pack.store(buffer, 2, VALUE)
+    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [2 + k * TILE for k in (0, 2, 3, 4, 5, 7)]
+    assert pack.places == (0, 1, 2, 3, 4, 5, 2, 7, 8)
+    expected = VALUE._replace(last=float("inf"), nested=(VALUE.nested[0], Inner(2.0, True)))
+    assert pack.load(buffer.tolist(), 2) == expected
+    assert (pack.names, pack.slices) == (packing(VALUE).names, packing(VALUE).slices)
+
+
 def test_lanes_do_not_overlap():
     pack = packing(VALUE)
     buffer = np.full(pack.size * TILE, np.nan)

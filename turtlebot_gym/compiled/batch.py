@@ -61,7 +61,7 @@ class Batch:
         self._parallel = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
-        self._first = self._tiles[0, ::TILE]
+        self._first = self._tiles[0]
         self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
         self.set_parameters(parameters)
@@ -107,6 +107,7 @@ class Batch:
         else:
             numbers_at[:] = numbers_at[:, self._loops.layout.world.places]
         self._special, self._loops = special, loops_of(self.system, special)
+        self._first_places = np.array(self._loops.layout.world.places) * TILE
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
         """Use another world from the next reset on, before which there is none to be driven in.
@@ -205,7 +206,7 @@ class Batch:
 
     def first_world(self) -> NDArray[np.float64]:
         """Return a copy of the first environment's world, one number after the other, as the layout has them."""
-        return self._first[list(self._loops.layout.world.places)]
+        return self._first.take(self._first_places)
 
     def world(self, index: int) -> World:
         """Return one environment's world, in Python's own numbers."""

@@ -165,7 +165,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = action_space()
         self.observation_space = observation_space(self._batch.system)
         slices = self._batch.layout.world.slices
-        self._slices = {key: slices[path] for key, path in PARTS.items() if key != "covariance"}
+        self._slices = [(key, slices[path]) for key, path in PARTS.items() if key != "covariance"]
         names, told = self._batch.layout.world.names, ROOM_PARTS if self.parameters.room else {}
         self._numbers = {key: (names.index(path), bool if key in FLAGS else float) for key, path in told.items()}
         self._covariance = SYMMETRIC + slices[PARTS["covariance"]].start
@@ -238,8 +238,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _info(self, distance: float, success: bool) -> dict[str, Any]:
         """Return what ``info`` holds, as views of a fresh copy of the world."""
         numbers = self._batch.first_world()
-        info: dict[str, Any] = {key: numbers[part] for key, part in self._slices.items()}
-        info["covariance"] = numbers[self._covariance]
+        info: dict[str, Any] = {key: numbers[part] for key, part in self._slices}
+        info["covariance"] = numbers.take(self._covariance)
         if self._numbers:
             info |= {key: kind(numbers[at]) for key, (at, kind) in self._numbers.items()}
         info["distance"] = float(distance)

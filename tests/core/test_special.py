@@ -1,0 +1,143 @@
+"""Special cases of parameters: their loop leaves out what is idle, and gives the bits of the loop for all cases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.compiled import batch as batch_module
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.compiled.loop import layout_of
+from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
+from turtlebot_gym.presets import NOISES
+from turtlebot_gym.robots import ROBOTS, Robot
+from turtlebot_gym.systems import Episode, make_parameters, system_of
+from turtlebot_gym.systems.special import GENERAL, QUIET, special_of
+from turtlebot_gym.tasks import NAV, POSE
+from turtlebot_gym.values import Pose
+
+N = TILE + 5
+GOAL = (Pose(0.0, 0.0, 0.0),)
+HEAVY = Robot(
+    max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0, reverse=False
+)
+CASES = {
+    "default": make_parameters(),
+    "clean": make_parameters(noise="clean", robot="waffle"),
+    "documented": make_parameters(POSE, noise="documented", robot=HEAVY, dt=0.05),
+}
+
+
+def begun(parameters, number=N):
+    batch = Batch(number, parameters, GOAL)
+    batch.seeds[:] = np.arange(number)
+    batch.reset(np.ones(number, np.bool_), *batch.empty())
+    return batch
+
+
+def acting(steps, number=N):
+    """Return actions, some of them zeros of either sign, beyond the limits, or backwards."""
+    actions = np.random.default_rng(0).uniform(-1.3, 1.3, (steps, number, 2)).astype(np.float32)
+    actions[:, ::5], actions[:, 1::7, 0] = 0.0, -0.0
+    actions[steps // 2 :, ::3, 1] = -0.0
+    return actions
+
+
+def bits(batch):
+    """Return all that a batch remembers."""
+    return batch.numbers("").tobytes()
+
+
+def step_both(one, other, actions, *, reset_every=25):
+    """Step two batches and reset some environments now and then; all that they tell must be the same to the bit."""
+    for at, action in enumerate(actions):
+        for mine, theirs in zip(one.step(action), other.step(action), strict=True):
+            assert mine.tobytes() == theirs.tobytes(), at
+        assert bits(one) == bits(other), at
+        if at % reset_every == reset_every - 1:
+            mask = np.arange(len(action)) % 3 == at % 2
+            for batch in (one, other):
+                batch.episodes[mask] += 1
+                batch.reset(mask, *batch.empty())
+            assert bits(one) == bits(other), at
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_special_loop_gives_the_bits_of_the_general_one(name):
+    special, general = begun(CASES[name]), begun([CASES[name]] * N)
+    assert (special._special, general._special) == (QUIET, GENERAL)
+    step_both(special, general, acting(120))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_and_those_of_plain_python(name):
+    batch, actions = begun(CASES[name]), acting(120)
+    for action in actions:
+        batch.step(action)
+    for index in (0, 1, 3, 5, 8, TILE - 1, TILE, N - 1):
+        plain = Episode(CASES[name], GOAL, seed=index)
+        for action in actions[:, index].tolist():
+            plain.act(action)
+        assert repr(batch.world(index)) == repr(plain.world)  # unlike ==, it tells zeros of either sign apart
+
+
+def test_the_law_notices_a_loop_that_leaves_out_what_is_not_idle(monkeypatch):
+    rough = make_parameters(noise=replace(NOISES["tutorial"], process=NOISES["rough"].process))
+    general = begun([rough] * N)
+    monkeypatch.setattr(batch_module, "special_of", lambda *arguments: QUIET)
+    with pytest.raises(AssertionError):
+        step_both(begun(rough), general, acting(120))
+
+
+def choice(parameters, *, system=None, waypoints=1):
+    of_parameters = system or system_of(parameters)
+    numbers = dict(zip(layout_of(of_parameters).parameters.names, flatten(as_tuple(parameters)), strict=True))
+    return special_of(of_parameters, numbers, waypoints)
+
+
+@pytest.mark.parametrize("path", [path for path, _ in QUIET.parameters])
+def test_a_case_is_left_as_soon_as_one_of_its_parameters_differs(path):
+    p = make_parameters()
+    numbers = dict(zip(layout_of(system_of(p)).parameters.names, flatten(as_tuple(p)), strict=True))
+    assert special_of(system_of(p), numbers, 1) is QUIET
+    assert special_of(system_of(p), numbers | {path: numbers[path] + 1.0 if numbers[path] < 9.0 else 5.0}, 1) is GENERAL
+
+
+def test_who_brings_a_kernel_waypoints_or_a_filter_of_his_own_gets_the_general_loop():
+    p = make_parameters()
+    assert choice(p) is QUIET
+    assert choice(p, waypoints=4) is GENERAL
+    assert choice(p, system=system_of(p)._replace(move=lambda body, command, key, at, p: body)) is GENERAL
+    assert choice(make_parameters(filter="gated")) is GENERAL
+    assert choice(make_parameters(observation="truth")) is GENERAL
+    assert all((choice(make_parameters(robot=robot)) is QUIET) for robot in ROBOTS)
+
+
+def test_a_batch_with_a_system_that_was_given_is_general():
+    p = make_parameters()
+    assert Batch(3, p, GOAL, system=system_of(p))._special is GENERAL
+
+
+@pytest.mark.parametrize(
+    "later",
+    [
+        make_parameters(noise="rough", delay=3),
+        [make_parameters(noise=("rough", "clean", "tutorial")[i % 3], delay=i % 4) for i in range(N)],
+        make_parameters(NAV, noise="documented", robot="waffle"),
+    ],
+    ids=["others", "one for each", "still special"],
+)
+def test_parameters_may_leave_a_case_in_the_middle_of_an_episode(later):
+    actions = acting(90)
+    special, general = begun(make_parameters()), begun([make_parameters()] * N)
+    step_both(special, general, actions[:40], reset_every=17)
+    for batch in (special, general):
+        batch.set_parameters(later if batch is special or isinstance(later, list) else [later] * N)
+    assert bits(special) == bits(general)
+    step_both(special, general, actions[40:], reset_every=17)
+    assert (special._special is QUIET) == (later == make_parameters(NAV, noise="documented", robot="waffle"))
+    special.set_parameters(make_parameters())
+    general.set_parameters([make_parameters()] * N)
+    step_both(special, general, actions[:20])  # slip that has begun goes on: there is no way back
