@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.table import Table
 
 from turtlebot_gym_agents.commands.console import File, print_tables, progress
 from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.provenance import write_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,8 @@ class Study(Placement):
 
 def table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
     """Return a study's results: a row for each policy and training in each cell."""
+    from rich.table import Table
+
     varied = [name for name in rows[0]["setting"] if len({str(row["setting"][name]) for row in rows}) > 1]
     drawn = Table(
         *varied, "policy", "success, %", "time*, s", f"minus {rows[0]['compared_with']}, s", "p (Holm)",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
-import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,12 +14,9 @@ from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from turtlebot_gym.systems import SIZES
-from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
+from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.training.graph import graph_of
-
-TOLERANCE = 1e-5
-"""Largest difference between an action of the model and one of its bundle: both compute in float32."""
+from turtlebot_gym_agents.training.network import program_of, write_checked
 
 _MARKS = {"target_entropy": "SAC", "policy_delay": "TD3", "clip_range_vf": "PPO", "gae_lambda": "A2C"}
 """What a saved model has of an algorithm's own."""
@@ -86,42 +81,13 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
 
     Raises:
         ValueError: If the model's observations or actions are others.
-        RuntimeError: If the difference is larger than `TOLERANCE`.
+        RuntimeError: If the difference is larger than `network.TOLERANCE`.
     """
     size = SIZES[card.layout]
     space, shapes = model.observation_space, (model.observation_space.shape, model.action_space.shape)
     if shapes != ((size,), (2,)) or not isinstance(space, spaces.Box):
         raise ValueError(f"model must map observations ({size},) to actions (2,), got {shapes[0]} and {shapes[1]}.")
-    graph = graph_of(model.policy) or _program(_Deterministic(model.policy).eval(), size).model_proto
+    graph = graph_of(model.policy) or program_of(_Deterministic(model.policy).eval(), size)
     observations = np.random.default_rng(0).uniform(space.low, space.high, (samples, size)).astype(np.float32)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as beside:
-        write_bundle(beside, graph, card)
-        actions, _ = model.predict(observations, deterministic=True)
-        difference = float(np.abs(actions - BundlePolicy(beside)(observations)).max())
-        if not difference <= TOLERANCE:
-            beside.unlink()
-            raise RuntimeError(f"{path} is not written: its actions would differ from the model's by {difference:.2g}.")
-    return difference
-
-
-def _program(network: torch.nn.Module, size: int) -> torch.onnx.ONNXProgram:
-    registration = logging.getLogger("torch.onnx._internal.exporter._registration")
-    level = registration.level
-    registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # torch's exporter uses what torch deprecates
-            program = torch.onnx.export(
-                network,
-                (torch.zeros(2, size),),
-                input_names=["observation"],
-                output_names=["action"],
-                dynamic_shapes=({0: torch.export.Dim("n")},),
-                dynamo=True,
-                verbose=False,
-            )
-    finally:
-        registration.setLevel(level)
-    assert program is not None
-    return program
+    expected, _ = model.predict(observations, deterministic=True)
+    return write_checked(graph, path, card, observations, expected)

@@ -10,11 +10,12 @@ import logging
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from turtlebot_gym import Parameters
@@ -22,6 +23,9 @@ from turtlebot_gym.systems import system_of
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
 
 TOLERANCE = 1e-5
 """Largest difference between an action of the network and one of its bundle: both compute in float32."""
@@ -56,12 +60,33 @@ def export_network(
         expected = clipped(torch.from_numpy(observations)).numpy()
     if expected.shape != (len(observations), 2):
         raise ValueError(f"network must give actions (n, 2), got {expected.shape} for {len(observations)} observations.")
-    model = _program(clipped, space.shape[0]).model_proto
+    model = program_of(clipped, space.shape[0])
     if not model.graph.input[0].type.tensor_type.shape.dim[0].dim_param:
         raise ValueError(
             "network must not depend on how many observations it is given, as len(x) or a loop over them makes it: "
             "pass its layers, nn.Sequential(body, head)."
         )
+    return write_checked(model, path, card, observations, expected)
+
+
+def write_checked(
+    model: ModelProto, path: str | Path, card: Card, observations: NDArray[np.float32], expected: NDArray[np.float32]
+) -> float:
+    """Write a bundle, if it does what its network does.
+
+    Args:
+        model: The network as ONNX.
+        path: The file, replaced in one step.
+        card: What it is for.
+        observations: Shape (n, size), float32.
+        expected: The network's actions for them, shape (n, 2).
+
+    Returns:
+        The largest difference between the bundle's actions and those.
+
+    Raises:
+        RuntimeError: If it is larger than `TOLERANCE`; nothing is written then.
+    """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     with replacing(target) as beside:
@@ -101,7 +126,8 @@ def _card(env: str, parameters: Parameters, training: Mapping[str, Any], options
     )
 
 
-def _program(network: nn.Module, size: int) -> torch.onnx.ONNXProgram:
+def program_of(network: nn.Module, size: int) -> ModelProto:
+    """Return a network from observations (n, size) as ONNX, by torch's exporter, whose noise is kept out of the terminal."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
@@ -120,4 +146,4 @@ def _program(network: nn.Module, size: int) -> torch.onnx.ONNXProgram:
     finally:
         registration.setLevel(level)
     assert program is not None
-    return program
+    return program.model_proto
