@@ -13,7 +13,8 @@ from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training import export as module
 from turtlebot_gym_agents.training import graph, normalization
-from turtlebot_gym_agents.training.export import TOLERANCE, export, load_model
+from turtlebot_gym_agents.training.export import export, load_model
+from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import TrainingConfig, make_model
 
@@ -76,7 +77,7 @@ def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch,
     }[wrong]
     monkeypatch.setitem(graph._WRITERS, *changed)
     (tmp_path / "policy.onnx").write_text("the old one")
-    with pytest.raises(RuntimeError, match="differ from the model's"):
+    with pytest.raises(RuntimeError, match="differ from the network's"):
         export(model, tmp_path / "policy.onnx", CARD)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
 

@@ -45,8 +45,8 @@ def test_a_network_for_rooms_takes_their_observations(tmp_path):
 
 
 def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch):
-    program, path = module._program, tmp_path / "nav.onnx"
-    monkeypatch.setattr(module, "_program", lambda network, size: program(nn.Sequential(network, nn.Softsign()), size))
+    program, path = module.program_of, tmp_path / "nav.onnx"
+    monkeypatch.setattr(module, "program_of", lambda network, size: program(nn.Sequential(network, nn.Softsign()), size))
     path.write_text("the old one")
     with pytest.raises(RuntimeError, match="differ from the network's"):
         export_network(mlp(), path, NAV)

@@ -77,6 +77,8 @@ class Drive:
     """Those that policy and options name."""
     trajectory: bool = False
     """Whether the first episode's trajectory is wanted."""
+    allow_mismatch: bool = False
+    """Whether a bundle that was made for another task or another observation may drive."""
     memory = 500 * 2**20
 
     @property
@@ -86,7 +88,7 @@ class Drive:
 
     def about(self) -> dict[str, Any]:
         """Return all that the result depends on."""
-        names = ("policy", "env", "seed", "episodes", "options", "trajectory")
+        names = ("policy", "env", "seed", "episodes", "options", "trajectory", "allow_mismatch")
         return {"drive": plain({name: getattr(self, name) for name in names}), "files": _hashes(self.files)}
 
     def run(self) -> Result:
@@ -101,7 +103,7 @@ class Drive:
 
             _compile(f"{self.env} {sorted(options)} {options.get('filter')} {options.get('plant')}", make)
             envs = make()
-            episodes, trajectory, p = drive(envs, placed(self.policy, places), self.seed)
+            episodes, trajectory, p = drive(envs, placed(self.policy, places), self.seed, allow_mismatch=self.allow_mismatch)
             envs.close()
         arrays = dict(columns(episodes))
         if self.trajectory:
@@ -152,6 +154,7 @@ def drives(
     seed: int,
     chunk: int = CHUNK,
     files: Attachments | None = None,
+    allow_mismatch: bool = False,
     **options: Any,
 ) -> list[Drive]:
     """Return the units of an evaluation.
@@ -163,10 +166,11 @@ def drives(
         seed: Of the first one.
         chunk: Episodes of a unit.
         files: Those that policy and options name, where they are no files here.
+        allow_mismatch: See there.
         **options: The environment's arguments.
     """
     carried = {**attach(policy, *options.values()), **(files or {})}
-    common = {"policy": policy, "env": env, "options": options, "files": carried}
+    common = {"policy": policy, "env": env, "options": options, "files": carried, "allow_mismatch": allow_mismatch}
     return [
         Drive(**common, seed=seed + start, episodes=size, trajectory=start == 0) for start, size in batches(episodes, chunk)
     ]
