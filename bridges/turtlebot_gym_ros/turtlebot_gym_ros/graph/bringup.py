@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
@@ -81,13 +81,6 @@ def room_metrics(trajectory: Trajectory, clearance: NDArray[np.float64]) -> dict
         "end of the episode": float(trajectory.time[end]),
         "least clearance": float(np.nanmin(clearance[: end + 1])),
     }
-
-
-def mounted(state: State, lidar: Lidar) -> Pose:
-    """Return the pose of a LiDAR's frame on a robot."""
-    sine, cosine = sincos(state.theta)
-    x, y = state.x + lidar.x * cosine - lidar.y * sine, state.y + lidar.x * sine + lidar.y * cosine
-    return Pose(x, y, wrap(state.theta + lidar.yaw))
 
 
 def _parser() -> argparse.ArgumentParser:
