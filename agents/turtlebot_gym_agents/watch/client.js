@@ -150,7 +150,44 @@ function seek(t) {
   show(t)
 }
 
+// Fit what is to be seen into the maps, a metre as long along x as along y. The maps share their ranges.
+function fit() {
+  const [{figure}] = runs
+  const width = figure.inner_width, height = figure.inner_height
+  if (!(width > 0 && height > 0)) return
+  const [low_x, low_y, high_x, high_y] = [0, 1, 2, 3].map((at) => runs.map(({seen}) => seen[at]).reduce((a, b) => at < 2 ? Math.min(a, b) : Math.max(a, b)))
+  const metres = Math.max((high_x - low_x) / width, (high_y - low_y) / height)
+  const x = 0.5 * (low_x + high_x), y = 0.5 * (low_y + high_y)
+  const ends = (middle, size) => {
+    const start = middle - 0.5 * metres * size, end = middle + 0.5 * metres * size
+    return {start, end, reset_start: start, reset_end: end}
+  }
+  set(figure.x_range, ends(x, width))
+  set(figure.y_range, ends(y, height))
+}
+
+// Widen what is to be seen to where a drive has come; returns whether that was necessary.
+function widen() {
+  let wider = false
+  for (const {rows, seen, sizes} of runs) {
+    const {x, y, ex, ey} = rows.data
+    for (let at = rows.reach ?? 0; at < x.length; at++) {
+      const [u, v] = Number.isFinite(x[at]) ? [x[at], y[at]] : [ex[at], ey[at]]
+      const around = [u - sizes[0], v - sizes[0], u + sizes[0], v + sizes[0]]
+      for (const side of [0, 1, 2, 3]) {
+        if (side < 2 ? around[side] < seen[side] : around[side] > seen[side]) {
+          seen[side] = around[side] + (side < 2 ? -1 : 1)  // a metre more, so that it is seldom necessary
+          wider = true
+        }
+      }
+    }
+    rows.reach = x.length
+  }
+  return wider
+}
+
 function grow() {
+  if (widen()) fit()
   slider.max = end()
   set(time_range, {end: Math.max(end(), 1)})
   if (following) time = end()
@@ -185,7 +222,9 @@ for (const {rows} of runs) {
   rows.streaming.connect(soon)
   rows.properties.data.change.connect(soon)
 }
+for (const side of ["inner_width", "inner_height"]) runs[0].figure.properties[side].change.connect(fit)
 window.watch = {seek, play: () => set_playing(true), pause: () => set_playing(false), get time() { return time }, get end() { return end() }, get playing() { return playing }}
 paint()
+fit()
 grow()
 document.documentElement.dataset.ready = "true"

@@ -33,9 +33,7 @@ class _Row(NamedTuple):
     """The newest scan's, shape (beams,), m."""
 
 
-def record_episode(
-    policy: str | Policy, *, env: str = NAV, seed: int = 0, label: str | None = None, **options: Any
-) -> Track:
+def record_episode(policy: str | Policy, *, env: str = NAV, seed: int = 0, label: str | None = None, **options: Any) -> Track:
     """Drive an episode and return its track.
 
     Args:

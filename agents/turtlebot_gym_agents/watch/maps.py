@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import ColumnDataSource, DataRange1d, LinearColorMapper
+from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
@@ -21,9 +21,10 @@ PAD = 0.3
 PIXELS = 800
 """Longest side of a map's picture."""
 _NOW = (
-    "x y theta ex ey etheta ox oy otheta gx gy gtheta width height tilt "
-    "tip_x tip_y etip_x etip_y otip_x otip_y gtip_x gtip_y body_x body_y body_radius goal_radius"
-).split()
+    *("x", "y", "theta", "ex", "ey", "etheta", "ox", "oy", "otheta", "gx", "gy", "gtheta", "width", "height", "tilt"),
+    *("tip_x", "tip_y", "etip_x", "etip_y", "otip_x", "otip_y", "gtip_x", "gtip_y"),
+    *("body_x", "body_y", "body_radius", "goal_radius"),
+)
 
 
 class Map(NamedTuple):
@@ -41,10 +42,12 @@ class Map(NamedTuple):
     """x, y and radius of the circles that stand still, one after the other."""
     sizes: list[float]
     """Radius of the robot, and that of a waypoint, m."""
+    seen: list[float]
+    """What is to be seen: least x and y, greatest x and y, m."""
 
     def models(self) -> dict[str, Any]:
         """Return what the client needs of it, by name."""
-        names = ("now", "trail", "points", "circles", "still", "sizes")
+        names = ("figure", "now", "trail", "points", "circles", "still", "sizes", "seen")
         return {name: getattr(self, name) for name in names}
 
 
@@ -59,17 +62,13 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
         beside: Another run's map, which is panned and zoomed together with this one.
     """
     low, high = extent(tracks)
-    corners = ColumnDataSource({"x": [low[0], high[0]], "y": [low[1], high[1]]})
-    ranges = (beside.x_range, beside.y_range) if beside else (DataRange1d(range_padding=0.0), DataRange1d(range_padding=0.0))
+    x_range, y_range = (beside.x_range, beside.y_range) if beside else (Range1d(low[0], high[0]), Range1d(low[1], high[1]))
     figure = Figure(
-        name=name, x_range=ranges[0], y_range=ranges[1], match_aspect=True, sizing_mode="stretch_both", tools="pan,wheel_zoom,reset,save",
-        active_drag=None, active_scroll=None, x_axis_label="x (m)", y_axis_label="y (m)", min_border=4, output_backend="canvas",
+        name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", min_border=4, active_drag=None,
+        tools="pan,wheel_zoom,reset,save", active_scroll=None, x_axis_label="x (m)", y_axis_label="y (m)",
     )  # fmt: skip
     figure.toolbar.autohide = True
     theme.dress(figure)
-    seen = figure.scatter("x", "y", source=corners, alpha=0.0)
-    if not beside:
-        ranges[0].renderers = ranges[1].renderers = [seen]
     sources = {
         "now": ColumnDataSource({name: [np.nan] for name in _NOW}),
         "trail": ColumnDataSource({name: [] for name in ("x", "y", "ex", "ey", "ox", "oy")}),
@@ -82,7 +81,7 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
     still = [number for circle in (room.circles if room else ()) for number in circle]
     width, height = high - low
     aspect = float(np.clip(width / height, 0.7, 2.0))
-    return Map(figure, aspect, **sources, still=still, sizes=[around.robot_radius, around.goal_radius])
+    return Map(figure, aspect, **sources, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
 
 
 def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -108,7 +107,7 @@ def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
-    """Return a map as a picture, upright whatever its direction: 0 free or outside, 1 not known, 2 occupied; the first row is low.
+    """Return a map as an upright picture: 0 free or outside, 1 not known, 2 occupied; the first row is the lowest.
 
     Returns:
         The picture, and its lower left corner, width and height, m.
@@ -157,7 +156,13 @@ def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
 
 
 def _draw_present(
-    figure: Figure, theme: Theme, *, now: ColumnDataSource, trail: ColumnDataSource, points: ColumnDataSource, circles: ColumnDataSource
+    figure: Figure,
+    theme: Theme,
+    *,
+    now: ColumnDataSource,
+    trail: ColumnDataSource,
+    points: ColumnDataSource,
+    circles: ColumnDataSource,
 ) -> None:
     """Draw what the client moves."""
 
@@ -173,7 +178,8 @@ def _draw_present(
         paint(segment, ink, "line_color")
 
     paint(figure.circle("x", "y", radius="radius", source=circles, line_color=None), style.SOLID, "fill_color")
-    paint(figure.circle("gx", "gy", radius="goal_radius", source=now, fill_alpha=0.15, line_width=2), style.GOAL, "line_color", "fill_color")  # fmt: skip
+    goal = figure.circle("gx", "gy", radius="goal_radius", source=now, fill_alpha=0.15, line_width=2)
+    paint(goal, style.GOAL, "line_color", "fill_color")
     pointer("g", style.GOAL, 2.0)
     paint(figure.scatter("x", "y", source=points, size=3, line_color=None), style.SCAN, "fill_color")
     paint(figure.scatter("ox", "oy", source=trail, size=2.5, line_color=None, alpha=0.7), style.ODOMETRY, "fill_color")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Sequence
+from contextlib import suppress
 from threading import Event, Thread
 from types import TracebackType
 from typing import Any
@@ -17,7 +18,7 @@ from bokeh.application.handlers import FunctionHandler
 from bokeh.document import Document
 from bokeh.server.server import Server as BokehServer
 
-from turtlebot_gym_agents.watch.track import Growing
+from turtlebot_gym_agents.watch.track import Growing, Track
 from turtlebot_gym_agents.watch.view import View, fill
 
 LOCAL = ("localhost", "127.0.0.1")
@@ -44,9 +45,7 @@ class Server:
         OSError: If the port is taken or the address is not this machine's.
     """
 
-    def __init__(
-        self, drives: Sequence[Growing], *, title: str, live: bool, host: str = "localhost", port: int = 5006
-    ) -> None:
+    def __init__(self, drives: Sequence[Growing], *, title: str, live: bool, host: str = "localhost", port: int = 5006) -> None:
         self._drives, self._title, self._live, self._host, self._port = drives, title, live, host, port
         self._ready = Event()
         self._error: BaseException | None = None
@@ -60,9 +59,7 @@ class Server:
             raise self._error
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5.0)
@@ -109,6 +106,19 @@ class Server:
             document.add_periodic_callback(lambda: _follow(self._drives, view, seen), PERIOD_MS)
 
 
+def serve(tracks: Sequence[Track], *, title: str, host: str = "localhost", port: int = 5006) -> None:
+    """Serve drives that are whole, say where, and return when the process is interrupted (Ctrl-C)."""
+    with Server([Growing(track) for track in tracks], title=title, live=False, host=host, port=port) as server:
+        wait(server)
+
+
+def wait(server: Server) -> None:
+    """Say where a view is, and return when the process is interrupted."""
+    print(f"{server.url}  (Ctrl-C ends)", flush=True)
+    with suppress(KeyboardInterrupt):
+        Event().wait()
+
+
 def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) -> None:
     """Bring what has grown to one browser; where another drive has begun, its page loads anew.
 
@@ -136,4 +146,5 @@ def _explained(error: BaseException, host: str, port: int) -> BaseException:
     """Return the error that says what to do where a server cannot listen."""
     if not isinstance(error, OSError):
         return error
-    return OSError(f"cannot listen on {host}, port {port}: {error.strerror or error}. Choose another one with --port, or 0 for any.")
+    why = error.strerror or error
+    return OSError(f"cannot listen on {host}, port {port}: {why}. Choose another one with --port, or 0 for any.")

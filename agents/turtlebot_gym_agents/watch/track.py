@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from threading import Lock
 from typing import NamedTuple
 
@@ -128,8 +129,8 @@ def concatenate(pieces: Sequence[Track]) -> Track:
         nis=np.concatenate([piece.nis for piece in pieces]),
         clearance=np.concatenate([piece.clearance for piece in pieces]),
         level=np.concatenate([piece.level for piece in pieces]),
-        report=sum((piece.report for piece in pieces), ()),
-        circles=sum((piece.circles for piece in pieces), ()),
+        report=tuple(chain.from_iterable(piece.report for piece in pieces)),
+        circles=tuple(chain.from_iterable(piece.circles for piece in pieces)),
         scans=tuple(scans),
         outcome=pieces[-1].outcome,
     )

@@ -16,6 +16,7 @@ from bokeh.document import Document
 from bokeh.models import ColumnDataSource, CustomJS
 from jinja2 import Template
 
+from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_agents.watch import style
 from turtlebot_gym_agents.watch.columns import rows_of, scans_of
 from turtlebot_gym_agents.watch.maps import Map, make_map
@@ -113,7 +114,7 @@ def _variables(tracks: Sequence[Track], maps: Sequence[Map], plots: Sequence[str
     scans, known = any(track.scans for track in tracks), any(np.isfinite(track.drive.true_state).any() for track in tracks)
     symbols = [
         ("truth", style.TRUTH, "line", known),
-        ("estimate ± 2σ", style.ESTIMATE, "ring", True),
+        (ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
         ("odometry", style.ODOMETRY, "dot", True),
         ("waypoint", style.GOAL, "ring", True),
         ("scan", style.SCAN, "dots", scans or live),
