@@ -68,12 +68,18 @@ def _read_snapshots(path: Path) -> Trajectory:
         command = np.array([column("cmd_vel_v"), column("cmd_vel_omega")]).T
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+    driven = np.flatnonzero(np.isfinite(parts["odom"]).all(axis=1))
+    if not len(driven):
+        raise ValueError(f"{path}: no row has odometry.")
+    during = slice(driven[0], driven[-1] + 1)  # the recorder may have begun before the robot
+    time, command = time[during], command[during]
+    parts = {topic: rows[during] for topic, rows in parts.items()}
     return Trajectory(
         time=time - time[0],
         true_state=parts["true_state"],
         odometry=parts["odom"],
         estimate=parts["estimate"],
-        covariance=np.full((len(rows), 5, 5), np.nan),
+        covariance=np.full((len(time), 5, 5), np.nan),
         reference=parts["reference"],
         command=command,
     )

@@ -31,10 +31,12 @@ LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a")
 
 _BRIGHTER = {BLUE: "#4aa8e0", VERMILLION: "#f0813a"}
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
+_ORDER = (0, 3, 2, 4, 1)
+"""Colours of runs in turn; those of the estimate and of the odometry come last."""
 
 
 def run_style(at: int) -> tuple[Ink, str | list[int]]:
     """Return colour and dashes of one of several runs."""
-    color, style = PATHS[at % len(PATHS)]
+    color, style = PATHS[_ORDER[at % len(_ORDER)]]
     dashes = _DASHES[style] if isinstance(style, str) else [2 * length for length in style[1]]
     return Ink(color, _BRIGHTER.get(color, color)), dashes

@@ -7,6 +7,7 @@ the same stamp. Where the stamps leap or run backwards, another drive begins.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from threading import Event
 from typing import Any
@@ -49,6 +50,8 @@ LEAP = 5.0
 """A gap between two stamps that is longer begins another drive, s."""
 LONGEST = 18_000
 """Rows after which another drive begins, so that a browser keeps up: half an hour at 10 Hz."""
+LAG = 5
+"""Rows for which it waits for what belongs to one."""
 WAITING = 100
 """Stamps of which values are kept until their odometry comes."""
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -73,7 +76,10 @@ class Watcher:
         self._guard = f"{self.node.get_namespace().rstrip('/')}/{GUARD}"
         self._latest: dict[str, Any] = {}
         self._steps: dict[int, dict[str, Any]] = {}
-        self._stamp, self._first, self._rows = -1, 0, 0
+        self._heard: set[str] = set()
+        self._pending: deque[tuple[int, dict[str, Any]]] = deque()
+        self._stamp = self._last = -1
+        self._first, self._rows = 0, 0
         self._report = math.nan, ""
         self._scan: Scan | None = None
         self._grid: GridMap | None = None
@@ -103,11 +109,13 @@ class Watcher:
                 value = read(message)
             except ValueError:
                 return  # the nodes that need it say what is wrong with it
+            self._latest[topic] = value
             if topic in STEP:
+                self._heard.add(topic)
                 self._steps.setdefault(_stamp(message), {})[topic] = value
             if topic == "odom":
                 self._begin_row(_stamp(message))
-            self._latest[topic] = value
+            self._finish_rows()
 
         return hear
 
@@ -117,21 +125,32 @@ class Watcher:
                 self._report = float(status.level[0]), status.message
 
     def _begin_row(self, stamp: int) -> None:
-        """Finish the row of the odometry before, whose step is complete now."""
+        """Note what is known when a row begins."""
         if stamp == self._stamp:
             return  # lock-step says a step again where an answer is missing
-        if self._stamp >= 0:
-            self._finish_row()
-        gap = (stamp - self._stamp) * 1e-9
-        came = (self._room is None and "obstacles" in self._latest) or (self._grid is None and "map" in self._latest)
-        if not 0.0 < gap <= LEAP or self._rows >= LONGEST or came:
-            self._first, self._rows, self._scan = stamp, 0, None
         self._stamp = stamp
+        self._pending.append((stamp, dict(self._latest)))
         while len(self._steps) > WAITING:
             del self._steps[min(self._steps)]
 
-    def _finish_row(self) -> None:
-        piece = self._row(self._steps.pop(self._stamp, {}))
+    def _finish_rows(self) -> None:
+        """Add the rows that are complete, and those that will not be: topics overtake each other."""
+        while self._pending:
+            stamp, latest = self._pending[0]
+            step = self._steps.get(stamp, {})
+            if len(self._pending) <= LAG and not (self._heard <= step.keys() and len(self._pending) > 1):
+                return
+            self._pending.popleft()
+            self._steps.pop(stamp, None)
+            self._add(stamp, latest, step)
+
+    def _add(self, stamp: int, latest: dict[str, Any], step: dict[str, Any]) -> None:
+        came = (self._room is None and "obstacles" in latest) or (self._grid is None and "map" in latest)
+        if not 0.0 < (stamp - self._last) * 1e-9 <= LEAP or self._rows >= LONGEST or came:
+            self._first, self._rows, self._scan = stamp, 0, None
+            self._room, self._grid = latest.get("obstacles"), latest.get("map")
+        self._last = stamp
+        piece = self._row((stamp - self._first) * 1e-9, latest, step)
         if self._rows == 0:
             self.drive.restart(piece)
             self._begun.set()
@@ -139,13 +158,13 @@ class Watcher:
             self.drive.add(piece)
         self._rows += 1
 
-    def _row(self, step: dict[str, Any]) -> Track:
-        latest, senses = self._latest, self._latest["odom"]
+    def _row(self, time: float, latest: dict[str, Any], step: dict[str, Any]) -> Track:
+        senses: Senses = latest["odom"]
         estimate, truth = step.get("estimate"), step.get("true_state", State(*_UNKNOWN))
         state = estimate.belief.mean if estimate else State(*_UNKNOWN)
         covariance = matrix(estimate.belief.covariance) if estimate else np.full((5, 5), np.nan)
         columns = {
-            "time": (self._stamp - self._first) * 1e-9,
+            "time": time,
             "true_state": truth,
             "odometry": senses.odometry if senses.measured else _UNKNOWN[:3],
             "estimate": state,
@@ -154,8 +173,6 @@ class Watcher:
             "command": senses.twist,
         }
         room = latest.get("obstacles")
-        if self._rows == 0:
-            self._room, self._grid = room, latest.get("map")
         walks = room is not None and self._room is not None and room.circles != self._room.circles
         clearance = latest["clearance"].distance if "clearance" in latest else math.nan
         return of_trajectory(
@@ -165,12 +182,11 @@ class Watcher:
             clearance=np.array([clearance]),
             reports=[self._report],
             circles=[np.array(room.circles).reshape(-1, 3)] if walks else None,
-            scans=self._new_scan(truth if math.isfinite(truth.x) else state),
+            scans=self._new_scan(latest.get("scan"), truth if math.isfinite(truth.x) else state),
         )
 
-    def _new_scan(self, state: State) -> list[Seen]:
-        """Return the newest scan, if it has come in this row and it is known where the robot is."""
-        scan = self._latest.get("scan")
+    def _new_scan(self, scan: Scan | None, state: State) -> list[Seen]:
+        """Return a scan, if it has come in this row and it is known where the robot is."""
         if scan is None or scan is self._scan or not math.isfinite(state.x):
             return []
         self._scan = scan
