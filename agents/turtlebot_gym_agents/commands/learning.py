@@ -66,6 +66,8 @@ class Train(_Learned):
     """Go on from the folder's checkpoints."""
     evaluations: int = 8
     """How often the policy is evaluated on the way."""
+    watch: bool = False
+    """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
 
     def run(self) -> None:
         """Train, print a table, and write what is asked for."""
@@ -81,7 +83,7 @@ class Train(_Learned):
         for seed in range(self.seed, self.seed + self.seeds):
             folder = self.out / f"seed-{seed}" if self.seeds > 1 else self.out
             config = self.training(seed=seed, evaluations=self.evaluations)
-            result = train(config, folder, resume=self.resume)
+            result = train(config, folder, resume=self.resume, callbacks=self._watching(config))
             best = result.best
             table.add_row(
                 str(seed),
@@ -97,6 +99,16 @@ class Train(_Learned):
         print_tables(table)
         if self.json is not None:
             write_json(self.json, {"runs": runs}, config=asdict(self))
+
+    def _watching(self, config: TrainingConfig) -> list[Any]:
+        """Return the callback that shows the policy, if that is asked for."""
+        if not self.watch:
+            return []
+        try:
+            from turtlebot_gym_agents.training.watching import WatchCallback
+        except ModuleNotFoundError as error:
+            raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[watch]'.") from error
+        return [WatchCallback(config)]
 
 
 @dataclass(frozen=True, kw_only=True)
