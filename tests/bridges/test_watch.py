@@ -24,7 +24,7 @@ def test_it_sees_a_drive_as_the_recorder_does(watcher, wait_for):
         room = graph.latest["obstacles"]
         _, track, _ = wait_for(lambda: (read := watcher.drive.read())[1] and read[1].rows > 35 and read)
     rows = min(track.rows, len(recorded.time))
-    first = int(np.argmin(np.abs(recorded.true_state[:, :2] - track.drive.true_state[0, :2]).sum(axis=1)))
+    first = int(np.argmin(np.abs(recorded.true_state - track.drive.true_state[0]).sum(axis=1)))
     rows = min(rows, len(recorded.time) - first)
     assert rows > 30
     np.testing.assert_allclose(track.drive.time[:rows], 0.1 * np.arange(rows), atol=1e-6)

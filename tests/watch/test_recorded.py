@@ -70,7 +70,7 @@ def marker(kind, at, size, points=()):
         header(10.0), "obstacles", 0, kind, 0, at, size, make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0),
         make("builtin_interfaces/msg/Duration", 0, 0), False,
         [make("geometry_msgs/msg/Point", x, y, 0.0) for x, y in points], [], "",
-        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)), [], "",
+        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)), [], "", "",
         make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8)), False,
     )  # fmt: skip
 

@@ -74,7 +74,7 @@ class Server:
         asyncio.set_event_loop(loop)
         server = None
         try:
-            self._port = self._port or _free_port(self._host)
+            self._port = _free_port(self._host, self._port)
             server = BokehServer(
                 {"/": Application(FunctionHandler(self._show))},
                 address=self._host,
@@ -87,7 +87,7 @@ class Server:
         self._ready.set()
         if server is not None and self._error is None:
             loop.run_forever()
-            server.stop()
+            loop.run_until_complete(_end(server))
         loop.close()
 
     def _origins(self) -> list[str]:
@@ -136,9 +136,24 @@ def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) 
         seen[at] = number, pieces
 
 
-def _free_port(host: str) -> int:
-    """Return a port that is free at present."""
-    with socket.create_server((host, 0)) as free:
+async def _end(server: BokehServer) -> None:
+    """Stop listening, and let go of all connections."""
+    server.stop()
+    server.unlisten()
+    await asyncio.sleep(0.05)  # in which the connections are closed
+    rest = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in rest:
+        task.cancel()
+    await asyncio.gather(*rest, return_exceptions=True)
+
+
+def _free_port(host: str, port: int) -> int:
+    """Return a port, or for 0 any that is free at present.
+
+    Raises:
+        OSError: If it is taken, or the address is not this machine's.
+    """
+    with socket.create_server((host, port)) as free:
         return int(free.getsockname()[1])
 
 

@@ -145,10 +145,11 @@ class Watcher:
             self._add(stamp, latest, step)
 
     def _add(self, stamp: int, latest: dict[str, Any], step: dict[str, Any]) -> None:
-        came = (self._room is None and "obstacles" in latest) or (self._grid is None and "map" in latest)
+        room, grid = self._latest.get("obstacles"), self._latest.get("map")
+        came = (self._room is None and room is not None) or (self._grid is None and grid is not None)
         if not 0.0 < (stamp - self._last) * 1e-9 <= LEAP or self._rows >= LONGEST or came:
             self._first, self._rows, self._scan = stamp, 0, None
-            self._room, self._grid = latest.get("obstacles"), latest.get("map")
+            self._room, self._grid = room, grid
         self._last = stamp
         piece = self._row((stamp - self._first) * 1e-9, latest, step)
         if self._rows == 0:
