@@ -1,5 +1,9 @@
 """The viewer's observer of a live graph: it hears what the recorder hears, row by row, and notices where a drive begins."""
 
+import select
+import time
+from urllib.request import urlopen
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -36,7 +40,7 @@ def test_it_sees_a_drive_as_the_recorder_does(watcher, wait_for):
     assert np.isfinite(track.nis).mean() > 0.9
     assert np.nanmin(track.clearance) == pytest.approx(clearance.min(), abs=0.05)
     assert track.around.room is not None
-    assert track.around.room.boxes == pytest.approx(room.boxes)
+    np.testing.assert_allclose(track.around.room.boxes, room.boxes)
     assert len(track.scans) > 10
 
 
@@ -108,3 +112,32 @@ def test_it_hears_the_guard_of_its_robot_alone(robot, watcher, wait_for):
     track = robot.rows(10 - LAG)
     assert set(track.level) == {1.0}
     assert set(track.report) == {"collision monitor: slow"}
+
+
+def test_the_command_serves_what_it_hears_and_ends(launch, robot):
+    process = launch("-m", "turtlebot_gym_ros", "watch", "--port", "0")
+    deadline, sent = time.monotonic() + 60.0, 0
+    while not select.select([process.stdout], [], [], 0.05)[0]:
+        assert time.monotonic() < deadline
+        robot.at(100.0 + 0.1 * sent)
+        sent += 1
+    url = process.stdout.readline().split()[0]
+    with urlopen(url, timeout=20.0) as answer:
+        assert b"<h1>Live</h1>" in answer.read()
+    process.terminate()
+    _, errors = process.communicate(timeout=30.0)
+    assert process.returncode == 0
+    assert errors.strip() == "waiting for /odom ..."
+
+
+@pytest.mark.parametrize("words", [["--namespace", "a-b"], ["--host", "203.0.113.1"]])
+def test_the_command_refuses_with_one_line(launch, robot, words):
+    process = launch("-m", "turtlebot_gym_ros", "watch", "--port", "0", *words)
+    deadline, sent = time.monotonic() + 60.0, 0
+    while process.poll() is None:
+        assert time.monotonic() < deadline
+        robot.at(100.0 + 0.1 * sent)
+        sent += 1
+        time.sleep(0.05)
+    assert process.returncode == 2
+    assert process.stderr.read().strip().splitlines()[-1].startswith("error: ")

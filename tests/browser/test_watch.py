@@ -234,3 +234,4 @@ def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, 
         seen.page.wait_for_function("window.watch && window.watch.end < 1.0", timeout=20_000)
         hosts = {url.split("/")[2] for url in seen.requests}
         assert hosts == {server.url.split("/")[2]}
+        seen.close()  # before its server goes

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,11 @@ from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import Graph
-from turtlebot_gym_ros.graph.watch import View
 from turtlebot_gym_ros.node.runner import refuse
 from turtlebot_gym_ros.nodes import MODES
+
+if TYPE_CHECKING:
+    from turtlebot_gym_ros.graph.watch import View
 
 REACHED = 0.3
 """A waypoint counts as reached where a position came this close, m."""
@@ -132,7 +134,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as viewing:
         try:
-            view = viewing.enter_context(View(given, port=port)) if watch else None
+            view = viewing.enter_context(_view(given, port)) if watch else None
             with Graph(**given) as graph:
                 if view:
                     view.open()
@@ -151,6 +153,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if view:
             view.stay()
     return 0
+
+
+def _view(given: dict[str, Any], port: int) -> View:
+    from turtlebot_gym_ros.graph.watch import View  # what it needs is slow to import
+
+    return View(given, title=f"bringup, policy {given.get('policy', 'bearing')}", port=port)
 
 
 def _tell(
