@@ -180,6 +180,12 @@ def test_a_server_serves_this_machine_alone_and_ends():
         urlopen(server.url, timeout=5.0)
 
 
+@pytest.mark.parametrize("port", [-1, 65_536])
+def test_what_is_no_port_is_refused(port):
+    with pytest.raises(ValueError, match="port must be from 0 to 65535"):
+        Server([], title="", live=False, port=port)
+
+
 def test_a_taken_port_is_refused_with_the_remedy():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -42,10 +42,13 @@ class Server:
         port: 0 for any that is free.
 
     Raises:
+        ValueError: If the port is none.
         OSError: If the port is taken or the address is not this machine's.
     """
 
     def __init__(self, drives: Sequence[Growing], *, title: str, live: bool, host: str = "localhost", port: int = 5006) -> None:
+        if not 0 <= port < 2**16:
+            raise ValueError(f"port must be from 0 to {2**16 - 1}, got {port!r}.")
         self._drives, self._title, self._live, self._host, self._port = drives, title, live, host, port
         self._ready = Event()
         self._error: BaseException | None = None
