@@ -51,8 +51,9 @@ class Robot:
         self._odom = peer.speak("odom", Odometry)
         self._diagnostics = peer.speak("/diagnostics", DiagnosticArray)
         self._watcher, self._wait_for = watcher, wait_for
-        wait_for(lambda: self._odom.get_subscription_count() and self._diagnostics.get_subscription_count())
-        self.sent = 0
+        topics = ("odom", "/diagnostics")  # those of the test before are gone, and each hears the other
+        wait_for(lambda: all(watcher.node.count_publishers(topic) == 1 for topic in topics))
+        wait_for(lambda: self._odom.get_subscription_count() == self._diagnostics.get_subscription_count() == 1)
 
     def at(self, seconds, x=0.0):
         message = Odometry()
@@ -76,8 +77,8 @@ class Robot:
 
 
 @pytest.fixture
-def robot(module_peer, watcher, wait_for):
-    return Robot(module_peer, watcher, wait_for)
+def robot(peer, watcher, wait_for):
+    return Robot(peer, watcher, wait_for)
 
 
 def test_of_a_robot_it_shows_what_there_is(robot):

@@ -186,7 +186,8 @@ def _scans(messages: Sequence[Heard], time: NDArray[np.float64], drive: Trajecto
         row = int(np.searchsorted(time, complete - 1e-3))
         if row < len(time) and np.isfinite(states[row]).all():
             scan = Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max)
-            scans.append(Seen(row, mounted(State(*states[row].tolist(), 0.0, 0.0), lidar), scan))
+            x, y, theta = states[row].tolist()
+            scans.append(Seen(row, mounted(State(x, y, theta, 0.0, 0.0), lidar), scan))
     return scans
 
 

@@ -62,7 +62,9 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
         beside: Another run's map, which is panned and zoomed together with this one.
     """
     low, high = extent(tracks)
-    x_range, y_range = (beside.x_range, beside.y_range) if beside else (Range1d(low[0], high[0]), Range1d(low[1], high[1]))
+    x_range, y_range = (
+        (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
+    )
     figure = Figure(
         name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", min_border=4, active_drag=None,
         tools="pan,wheel_zoom,reset,save", active_scroll=None, x_axis_label="x (m)", y_axis_label="y (m)",

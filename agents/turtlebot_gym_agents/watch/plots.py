@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import ColumnDataSource, CustomJS, DataRange1d, FixedTicker, Range1d, Span
+from bokeh.models import BasicTicker, ColumnDataSource, CustomJS, DataRange1d, FixedTicker, Range1d, Span
 from bokeh.plotting import figure as Figure
 from scipy.stats import chi2
 
@@ -46,7 +46,7 @@ class Curve(NamedTuple):
 def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
     """Return the plots; those of which no drive has any number are left out, unless drives still grow."""
     end = max(float(track.drive.time[-1] - track.drive.time[0]) for track in tracks)
-    plots = Plots([], [], Range1d(0.0, max(end, 1.0)))
+    plots = Plots([], [], Range1d(start=0.0, end=max(end, 1.0)))
     several = len(tracks) > 1
 
     def plot(title: str, curves: Sequence[Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
@@ -81,7 +81,7 @@ def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme:
     reported = any(np.isfinite(track.level).any() for track in tracks)
     guard = plot("state of the guard", [Curve("level", style.LEVELS[1], steps=True, width=2.4)], known=reported)
     if guard:
-        guard.y_range = Range1d(OK - 0.4, ERROR + 0.4)
+        guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)
         guard.yaxis.ticker = FixedTicker(ticks=[OK, WARNING, ERROR])
         guard.yaxis.major_label_overrides = {OK: "ok", WARNING: "warning", ERROR: "error"}
     for figure in plots.figures[:-1]:
@@ -91,15 +91,16 @@ def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme:
 
 def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
     """Return an empty plot, with the cursor; a tap on it moves the present there."""
+    values = DataRange1d(range_padding=0.12)
+    if floor is not None:
+        values.start = floor
     figure = Figure(
         name=f"plot{len(plots.figures)}", title=title, height=HEIGHT, sizing_mode="stretch_width", x_range=plots.range,
-        y_range=DataRange1d(range_padding=0.12), tools="", toolbar_location=None,
+        y_range=values, tools="", toolbar_location=None,
         min_border_left=MARGIN, min_border_right=8, min_border_top=2, min_border_bottom=2, output_backend="canvas",
     )  # fmt: skip
-    if floor is not None:
-        figure.y_range.start = floor
     theme.dress(figure)
-    figure.yaxis.ticker.desired_num_ticks = 3
+    figure.yaxis.ticker = BasicTicker(desired_num_ticks=3)
     figure.xgrid.visible = False
     cursor = Span(location=0.0, dimension="height", line_width=1.5, level="overlay")
     theme.paint(cursor, style.TEXT, "line_color")

@@ -39,6 +39,6 @@ class Theme:
         for grid in figure.grid:
             self.paint(grid, FAINT, "grid_line_color")
         self.paint(figure, FAINT, "outline_line_color")
-        figure.title.text_font, figure.title.text_font_size = FONT, "12px"
-        figure.title.text_font_style = "normal"
-        self.paint(figure.title, TEXT, "text_color")
+        title: Any = figure.title
+        title.text_font, title.text_font_size, title.text_font_style = FONT, "12px", "normal"
+        self.paint(title, TEXT, "text_color")

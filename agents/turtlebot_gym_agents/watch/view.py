@@ -90,7 +90,7 @@ def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool 
     document.js_on_event("document_ready", CustomJS(args=client, code=_text("client.js")))
     document.title = title
     document.template = _template()
-    document.template_variables.update(_variables(tracks, maps, [each.name for each in plots.figures], title, live))
+    document.template_variables.update(_variables(tracks, maps, [str(each.name) for each in plots.figures], title, live))
     return View(runs, again)
 
 
@@ -142,7 +142,7 @@ def _svg_dash(dashes: str | list[int]) -> str:
 
 @cache
 def _text(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return files("turtlebot_gym_agents.watch").joinpath(name).read_text(encoding="utf-8")
 
 
 @cache

@@ -174,7 +174,7 @@ class Watcher:
             "command": senses.twist,
         }
         room = latest.get("obstacles")
-        walks = room is not None and self._room is not None and room.circles != self._room.circles
+        still = self._room.circles if self._room else ()
         clearance = latest["clearance"].distance if "clearance" in latest else math.nan
         return of_trajectory(
             Trajectory(**{name: np.array([value], np.float64) for name, value in columns.items()}),
@@ -182,7 +182,7 @@ class Watcher:
             nis=np.array([step["nis"].value if "nis" in step else math.nan]),
             clearance=np.array([clearance]),
             reports=[self._report],
-            circles=[np.array(room.circles).reshape(-1, 3)] if walks else None,
+            circles=[np.array(room.circles).reshape(-1, 3)] if room is not None and room.circles != still else None,
             scans=self._new_scan(latest.get("scan"), truth if math.isfinite(truth.x) else state),
         )
 
