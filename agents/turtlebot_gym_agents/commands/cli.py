@@ -208,7 +208,7 @@ class Watch(_Driven):
             from turtlebot_gym_agents.watch.server import serve
         if self.drive:
             tracks = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
-            title = "Recorded drives" if len(self.drive) > 1 else f"Recorded drive {self.drive[0].name}"
+            title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
             told = {"noise": self.noise, "observation": self.observation, **self.options()}
             tracks = [record_episode(policy, env=self.env, seed=self.seed, **told) for policy in self.policy]
