@@ -11,6 +11,7 @@ import numpy as np
 import psutil
 import pytest
 from bokeh.document import Document
+from bokeh.models.glyphs import Image as ImageGlyph
 
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
@@ -126,6 +127,18 @@ def test_a_map_becomes_a_picture():
     turned, place = picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
     np.testing.assert_array_equal(turned, [[1, 0], [0, 0], [0, 2]])  # rows go up, and columns to the left
     assert place == pytest.approx((0.0, 2.0, 1.0, 1.5))
+
+
+def test_a_map_is_drawn_with_a_form_for_dark_pages():
+    cells = np.zeros((20, 30), np.int8)
+    cells[5, 3:20], cells[:4, :] = 100, -1
+    track = make_track(3, scans=1)
+    grid = GridMap(cells=cells, resolution=0.2, origin=Pose(-3.0, -2.0, 0.3))
+    document = Document()
+    fill(document, [track._replace(around=track.around._replace(grid=grid))], title="")
+    mappers = {each.color_mapper for each in document.select({"type": ImageGlyph})}
+    assert len(mappers) == 2  # what is occupied, and what is not known
+    assert all(each.palette[0] == "#00000000" for each in mappers)  # free ground is the page's
 
 
 def test_thin_walls_of_a_large_map_stay():

@@ -146,7 +146,8 @@ def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
         for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):
             mapper = LinearColorMapper(palette=["#00000000", ink.light], low=0, high=1)
             theme.entries.append([mapper, "palette", ["#00000000", ink.light], ["#00000000", ink.dark]])
-            figure.image([(shown == value).astype(np.uint8)], x=x, y=y, dw=width, dh=height, color_mapper=mapper)
+            place: dict[str, Any] = {"x": x, "y": y, "dw": width, "dh": height, "color_mapper": mapper}
+            figure.image([(shown == value).astype(np.uint8)], **place)
     if room:
         x, y, a, b = room.walls
         walls = figure.rect([x], [y], [2.0 * a], [2.0 * b], fill_color=None, line_width=3)
