@@ -33,7 +33,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
-	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients and not cluster"
+	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients and not cluster and not browser"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
@@ -41,6 +41,13 @@ test-slow: $(READY)  ## the tests that take minutes
 test-cluster: $(READY)  ## Ray, which it installs: the same results with any number of workers, kills, errors (10 minutes)
 	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cluster]'
 	$(RUN)python -m pytest -m cluster tests/agents/cluster
+
+CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
+
+test-browser: $(READY)  ## the viewer in headless Chromium: it opens, draws, plays and scrubs, and asks nobody else for anything
+	@test -n "$(CHROMIUM)" || { echo "make test-browser needs Chromium: sudo apt-get install chromium"; exit 2; }
+	@mkdir -p $(OUT)/browser
+	CHROMIUM=$(CHROMIUM) SCREENSHOTS=$(OUT)/browser $(RUN)python -m pytest -m browser tests/browser
 
 KILTED := .venv-kilted
 

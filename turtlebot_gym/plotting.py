@@ -55,7 +55,7 @@ _SCAN: _Style = {"color": PURPLE, "linestyle": "", "marker": ".", "markersize": 
 _SOLID, _UNKNOWN = "#777777", "#dddddd"
 _COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE)
 _STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
-_PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
+PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
 """Colour and line style of each path in turn."""
 _COMPONENTS = {"x": "x (m)", "y": "y (m)", "theta": "heading (rad)"}
 _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
@@ -225,7 +225,7 @@ def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: 
     figure = _figure(6.4, 6.8, title)
     axes = figure.subplots()
     for at, (label, trajectory) in enumerate(trajectories):
-        color, style = _PATHS[at % len(_PATHS)]
+        color, style = PATHS[at % len(PATHS)]
         path = trajectory.true_state
         axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
         axes.plot(path[-1:, 0], path[-1:, 1], color=color, marker="X", markersize=9.0, markeredgecolor="white", zorder=4.0)

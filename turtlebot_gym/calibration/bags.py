@@ -46,7 +46,7 @@ def read_bag(path: str | Path, *, topics: Topics | None = None) -> Log:
         ImportError: If rosbags is not installed.
     """
     wanted = topics or Topics()
-    with _opened(Path(path)) as reader:
+    with opened_bag(Path(path)) as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
         truth = wanted.truth or next((name for name in TRUTHS if name in kinds), "")
         _require(path, kinds, {wanted.odom: _POSES[:1], truth: _POSES, wanted.fix: _POSES, wanted.twist: _TWISTS})
@@ -79,7 +79,7 @@ def read_bag(path: str | Path, *, topics: Topics | None = None) -> Log:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def opened_bag(path: Path) -> Iterator[Any]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -120,7 +120,7 @@ def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str
     try:
         for connection, received, data in reader.messages(connections):
             message = reader.deserialize(data, connection.msgtype)
-            rows[connection.topic].append(_row(message, received * 1e-9))
+            rows[connection.topic].append(pose_and_twist(message, received * 1e-9))
     except Exception as error:  # decoding raises whatever the storage and the codec do
         done = sum(map(len, rows.values()))
         if not done:
@@ -142,7 +142,7 @@ def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str
     return told, remarks
 
 
-def _row(message: Any, received: float) -> list[float]:
+def pose_and_twist(message: Any, received: float) -> list[float]:
     """Return a message's time, x, y, heading, speed and turning rate."""
     header = getattr(message, "header", None)
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 if header is not None else 0.0

@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.rooms.lidar import SECTORS, divide, pool
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.rooms.lidar import SECTORS, Lidar, divide, pool
 from turtlebot_gym.rooms.scene import Scene
+from turtlebot_gym.values import Pose, State
 
 
 class Scan(NamedTuple):
@@ -47,6 +49,13 @@ class Obstacles(NamedTuple):
     """x, y and radius of each, m."""
     boxes: tuple[tuple[float, float, float, float, float], ...]
     """x, y, length, width and heading of each; m, rad."""
+
+
+def mounted(state: State, lidar: Lidar) -> Pose:
+    """Return the pose of a LiDAR's frame on a robot."""
+    sine, cosine = sincos(state.theta)
+    x, y = state.x + lidar.x * cosine - lidar.y * sine, state.y + lidar.x * sine + lidar.y * cosine
+    return Pose(x, y, wrap(state.theta + lidar.yaw))
 
 
 def obstacles_of(scene: Scene) -> Obstacles:

@@ -17,12 +17,14 @@ import tyro
 
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
-from turtlebot_gym_agents.commands.console import ROOMS, File, Setting, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.driven import Driven
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
+from turtlebot_gym_agents.commands.watch import Watch
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
@@ -37,45 +39,7 @@ class Command(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Driven(Setting):
-    """What is driven, and where."""
-
-    switch: str | None = None
-    """Square only: the next waypoint comes on "arrival", or after a "time" of 15 s."""
-    laps: int | None = None
-    """Square only: how often it is driven."""
-    delay: int = 0
-    """Steps by which commands come late."""
-    plant: str = "unicycle"
-    """What moves the robot: unicycle, or mujoco, a Burger with wheels that creep and slip, which needs the extra [mujoco]."""
-    friction: float | None = None
-    """With the plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
-    caster_friction: float | None = None
-    """Likewise, between caster and floor; by default 0.05. A slippery floor is --friction 0.5 --caster-friction 0.3."""
-    allow_mismatch: bool = False
-    """Drive policies that were made for another task or another observation, too."""
-
-    def options(self) -> dict[str, Any]:
-        """Return the environment's keyword arguments."""
-        from turtlebot_gym.plants import make_plant
-
-        given: dict[str, Any] = {name: value for name in ("switch", "laps") if (value := getattr(self, name)) is not None}
-        if self.env == ROOMS and given:
-            raise ValueError(f"switch and laps are for tasks with given waypoints, not for {ROOMS}.")
-        plant = make_plant(self.plant, friction=self.friction, caster_friction=self.caster_friction)
-        if plant:
-            if self.env == ROOMS:
-                raise ValueError(f"plant must be 'unicycle' for {ROOMS}: in MuJoCo there is open ground alone.")
-            given["plant"] = plant
-        return (
-            {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay", "allow_mismatch")}
-            | self.given()
-            | given
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Evaluate(_Driven, Placement):
+class Evaluate(Driven, Placement):
     """Drive policies on the same seeds, and tell how well they do.
 
     Of policies, noises and observations each combination is evaluated.
@@ -144,7 +108,7 @@ class Evaluate(_Driven, Placement):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Video(_Driven):
+class Video(Driven):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"
@@ -193,6 +157,7 @@ class Video(_Driven):
 COMMANDS: dict[str, type[Command]] = {
     "evaluate": Evaluate,
     "video": Video,
+    "watch": Watch,
     "estimate": Estimate,
     "replay": Replay,
     "calibrate": Calibrate,

@@ -57,6 +57,15 @@ class Setting:
 
 
 @contextmanager
+def needs(extra: str) -> Iterator[None]:
+    """Say what to install where an import fails."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[{extra}]'.") from error
+
+
+@contextmanager
 def progress(total: int) -> Iterator[Callable[..., None]]:
     """Show a progress bar on standard error, where that is a terminal; yields a function that moves it, and may tell another
     total."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import File, Setting, needs, print_tables, progress, write_json
 from turtlebot_gym_agents.commands.placement import Placement
 
 if TYPE_CHECKING:
@@ -70,6 +70,8 @@ class Train(_Learned, Placement):
     """Go on from the folder's checkpoints."""
     evaluations: int = 8
     """How often the policy is evaluated on the way."""
+    watch: bool = False
+    """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
 
     def run(self) -> None:
         """Train, print a table, and write what is asked for."""
@@ -79,14 +81,17 @@ class Train(_Learned, Placement):
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
-        with _loading(configs[0]), _needs_agents():
+        with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
         from rich.table import Table
 
         if self.spread:
             results = self._spread(configs, folders)
         else:
-            results = (train(config, folder, resume=self.resume) for config, folder in zip(configs, folders, strict=True))
+            results = (
+                train(config, folder, resume=self.resume, callbacks=self._watching(config))
+                for config, folder in zip(configs, folders, strict=True)
+            )
         table = Table(
             "seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy",
             title=f"{self.env}, {self.algo}, the best model on the evaluation's seeds",
@@ -120,6 +125,14 @@ class Train(_Learned, Placement):
             raise ValueError("resume goes on from a checkpoint; in units of work, trainings that are done are in the store.")
         with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as place:
             yield from train_all(configs, folders, **place._asdict(), progress=advance_to)
+
+    def _watching(self, config: TrainingConfig) -> list[Any]:
+        """Return the callback that shows the policy, if that is asked for."""
+        if not self.watch:
+            return []
+        with needs("watch"):
+            from turtlebot_gym_agents.training.watching import WatchCallback
+        return [WatchCallback(config)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +223,7 @@ class Export:
 
     def run(self) -> None:
         """Export, and print how far the two differ."""
-        with _needs_agents():
+        with needs("agents"):
             from turtlebot_gym_agents.policies.bundle import Card
             from turtlebot_gym_agents.policies.fit import describe_robot
             from turtlebot_gym_agents.training.config import TrainingConfig
@@ -265,12 +278,3 @@ def _loading(config: TrainingConfig) -> Iterator[None]:
         yield
     finally:
         beside.join()
-
-
-@contextmanager
-def _needs_agents() -> Iterator[None]:
-    """Say what to install where an import fails."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[agents]'.") from error

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import stable_baselines3
 import torch
 from gymnasium.vector import VectorEnv
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
@@ -64,7 +65,13 @@ class TrainingResult:
 
 
 def train(
-    config: TrainingConfig, folder: Path, *, resume: bool = False, progress: bool = True, hyper: Mapping[str, Any] | None = None
+    config: TrainingConfig,
+    folder: Path,
+    *,
+    resume: bool = False,
+    progress: bool = True,
+    hyper: Mapping[str, Any] | None = None,
+    callbacks: Sequence[BaseCallback] = (),
 ) -> TrainingResult:
     """Train one policy.
 
@@ -74,6 +81,7 @@ def train(
         resume: Go on from the folder's checkpoint, if there is one.
         progress: Whether to show a bar.
         hyper: Hyper-parameters, where the configuration's file has been read elsewhere.
+        callbacks: Called besides the training's own.
 
     Returns:
         What it has come to; the folder holds the policy.
@@ -104,10 +112,10 @@ def train(
     before = model.num_timesteps
     judge = EvaluationCallback(judges, path=folder / "best.zip", every=max(1, total // config.evaluations))
     bar = ProgressCallback(total, label=f"{config.env.partition('/')[2]} seed {config.seed}")
-    callbacks = [judge, CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), *([bar] if progress else [])]
+    own = [judge, CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), *([bar] if progress else [])]
     try:
         # A finished run has nothing to learn, but the callbacks find its best model again.
-        learn(model, total, callbacks, threads=config.threads)
+        learn(model, total, [*own, *callbacks], threads=config.threads)
     finally:
         bar.stop()
     seconds = round(time.perf_counter() - start, 1)

@@ -65,6 +65,7 @@ NODES = {
     "bringup": Entry(
         "graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer", is_block=False
     ),
+    "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
     "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}

@@ -7,18 +7,19 @@ import json
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
@@ -27,6 +28,9 @@ from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.node.runner import refuse
 from turtlebot_gym_ros.nodes import MODES
+
+if TYPE_CHECKING:
+    from turtlebot_gym_ros.graph.watch import View
 
 MAX_SEED = 2**63
 """Seeds are below this: a ROS parameter has 64 bits."""
@@ -86,13 +90,6 @@ def room_metrics(trajectory: Trajectory, clearance: NDArray[np.float64]) -> dict
     }
 
 
-def mounted(state: State, lidar: Lidar) -> Pose:
-    """Return the pose of a LiDAR's frame on a robot."""
-    sine, cosine = sincos(state.theta)
-    x, y = state.x + lidar.x * cosine - lidar.y * sine, state.y + lidar.x * sine + lidar.y * cosine
-    return Pose(x, y, wrap(state.theta + lidar.yaw))
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bringup",
@@ -123,6 +120,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--namespace", help="of all nodes and topics, such as robot1; by default none")
     parser.add_argument("--frame-prefix", help='before all frames; by default that of the namespace, "robot1/"')
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
+    parser.add_argument("--watch", action="store_true", help="show the drive in a browser, until Ctrl-C")
+    parser.add_argument("--port", type=int, default=5006, help="with --watch, where on localhost (default 5006); 0 for any")
     parser.add_argument("--json", type=Path, help="write the metrics to this file")
     return parser
 
@@ -131,6 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the graph, print its metrics, and return the exit code."""
     options = vars(_parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
+    watch, port = options.pop("watch"), options.pop("port")
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         if not duration > 0.0:
@@ -143,21 +143,47 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         return refuse(error)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        with Graph(**given) as graph:
-            try:
-                graph.wait_until(lambda graph: graph.time >= duration, timeout=None)
-            except KeyboardInterrupt:
-                print("interrupted", file=sys.stderr)
-            trajectory = graph.trajectory()
-            clearance = graph.clearance() if graph.in_room else None
-            latest = dict(graph.latest)
-    except KeyboardInterrupt:
-        return 0
-    except (ValueError, RuntimeError, ImportError, OSError) as error:
-        return refuse(error)
+    with ExitStack() as viewing:
+        try:
+            view = viewing.enter_context(_view(given, port)) if watch else None
+            with Graph(**given) as graph:
+                if view:
+                    view.open()
+                try:
+                    graph.wait_until(lambda graph: graph.time >= duration, timeout=None)
+                except KeyboardInterrupt:
+                    print("interrupted", file=sys.stderr)
+                trajectory = graph.trajectory()
+                clearance = graph.clearance() if graph.in_room else None
+                latest = dict(graph.latest)
+        except KeyboardInterrupt:
+            return 0
+        except (ValueError, RuntimeError, OSError, ImportError) as error:
+            return refuse(error)
+        _tell(trajectory, clearance, latest, given, figure=figure, report=report)
+        if view:
+            view.stay()
+    return 0
+
+
+def _view(given: dict[str, Any], port: int) -> View:
+    from turtlebot_gym_ros.graph.watch import View  # what it needs is slow to import
+
+    return View(given, title=f"bringup, policy {given.get('policy', 'bearing')}", port=port)
+
+
+def _tell(
+    trajectory: Trajectory,
+    clearance: NDArray[np.float64] | None,
+    latest: dict[str, Any],
+    given: dict[str, Any],
+    *,
+    figure: Path | None,
+    report: Path | None,
+) -> None:
+    """Print the metrics of a drive, and write what is asked for."""
     if len(trajectory.time) < 2:
-        return 0
+        return
     figures = metrics(trajectory)
     if clearance is not None:
         figures |= room_metrics(trajectory, clearance[: len(trajectory.time)])
@@ -170,4 +196,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
         tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan).savefig(figure)
         print(f"figure written to {figure}")
-    return 0

@@ -1,0 +1,53 @@
+"""The subcommand ``watch``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from turtlebot_gym_agents.commands.console import File, needs
+from turtlebot_gym_agents.commands.driven import Driven
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch(Driven):
+    """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
+
+    The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [watch].
+    """
+
+    policy: tuple[str, ...] = ("bearing",)
+    """Policies, as for evaluate; each drives the same episode."""
+    noise: str = "tutorial"
+    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    observation: str = "ekf"
+    """What policies are shown as the robot's pose: ekf, odometry, truth."""
+    seed: int = 0
+    """The episode's."""
+    drive: tuple[Path, ...] = ()
+    """Recorded drives instead of episodes: bags, snapshots.csv of data_logger, or tables as replay takes them."""
+    html: File = None
+    """Write the view to this file, which opens without a server or a network, instead of serving it."""
+    host: str = "localhost"
+    """Name or address to listen on; 0.0.0.0 shows the view to everybody who reaches this machine."""
+    port: int = 5006
+    """Port to listen on; 0 for any that is free."""
+
+    def run(self) -> None:
+        """Record or read the drives, and write or serve the view."""
+        from turtlebot_gym_agents.watch import read_recorded, record_episode
+
+        with needs("watch"):
+            from turtlebot_gym_agents.watch.html import write_html
+            from turtlebot_gym_agents.watch.server import serve
+        if self.drive:
+            tracks = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
+            title = f"Recorded: {', '.join(path.name for path in self.drive)}"
+        else:
+            told = {"noise": self.noise, "observation": self.observation, **self.options()}
+            tracks = [record_episode(policy, env=self.env, seed=self.seed, **told) for policy in self.policy]
+            title = ", ".join([self.env.partition("/")[2], *self.given().values(), f"seed {self.seed}", f"noise {self.noise}"])
+        if self.html is not None:
+            print(f"{self.html}: {write_html(tracks, self.html, title=title):,} bytes; open it in a browser.")
+            return
+        serve(tracks, title=title, host=self.host, port=self.port)

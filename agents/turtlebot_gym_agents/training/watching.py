@@ -1,0 +1,61 @@
+"""The current policy in a browser while it learns."""
+
+from __future__ import annotations
+
+import time
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
+from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.watch import Growing, Track, record_episode
+from turtlebot_gym_agents.watch.server import Server
+
+SHARE = 20.0
+"""An episode takes at most one in so many parts of the time."""
+_OPTIONS = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
+
+
+class WatchCallback(BaseCallback):
+    """Drive an episode with the current policy now and then, always the same one, and serve the newest to browsers.
+
+    Args:
+        config: What is trained.
+        seconds: Least time between two episodes.
+        port: Where it is served on this machine; 0 for any port that is free.
+    """
+
+    def __init__(self, config: TrainingConfig, *, seconds: float = 5.0, port: int = 5006) -> None:
+        super().__init__()
+        self._options = {name: value for name in _OPTIONS if (value := getattr(config, name)) is not None}
+        self._config, self._seconds, self._port = config, seconds, port
+        self._due = 0.0
+        self.server: Server | None = None
+        """What serves the view, while it learns."""
+
+    def _on_training_start(self) -> None:
+        self.drive = Growing(self._record())
+        title = f"{self._config.env.partition('/')[2]}, {self._config.algo}, seed {self._config.seed}"
+        self.server = Server([self.drive], title=title, live=True, port=self._port)
+        self.server.__enter__()
+        print(f"{self.server.url} shows the current policy", flush=True)
+
+    def _record(self) -> Track:
+        begun = time.monotonic()
+        label = f"after {self.num_timesteps:,} steps"
+        track = record_episode(policy_of(self.model), env=self._config.env, seed=EVALUATION_SEED, label=label, **self._options)
+        ended = time.monotonic()
+        self._due = ended + max(self._seconds, SHARE * (ended - begun))
+        return track
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if time.monotonic() >= self._due:
+            self.drive.restart(self._record())
+
+    def _on_training_end(self) -> None:
+        if self.server is not None:
+            self.server.__exit__(None, None, None)
+            self.server = None

@@ -1,0 +1,230 @@
+// What the browser does: it shows the drives at a time, and lets that time be scrubbed, played and followed.
+// Its names come from view.py: runs, cursors, time_range, theme, live.
+const element = (name) => document.getElementById(name)
+const slider = element("time"), play_button = element("play"), speed = element("speed"), follow_button = element("live")
+let time = 0, playing = false, following = live, last_frame = 0
+
+// The first n numbers of a column, as a view of it where it is an array of numbers.
+const first = (column, n) => ArrayBuffer.isView(column) ? new Float32Array(column.buffer, column.byteOffset, n) : column.slice(0, n)
+
+const end = () => runs.reduce((latest, {rows}) => Math.max(latest, rows.data.time[rows.data.time.length - 1] ?? 0), 0)
+
+// The last row at or before a time, or the first one.
+function row_at(times, t) {
+  let low = 0, high = times.length
+  while (low < high) {
+    const middle = (low + high) >> 1
+    if (times[middle] <= t + 1e-4) low = middle + 1
+    else high = middle
+  }
+  return Math.max(low - 1, 0)
+}
+
+// What is shown is this browser's own affair: a server that is there is not told.
+const set = (model, values) => model.setv(values, {sync: false})
+
+// Where a scan's beams ended.
+function points_of(scans, at) {
+  const x = [], y = []
+  if (at >= 0 && at < scans.x.length) {
+    const ranges = scans.ranges[at]
+    for (let beam = 0; beam < ranges.length; beam++) {
+      if (ranges[beam] > 0) {
+        const angle = scans.theta[at] + scans.first[at] + beam * scans.increment[at]
+        x.push(scans.x[at] + 1e-3 * ranges[beam] * Math.cos(angle))
+        y.push(scans.y[at] + 1e-3 * ranges[beam] * Math.sin(angle))
+      }
+    }
+  }
+  return {x, y}
+}
+
+function circles_of(numbers) {
+  const x = [], y = [], radius = []
+  for (let at = 0; at + 2 < numbers.length; at += 3) {
+    x.push(numbers[at]); y.push(numbers[at + 1]); radius.push(numbers[at + 2])
+  }
+  return {x, y, radius}
+}
+
+const TRAILS = ["x", "y", "ex", "ey", "ox", "oy"]
+const COPIED = ["x", "y", "theta", "ex", "ey", "etheta", "ox", "oy", "otheta", "gx", "gy", "gtheta", "width", "height", "tilt"]
+
+function present(data, k, [robot, goal]) {
+  const now = {}
+  for (const name of COPIED) now[name] = data[name][k]
+  const tip = (prefix, length) => {
+    now[prefix + "tip_x"] = now[prefix + "x"] + length * Math.cos(now[prefix + "theta"])
+    now[prefix + "tip_y"] = now[prefix + "y"] + length * Math.sin(now[prefix + "theta"])
+  }
+  tip("", robot); tip("e", 1.5 * robot); tip("o", robot); tip("g", goal)
+  const known = Number.isFinite(now.x)  // without a known truth the robot is drawn where it believes it is
+  now.body_x = known ? now.x : now.ex
+  now.body_y = known ? now.y : now.ey
+  now.body_radius = robot
+  now.goal_radius = goal
+  return now
+}
+
+const escaped = (text) => text.replace(/[&<>]/g, (sign) => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[sign])
+
+function words(data, k) {
+  const told = [], tell = (name, value, digits, unit) => {
+    if (Number.isFinite(value)) told.push(`<span>${name} <b>${value.toFixed(digits)}${unit}</b></span>`)
+  }
+  const known = Number.isFinite(data.x[k])
+  tell("to the waypoint", Math.hypot(data.gx[k] - (known ? data.x[k] : data.ex[k]), data.gy[k] - (known ? data.y[k] : data.ey[k])), 2, " m")
+  tell("estimate off by", data.error[k], 3, " m")
+  tell("odometry off by", data.odometry_error[k], 3, " m")
+  tell("speed", data.command_v[k], 2, " m/s")
+  tell("turning", data.command_omega[k], 2, " rad/s")
+  tell("NIS", data.nis[k], 1, "")
+  tell("clearance", data.clearance[k], 2, " m")
+  if (data.report[k]) told.push(`<span class="report">guard <b>${escaped(data.report[k])}</b></span>`)
+  return told.join("")
+}
+
+function draw() {
+  runs.forEach(({rows, scans, now, trail, points, circles, still, sizes}, at) => {
+    const data = rows.data, k = row_at(data.time, time)
+    if (data.time.length === 0) return
+    const values = present(data, k, sizes)
+    set(now, {data: Object.fromEntries(Object.entries(values).map(([name, value]) => [name, [value]]))})
+    set(trail, {data: Object.fromEntries(TRAILS.map((name) => [name, first(data[name], k + 1)]))})
+    const scan = `${data.scan[k]}/${scans.data.x.length}`
+    if (points.shown !== scan) {
+      points.shown = scan
+      set(points, {data: points_of(scans.data, data.scan[k])})
+    }
+    const walking = data.circles[k], standing = walking.length === 0
+    if (!standing || circles.shown !== "standing") {
+      circles.shown = standing ? "standing" : ""
+      set(circles, {data: circles_of(standing ? still : walking)})
+    }
+    element(`readout${at}`).innerHTML = words(data, k)
+  })
+  for (const cursor of cursors) set(cursor, {location: time})
+  slider.value = time
+  element("clock").textContent = `${time.toFixed(1)} / ${end().toFixed(1)} s`
+}
+
+function show(t) {
+  time = Math.min(Math.max(t, 0), end())
+  draw()
+}
+
+function set_playing(on) {
+  if (on && time >= end() - 1e-6 && !live) time = 0
+  playing = on
+  play_button.textContent = on ? "\u275a\u275a" : "\u25b6"
+  play_button.setAttribute("aria-label", on ? "pause" : "play")
+  if (on) {
+    set_following(false)
+    last_frame = performance.now()
+    requestAnimationFrame(frame)
+  }
+}
+
+function set_following(on) {
+  following = on && live
+  follow_button?.setAttribute("aria-pressed", String(following))
+  if (following) {
+    playing = false
+    play_button.textContent = "\u25b6"
+    show(end())
+  }
+}
+
+function frame(at) {
+  if (!playing) return
+  const t = time + Math.max(at - last_frame, 0) * 1e-3 * Number(speed.value)
+  last_frame = at
+  show(t)
+  if (time >= end() - 1e-6) set_playing(false)
+  else requestAnimationFrame(frame)
+}
+
+function seek(t) {
+  set_playing(false)
+  set_following(false)
+  show(t)
+}
+
+// Fit what is to be seen into the maps, a metre as long along x as along y. The maps share their ranges.
+function fit() {
+  const [{figure}] = runs
+  const width = figure.inner_width, height = figure.inner_height
+  if (!(width > 0 && height > 0)) return
+  const [low_x, low_y, high_x, high_y] = [0, 1, 2, 3].map((at) => runs.map(({seen}) => seen[at]).reduce((a, b) => at < 2 ? Math.min(a, b) : Math.max(a, b)))
+  const metres = Math.max((high_x - low_x) / width, (high_y - low_y) / height)
+  const x = 0.5 * (low_x + high_x), y = 0.5 * (low_y + high_y)
+  const ends = (middle, size) => {
+    const start = middle - 0.5 * metres * size, end = middle + 0.5 * metres * size
+    return {start, end, reset_start: start, reset_end: end}
+  }
+  set(figure.x_range, ends(x, width))
+  set(figure.y_range, ends(y, height))
+}
+
+// Widen what is to be seen to where a drive has come; returns whether that was necessary.
+function widen() {
+  let wider = false
+  for (const {rows, seen, sizes} of runs) {
+    const {x, y, ex, ey} = rows.data
+    for (let at = rows.reach ?? 0; at < x.length; at++) {
+      const [u, v] = Number.isFinite(x[at]) ? [x[at], y[at]] : [ex[at], ey[at]]
+      const around = [u - sizes[0], v - sizes[0], u + sizes[0], v + sizes[0]]
+      for (const side of [0, 1, 2, 3]) {
+        if (side < 2 ? around[side] < seen[side] : around[side] > seen[side]) {
+          seen[side] = around[side] + (side < 2 ? -1 : 1)  // a metre more, so that it is seldom necessary
+          wider = true
+        }
+      }
+    }
+    rows.reach = x.length
+  }
+  return wider
+}
+
+function grow() {
+  if (widen()) fit()
+  slider.max = end()
+  set(time_range, {end: Math.max(end(), 1)})
+  if (following) time = end()
+  draw()
+}
+
+function paint() {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches
+  for (const [model, name, light_value, dark_value] of theme) set(model, {[name]: dark ? dark_value : light_value})
+}
+
+slider.addEventListener("input", () => seek(Number(slider.value)))
+play_button.addEventListener("click", () => set_playing(!playing))
+follow_button?.addEventListener("click", () => set_following(!following))
+document.addEventListener("keydown", (event) => {
+  if (event.target.matches("select, button")) return
+  if (event.key === " ") { event.preventDefault(); set_playing(!playing) }
+  if (event.key === "ArrowRight" || event.key === "ArrowLeft") {
+    event.preventDefault()
+    seek(time + (event.key === "ArrowRight" ? 0.1 : -0.1) * (event.shiftKey ? 10 : 1))
+  }
+})
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint)
+let waiting = false
+const soon = () => {  // several columns may grow at once
+  if (!waiting) {
+    waiting = true
+    requestAnimationFrame(() => { waiting = false; grow() })
+  }
+}
+for (const {rows} of runs) {
+  rows.streaming.connect(soon)
+  rows.properties.data.change.connect(soon)
+}
+for (const side of ["inner_width", "inner_height"]) runs[0].figure.properties[side].change.connect(fit)
+window.watch = {seek, play: () => set_playing(true), pause: () => set_playing(false), get time() { return time }, get end() { return end() }, get playing() { return playing }}
+paint()
+fit()
+grow()
+document.documentElement.dataset.ready = "true"

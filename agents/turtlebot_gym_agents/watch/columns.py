@@ -1,0 +1,88 @@
+"""A track as the columns that a browser gets: numbers in single precision, ranges in millimetres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.plotting import SIGMAS
+from turtlebot_gym.trajectory import heading_error, position_error
+from turtlebot_gym_agents.watch.track import Seen, Track
+
+MILLIMETRES = 1000.0
+NOTHING = 0
+"""What stands for a beam that returned nothing."""
+
+
+def rows_of(track: Track, *, scans_before: int = 0, start: float = 0.0) -> dict[str, Any]:
+    """Return the columns of a track's rows, all of length T; angles in rad, lengths in m.
+
+    ``x, y, theta, v, omega`` are the truth, those that begin with ``e`` the estimate, with ``o`` the odometry, with ``g`` the
+    goal; ``width, height, tilt`` the axes of the estimate's ellipse.
+
+    Args:
+        track: The track, or a piece of one.
+        scans_before: Scans of the pieces before it.
+        start: Time that is shown as 0, s.
+    """
+    drive = track.drive
+    truth, estimate = drive.true_state, drive.estimate
+    width, height, tilt = _axes(drive.covariance)
+    newest = np.full(track.rows, scans_before - 1)
+    for seen in track.scans:
+        newest[seen.row :] += 1
+    numbers = {
+        "time": drive.time - start,
+        **_split(("x", "y", "theta", "v", "omega"), truth),
+        **_split(("ex", "ey", "etheta"), estimate),
+        **_split(("ox", "oy", "otheta"), drive.odometry),
+        **_split(("gx", "gy", "gtheta"), drive.reference),
+        **_split(("command_v", "command_omega"), drive.command),
+        "width": width,
+        "height": height,
+        "tilt": tilt,
+        "error": position_error(estimate, truth),
+        "odometry_error": position_error(drive.odometry, truth),
+        "turn": heading_error(estimate, truth),
+        "odometry_turn": heading_error(drive.odometry, truth),
+        "nis": track.nis,
+        "clearance": track.clearance,
+        "level": track.level,
+        "scan": newest,
+    }
+    columns: dict[str, Any] = {name: np.ascontiguousarray(values, np.float32) for name, values in numbers.items()}
+    columns["report"] = list(track.report)
+    columns["circles"] = [np.asarray(circles, np.float32).ravel() for circles in track.circles]
+    return columns
+
+
+def scans_of(scans: tuple[Seen, ...]) -> dict[str, Any]:
+    """Return the columns of scans: the LiDAR's pose, direction and distance of the beams, and the ranges in mm."""
+    numbers = np.array([[*seen.lidar, seen.scan.first, seen.scan.increment] for seen in scans], np.float32).reshape(-1, 5)
+    columns: dict[str, Any] = _split(("x", "y", "theta", "first", "increment"), numbers)
+    columns["ranges"] = [_millimetres(seen.scan.ranges) for seen in scans]
+    return columns
+
+
+def _split(names: tuple[str, ...], table: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return the first columns of a table by name."""
+    return {name: np.ascontiguousarray(table[:, at]) for at, name in enumerate(names)}
+
+
+def _axes(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return widths, heights and tilts of the ellipses of a position, at `SIGMAS` standard deviations; NaN if not known."""
+    known = np.isfinite(covariance[:, :2, :2]).all((1, 2))
+    width, height, tilt = np.full((3, len(covariance)), np.nan)
+    variances, directions = np.linalg.eigh(covariance[known, :2, :2])
+    sizes = 2.0 * SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+    height[known], width[known] = sizes[:, 0], sizes[:, 1]
+    tilt[known] = np.arctan2(directions[:, 1, 1], directions[:, 0, 1])
+    return width, height, tilt
+
+
+def _millimetres(ranges: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return ranges as whole millimetres; `NOTHING` where nothing was returned, or from farther than 65 m."""
+    rounded = np.round(MILLIMETRES * np.where(np.isfinite(ranges), ranges, 0.0))
+    return np.where(rounded < 2**16, rounded, NOTHING).astype(np.uint16)

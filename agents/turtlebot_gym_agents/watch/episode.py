@@ -1,0 +1,135 @@
+"""An episode as a track: the first episode of `evaluate` with the same arguments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
+from turtlebot_gym.rooms.scene import Scene, scene_at
+from turtlebot_gym.systems import Parameters
+from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.evaluation.evaluate import NAV, ORACLE, driver_of, require_known
+from turtlebot_gym_agents.evaluation.oracle import Oracle
+from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
+from turtlebot_gym_agents.watch.track import Seen, Surroundings, Track, of_trajectory
+
+
+class _Row(NamedTuple):
+    """What an environment tells at a step."""
+
+    info: dict[str, Any]
+    room: Obstacles | None
+    ranges: NDArray[np.float32] | None
+    """The newest scan's, shape (beams,), m."""
+
+
+def record_episode(policy: str | Policy, *, env: str = NAV, seed: int = 0, label: str | None = None, **options: Any) -> Track:
+    """Drive an episode and return its track.
+
+    Args:
+        policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
+        env: The id of an environment of this package.
+        seed: The episode's.
+        label: What the view calls it; by default the policy's name.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, world, lidar ...
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+    require_known(env, seed)
+    envs = gym.make_vec(env, num_envs=1, vectorization_mode="vector_entry_point", info="full", **options)
+    try:
+        p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+        driver = Oracle(envs) if policy == ORACLE else driver_of(policy, p)
+        rows = list(_drive(envs, driver, seed))
+        grid = _grid_of(_scene_of(envs))
+    finally:
+        envs.close()
+    name = label or (policy if isinstance(policy, str) else type(policy).__name__)
+    return _track(rows, p, label=name, grid=grid)
+
+
+def _scene_of(envs: VectorEnv) -> Scene | None:
+    """Return what surrounds the first robot, whose arrays the environment changes; None on open ground."""
+    truth = getattr(envs.unwrapped, "truth", None)
+    return scene_at(truth()[0], 0) if truth else None
+
+
+def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
+    """Yield what the environment tells at the start and after each step of an episode."""
+    observations, info = envs.reset(seed=seed)
+    if isinstance(policy, PolicyWithMemory):
+        policy.reset(np.ones(1, np.bool_))
+    scene = _scene_of(envs)
+    ended = False
+    while True:
+        room = None if scene is None else obstacles_of(scene)
+        yield _Row(info, room, None if scene is None else scene.ranges[1].copy())
+        if ended:
+            return
+        observations, _, terminated, truncated, info = envs.step(policy(observations))
+        ended = bool(terminated[0] or truncated[0])
+
+
+def _track(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None) -> Track:
+    infos = [{name: values[0] for name, values in row.info.items()} for row in rows]
+    drive = Trajectory.from_infos(infos, dt=p.dt)
+    rooms = [row.room for row in rows if row.room]
+    walking = any(room.circles != rooms[0].circles for room in rooms)
+    around = Surroundings(
+        label=label,
+        room=rooms[0] if rooms else None,
+        grid=grid,
+        robot_radius=p.robot.radius,
+        goal_radius=p.task.radius,
+    )
+    return of_trajectory(
+        drive,
+        around,
+        nis=np.array([info["nis"] for info in infos]),
+        clearance=np.array([info.get("clearance", np.nan) for info in infos]),
+        circles=[np.array(room.circles).reshape(-1, 3) for room in rooms] if walking else None,
+        scans=_scans(rows, drive, p),
+        outcome=f"{_ending(infos[-1])} after {drive.time[-1]:.1f} s",
+    )
+
+
+def _ending(info: dict[str, Any]) -> str:
+    if info["is_success"]:
+        return "success"
+    return "collision" if info.get("collision", False) else "time is up"
+
+
+def _scans(rows: Sequence[_Row], drive: Trajectory, p: Parameters) -> list[Seen]:
+    """Return the scans, each at the step in which it became the newest one."""
+    if not p.room:
+        return []
+    lidar, scans = p.room.lidar, []
+    last: NDArray[np.float32] | None = None
+    for at, row in enumerate(rows):
+        assert row.ranges is not None
+        if last is None or not np.array_equal(row.ranges, last):
+            last = row.ranges
+            scan = Scan(last[: lidar.beams], 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max)
+            scans.append(Seen(at, mounted(State(*drive.true_state[at].tolist()), lidar), scan))
+    return scans
+
+
+def _grid_of(scene: Scene | None) -> GridMap | None:
+    """Return the map of a scene, without the border that is added to it; None where there is none."""
+    if scene is None or scene.squares.shape[1] == 0:
+        return None
+    inside = slice(1, -1), slice(1, -1)
+    cells = np.where(scene.squares[0] == 0, OCCUPIED, np.where(scene.known > 0, FREE, UNKNOWN))[inside]
+    x, y, cosine, sine, resolution = scene.frame.tolist()
+    return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))

@@ -1,0 +1,38 @@
+"""Drives as one file that opens in a browser without a server or a network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bokeh.document import Document
+from bokeh.embed import file_html
+from bokeh.resources import INLINE
+
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.watch.track import Track
+from turtlebot_gym_agents.watch.view import fill
+
+
+def to_html(tracks: Sequence[Track], *, title: str) -> str:
+    """Return the view of some drives as a page that has everything in it.
+
+    Args:
+        tracks: The drives; several are shown side by side.
+        title: What stands above.
+
+    Raises:
+        ValueError: See `view.fill`.
+    """
+    document = Document()
+    fill(document, tracks, title=title)
+    return file_html(document, INLINE, title=title, template=document.template, template_variables=document.template_variables)
+
+
+def write_html(tracks: Sequence[Track], path: str | Path, *, title: str) -> int:
+    """Write the view of some drives, and return the file's size in bytes; see `to_html`."""
+    path, page = Path(path), to_html(tracks, title=title)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as beside:
+        beside.write_text(page, encoding="utf-8")
+    return path.stat().st_size

@@ -1,0 +1,198 @@
+"""The map of a run: the room, and what the client moves in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
+from bokeh.plotting import figure as Figure
+from numpy.typing import NDArray
+
+from turtlebot_gym.rooms.cells import to_cells
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
+from turtlebot_gym_agents.watch import style
+from turtlebot_gym_agents.watch.theme import Theme
+from turtlebot_gym_agents.watch.track import Track
+
+PAD = 0.3
+"""Room round what is to be seen, m."""
+PIXELS = 800
+"""Longest side of a map's picture."""
+_NOW = (
+    *("x", "y", "theta", "ex", "ey", "etheta", "ox", "oy", "otheta", "gx", "gy", "gtheta", "width", "height", "tilt"),
+    *("tip_x", "tip_y", "etip_x", "etip_y", "otip_x", "otip_y", "gtip_x", "gtip_y"),
+    *("body_x", "body_y", "body_radius", "goal_radius"),
+)
+
+
+class Map(NamedTuple):
+    """A map, and the sources that the client fills."""
+
+    figure: Figure
+    aspect: float
+    """Width by height of what it shows."""
+    now: ColumnDataSource
+    """What is at present, in one row."""
+    trail: ColumnDataSource
+    points: ColumnDataSource
+    circles: ColumnDataSource
+    still: list[float]
+    """x, y and radius of the circles that stand still, one after the other."""
+    sizes: list[float]
+    """Radius of the robot, and that of a waypoint, m."""
+    seen: list[float]
+    """What is to be seen: least x and y, greatest x and y, m."""
+
+    def models(self) -> dict[str, Any]:
+        """Return what the client needs of it, by name."""
+        names = ("figure", "now", "trail", "points", "circles", "still", "sizes", "seen")
+        return {name: getattr(self, name) for name in names}
+
+
+def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, beside: Figure | None) -> Map:
+    """Return the map of a run.
+
+    Args:
+        track: The run.
+        tracks: All runs: each map shows where any of them was.
+        theme: Where its colours are entered.
+        name: The figure's.
+        beside: Another run's map, which is panned and zoomed together with this one.
+    """
+    low, high = extent(tracks)
+    x_range, y_range = (
+        (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
+    )
+    figure = Figure(
+        name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", min_border=4, active_drag=None,
+        tools="pan,wheel_zoom,reset,save", active_scroll=None, x_axis_label="x (m)", y_axis_label="y (m)",
+    )  # fmt: skip
+    figure.toolbar.autohide = True
+    theme.dress(figure)
+    sources = {
+        "now": ColumnDataSource({name: [np.nan] for name in _NOW}),
+        "trail": ColumnDataSource({name: [] for name in ("x", "y", "ex", "ey", "ox", "oy")}),
+        "points": ColumnDataSource({"x": [], "y": []}),
+        "circles": ColumnDataSource({"x": [], "y": [], "radius": []}),
+    }
+    _draw_room(figure, track, theme)
+    _draw_present(figure, theme, **sources)
+    room, around = track.around.room, track.around
+    still = [number for circle in (room.circles if room else ()) for number in circle]
+    width, height = high - low
+    aspect = float(np.clip(width / height, 0.7, 2.0))
+    return Map(figure, aspect, **sources, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
+
+
+def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower left and the upper right corner of what is to be seen, m: rooms, paths and waypoints."""
+    points = []
+    for track in tracks:
+        drive, room = track.drive, track.around.room
+        points += [drive.true_state[:, :2], drive.estimate[:, :2], drive.reference[:, :2]]
+        if not np.isfinite(drive.true_state[:, :2]).any():
+            points.append(drive.odometry[:, :2])
+        if room:
+            x, y, a, b = room.walls
+            points.append(np.array([[x - a, y - b], [x + a, y + b]]))
+        elif track.around.grid is not None:
+            points.append(_corners(track.around.grid))
+    known = np.concatenate(points)
+    known = known[np.isfinite(known).all(axis=1)]
+    if not len(known):
+        known = np.zeros((1, 2))
+    low, high = known.min(axis=0) - PAD, known.max(axis=0) + PAD
+    short = np.maximum(1.0 - 0.5 * (high - low), 0.0)  # at least 2 m wide and high
+    return low - short, high + short
+
+
+def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
+    """Return a map as an upright picture: 0 free or outside, 1 not known, 2 occupied; the first row is the lowest.
+
+    Returns:
+        The picture, and its lower left corner, width and height, m.
+    """
+    corners = _corners(grid)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    side = max(float(grid.resolution), float(np.max(high - low)) / PIXELS)
+    columns, rows = np.maximum(np.round((high - low) / side), 1).astype(int)
+    shades = np.where(grid.cells == OCCUPIED, 2, np.where(grid.cells == FREE, 0, 1)).astype(np.uint8)
+    shown = np.zeros((rows, columns), np.uint8)
+    fine = max(1, int(np.ceil(side / grid.resolution)))  # several cells to a pixel: the darkest counts, or thin walls were lost
+    for du in range(fine):
+        for dv in range(fine):
+            x = low[0] + (np.arange(columns)[None, :] + (du + 0.5) / fine) * side
+            y = low[1] + (np.arange(rows)[:, None] + (dv + 0.5) / fine) * side
+            column, row = (np.floor(at).astype(np.intp) - 1 for at in to_cells(grid.frame, x, y))
+            inside = (column >= 0) & (column < shades.shape[1]) & (row >= 0) & (row < shades.shape[0])
+            found = shades[np.where(inside, row, 0), np.where(inside, column, 0)]
+            shown = np.maximum(shown, np.where(inside, found, 0).astype(np.uint8))
+    return shown, (float(low[0]), float(low[1]), float(columns * side), float(rows * side))
+
+
+def _corners(grid: GridMap) -> NDArray[np.float64]:
+    x, y, cosine, sine, resolution = grid.frame.tolist()
+    height, width = (size * resolution for size in grid.cells.shape)
+    return np.array([[x + cosine * u - sine * v, y + sine * u + cosine * v] for u in (0.0, width) for v in (0.0, height)])
+
+
+def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
+    """Draw what stands still, circles apart, which the client draws with those that walk."""
+    room, grid = track.around.room, track.around.grid
+    if grid is not None:
+        shown, (x, y, width, height) = picture(grid)
+        for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):
+            mapper = LinearColorMapper(palette=["#00000000", ink.light], low=0, high=1)
+            theme.entries.append([mapper, "palette", ["#00000000", ink.light], ["#00000000", ink.dark]])
+            place: dict[str, Any] = {"x": x, "y": y, "dw": width, "dh": height, "color_mapper": mapper}
+            figure.image([(shown == value).astype(np.uint8)], **place)
+    if room:
+        x, y, a, b = room.walls
+        walls = figure.rect([x], [y], [2.0 * a], [2.0 * b], fill_color=None, line_width=3)
+        theme.paint(walls.glyph, style.SOLID, "line_color")
+        if room.boxes:
+            cx, cy, length, width, heading = np.array(room.boxes).T
+            boxes = figure.rect(cx, cy, length, width, angle=heading, line_color=None)
+            theme.paint(boxes.glyph, style.SOLID, "fill_color")
+
+
+def _draw_present(
+    figure: Figure,
+    theme: Theme,
+    *,
+    now: ColumnDataSource,
+    trail: ColumnDataSource,
+    points: ColumnDataSource,
+    circles: ColumnDataSource,
+) -> None:
+    """Draw what the client moves."""
+
+    def paint(renderer: Any, ink: style.Ink, *names: str) -> None:
+        theme.paint(renderer.glyph, ink, *names)
+
+    def pointer(prefix: str, ink: style.Ink, width: float) -> None:
+        """Draw a heading."""
+        at, tip = prefix + "{}", prefix + "tip_{}"
+        segment = figure.segment(
+            at.format("x"), at.format("y"), tip.format("x"), tip.format("y"), source=now, line_width=width, line_cap="round"
+        )
+        paint(segment, ink, "line_color")
+
+    paint(figure.circle("x", "y", radius="radius", source=circles, line_color=None), style.SOLID, "fill_color")
+    goal = figure.circle("gx", "gy", radius="goal_radius", source=now, fill_alpha=0.15, line_width=2)
+    paint(goal, style.GOAL, "line_color", "fill_color")
+    pointer("g", style.GOAL, 2.0)
+    paint(figure.scatter("x", "y", source=points, size=3, line_color=None), style.SCAN, "fill_color")
+    paint(figure.scatter("ox", "oy", source=trail, size=2.5, line_color=None, alpha=0.7), style.ODOMETRY, "fill_color")
+    paint(figure.line("x", "y", source=trail, line_width=2.4), style.TRUTH, "line_color")
+    paint(figure.line("ex", "ey", source=trail, line_width=1.5, line_dash=[6, 3]), style.ESTIMATE, "line_color")
+    body = figure.circle("body_x", "body_y", radius="body_radius", source=now, fill_alpha=0.2, line_width=2)
+    paint(body, style.TRUTH, "line_color", "fill_color")
+    pointer("", style.TRUTH, 3.0)
+    paint(figure.scatter("ox", "oy", source=now, size=7, line_color=None), style.ODOMETRY, "fill_color")
+    pointer("o", style.ODOMETRY, 2.0)
+    ellipse = figure.ellipse("ex", "ey", "width", "height", angle="tilt", source=now, fill_alpha=0.15, line_width=1.5)
+    paint(ellipse, style.ESTIMATE, "line_color", "fill_color")
+    pointer("e", style.ESTIMATE, 2.0)

@@ -1,0 +1,128 @@
+"""Plots over time: commands, errors, NIS against its 95 % line, clearance, and the guard's state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from bokeh.models import BasicTicker, ColumnDataSource, CustomJS, DataRange1d, FixedTicker, Range1d, Span
+from bokeh.plotting import figure as Figure
+from scipy.stats import chi2
+
+from turtlebot_gym_agents.watch import style
+from turtlebot_gym_agents.watch.style import Ink
+from turtlebot_gym_agents.watch.theme import Theme
+from turtlebot_gym_agents.watch.track import ERROR, OK, WARNING, Track
+
+HEIGHT = 112
+"""Of a plot, pixels."""
+MARGIN = 58
+"""To the left of each frame, pixels: the same for all, so that times stand one above the other."""
+CONFIDENCE = 0.95
+"""Share of the NIS that is below its line where the filter is right."""
+
+
+class Plots(NamedTuple):
+    """The plots over time."""
+
+    figures: list[Figure]
+    cursors: list[Span]
+    """The present, in each."""
+    range: Range1d
+    """Times, shared by all, s."""
+
+
+class Curve(NamedTuple):
+    """A column that is drawn over time; the last one of a plot is drawn of several runs."""
+
+    column: str
+    ink: Ink
+    dash: str | list[int] = "solid"
+    steps: bool = False
+    width: float = 1.4
+
+
+def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
+    """Return the plots; those of which no drive has any number are left out, unless drives still grow."""
+    end = max(float(track.drive.time[-1] - track.drive.time[0]) for track in tracks)
+    plots = Plots([], [], Range1d(start=0.0, end=max(end, 1.0)))
+    several = len(tracks) > 1
+
+    def plot(title: str, curves: Sequence[Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
+        if not (known or live):
+            return None
+        figure = _figure(title, plots, theme, floor)
+        for at, source in enumerate(rows):
+            ink, dash = style.run_style(at)
+            for curve in curves[-1:] if several else curves:
+                _draw(figure, source, curve._replace(ink=ink, dash=dash) if several else curve, theme)
+        return figure
+
+    command, truth = Curve("command_v", style.COMMAND, steps=True, width=1.2), Curve("v", style.TRUTH, width=2.4)
+    plot("speed (m/s)", [truth, command])
+    plot("turning rate (rad/s)", [truth._replace(column="omega"), command._replace(column="command_omega")])
+    believed, measured = Curve("error", style.ESTIMATE, width=1.8), Curve("odometry_error", style.ODOMETRY, width=1.0)
+    known = any(np.isfinite(track.drive.true_state[:, :2]).any() for track in tracks)
+    plot("position error (m)", [measured, believed], floor=0.0, known=known)
+    turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
+    plot("heading error (rad)", turns, floor=0.0, known=known)
+    degrees = tracks[0].around.nis_degrees
+    limit = float(chi2.ppf(CONFIDENCE, degrees))
+    title = f"NIS, and the {limit:.2f} that 95 % stay below"
+    nis = plot(title, [Curve("nis", style.ESTIMATE)], floor=0.0, known=any(np.isfinite(track.nis).any() for track in tracks))
+    if nis:
+        _line(nis, limit, theme)
+    clear = any(np.isfinite(track.clearance).any() for track in tracks)
+    clearance = plot("clearance (m); contact below 0", [Curve("clearance", style.TRUTH)], known=clear)
+    if clearance:
+        _line(clearance, 0.0, theme)
+        clearance.scatter([0.0], [0.0], alpha=0.0)  # contact is always in the picture
+    reported = any(np.isfinite(track.level).any() for track in tracks)
+    guard = plot("state of the guard", [Curve("level", style.LEVELS[1], steps=True, width=2.4)], known=reported)
+    if guard:
+        guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)
+        guard.yaxis.ticker = FixedTicker(ticks=[OK, WARNING, ERROR])
+        guard.yaxis.major_label_overrides = {OK: "ok", WARNING: "warning", ERROR: "error"}
+    for figure in plots.figures[:-1]:
+        figure.xaxis.visible = False
+    return plots
+
+
+def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
+    """Return an empty plot, with the cursor; a tap on it moves the present there."""
+    values = DataRange1d(range_padding=0.12)
+    if floor is not None:
+        values.start = floor
+    figure = Figure(
+        name=f"plot{len(plots.figures)}", title=title, height=HEIGHT, sizing_mode="stretch_width", x_range=plots.range,
+        y_range=values, tools="", toolbar_location=None,
+        min_border_left=MARGIN, min_border_right=8, min_border_top=2, min_border_bottom=2, output_backend="canvas",
+    )  # fmt: skip
+    theme.dress(figure)
+    figure.yaxis.ticker = BasicTicker(desired_num_ticks=3)
+    figure.xgrid.visible = False
+    cursor = Span(location=0.0, dimension="height", line_width=1.5, level="overlay")
+    theme.paint(cursor, style.TEXT, "line_color")
+    figure.add_layout(cursor)
+    figure.js_on_event("tap", CustomJS(code="window.watch.seek(cb_obj.x)"))
+    plots.figures.append(figure)
+    plots.cursors.append(cursor)
+    return figure
+
+
+def _draw(figure: Figure, source: ColumnDataSource, curve: Curve, theme: Theme) -> None:
+    options: dict[str, Any] = {"line_width": curve.width, "line_dash": curve.dash, "source": source}
+    if curve.steps:
+        drawn = figure.step("time", curve.column, mode="after", **options)
+    else:
+        drawn = figure.line("time", curve.column, **options)
+    theme.paint(drawn.glyph, curve.ink, "line_color")
+    drawn.nonselection_glyph = drawn.muted_glyph = None
+
+
+def _line(figure: Figure, value: float, theme: Theme) -> None:
+    """Draw a limit."""
+    limit = Span(location=value, dimension="width", line_width=1.2, line_dash=[5, 3])
+    theme.paint(limit, style.LIMIT, "line_color")
+    figure.add_layout(limit)

@@ -1,0 +1,153 @@
+"""The view: a map for each run, plots over time for all of them, and what the page around them needs. Made with Bokeh.
+
+Everything that a browser shows at a moment is drawn by `client.js` from the columns of `columns`, so that a file needs no
+server. A live view is the same page, whose columns grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+from bokeh.document import Document
+from bokeh.models import ColumnDataSource, CustomJS
+from jinja2 import Template
+
+from turtlebot_gym.plotting import ESTIMATE_WITHIN
+from turtlebot_gym_agents.watch import style
+from turtlebot_gym_agents.watch.columns import rows_of, scans_of
+from turtlebot_gym_agents.watch.maps import Map, make_map
+from turtlebot_gym_agents.watch.plots import make_plots
+from turtlebot_gym_agents.watch.theme import Theme
+from turtlebot_gym_agents.watch.track import Track
+
+MOST_RUNS = 6
+"""Most runs side by side."""
+
+
+class Run(NamedTuple):
+    """The columns of a run."""
+
+    rows: ColumnDataSource
+    scans: ColumnDataSource
+    start: float
+    """Time that is shown as 0, s."""
+
+    def add(self, piece: Track) -> None:
+        """Append what came next."""
+        if piece.rows:
+            before = len(self.scans.data["x"])
+            self.scans.stream(scans_of(piece.scans))
+            self.rows.stream(rows_of(piece, scans_before=before, start=self.start))
+
+
+class View(NamedTuple):
+    """A view in a document."""
+
+    runs: list[Run]
+    again: ColumnDataSource
+    """Where it changes, the page loads anew."""
+
+    def reload(self) -> None:
+        """Let the browser load the page anew."""
+        self.again.data = {"times": [len(self.again.data["times"]) + 1.0]}
+
+
+def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool = False) -> View:
+    """Put the view of some drives into a document.
+
+    Args:
+        document: An empty document.
+        tracks: The drives, of the same world where there are several.
+        title: What stands above.
+        live: Whether the drives grow: the view then follows their end.
+
+    Raises:
+        ValueError: If there is no drive, one is empty, or there are more than `MOST_RUNS`.
+    """
+    if not 0 < len(tracks) <= MOST_RUNS or not all(track.rows for track in tracks):
+        raise ValueError(f"tracks must hold 1 to {MOST_RUNS} drives with rows, got {[track.rows for track in tracks]}.")
+    theme = Theme()
+    runs = [_run(track) for track in tracks]
+    maps = _maps(tracks, runs, theme)
+    plots = make_plots(tracks, [run.rows for run in runs], theme, live=live)
+    for root in (*(each.figure for each in maps), *plots.figures):
+        document.add_root(root)
+    client: dict[str, Any] = {
+        "runs": [{"rows": run.rows, "scans": run.scans, **each.models()} for run, each in zip(runs, maps, strict=True)],
+        "cursors": plots.cursors,
+        "time_range": plots.range,
+        "theme": theme.entries,
+        "live": live,
+    }
+    again = ColumnDataSource({"times": [0.0]})
+    again.js_on_change("data", CustomJS(code="window.location.reload()"))
+    for run in runs:
+        run.rows.tags = [run.scans, again]  # nothing that is drawn refers to them, and only then would they be kept in step
+    document.js_on_event("document_ready", CustomJS(args=client, code=_text("client.js")))
+    document.title = title
+    document.template = _template()
+    document.template_variables.update(_variables(tracks, maps, [str(each.name) for each in plots.figures], title, live))
+    return View(runs, again)
+
+
+def _run(track: Track) -> Run:
+    start = float(track.drive.time[0])
+    rows = ColumnDataSource(rows_of(track, start=start))
+    return Run(rows, ColumnDataSource(scans_of(track.scans)), start)
+
+
+def _maps(tracks: Sequence[Track], runs: Sequence[Run], theme: Theme) -> list[Map]:
+    """Return the runs' maps, which are panned and zoomed together."""
+    maps: list[Map] = []
+    for at, track in enumerate(tracks):
+        maps.append(make_map(track, tracks, theme, name=f"map{at}", beside=maps[0].figure if maps else None))
+    return maps
+
+
+def _variables(tracks: Sequence[Track], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:
+    """Return what the page's template is filled with."""
+    several = len(tracks) > 1
+    scans, known = any(track.scans for track in tracks), any(np.isfinite(track.drive.true_state).any() for track in tracks)
+    symbols = [
+        ("truth", style.TRUTH, "line", known),
+        (ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
+        ("odometry", style.ODOMETRY, "dot", True),
+        ("waypoint", style.GOAL, "ring", True),
+        ("scan", style.SCAN, "dots", scans or live),
+        ("command", style.COMMAND, "line", not several),
+    ]
+    return {
+        "style_sheet": _text("page.css"),
+        "heading": title,
+        "live": live,
+        "legend": [(name, ink, kind) for name, ink, kind, shown in symbols if shown],
+        "runs": [
+            {"map": each.figure.name, "label": track.around.label, "outcome": track.outcome, "aspect": each.aspect,
+             "ink": style.run_style(at)[0] if several else None, "dash": _svg_dash(style.run_style(at)[1])}
+            for at, (track, each) in enumerate(zip(tracks, maps, strict=True))
+        ],
+        "plots": plots,
+        "several": several,
+    }  # fmt: skip
+
+
+def _svg_dash(dashes: str | list[int]) -> str:
+    named = {"solid": "none", "dashed": "6 4", "dotted": "2 3", "dashdot": "6 3 2 3"}
+    return named[dashes] if isinstance(dashes, str) else " ".join(map(str, dashes))
+
+
+@cache
+def _text(name: str) -> str:
+    return files("turtlebot_gym_agents.watch").joinpath(name).read_text(encoding="utf-8")
+
+
+@cache
+def _template() -> Template:
+    """Return the page, an extension of Bokeh's own."""
+    from bokeh.core.templates import get_env
+
+    return get_env().from_string(_text("page.html"))

@@ -1,0 +1,94 @@
+"""An episode's track holds the environment's own numbers, and what was around at each of its steps."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from shapely import LinearRing, Point, Polygon, affinity, box
+
+import turtlebot_gym  # noqa: F401
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.watch import record_episode
+
+NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
+
+
+def stand(observations):
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+
+def drive(env, policy, seed, **options):
+    """Return the infos of the scalar environment's episode, at the start and after each step."""
+    world = gym.make(env, **options)
+    observation, info = world.reset(seed=seed)
+    policy, infos, ended = make_policy(policy), [info], False
+    while not ended:
+        observation, _, terminated, truncated, info = world.step(policy(observation[None])[0])
+        infos.append(info)
+        ended = terminated or truncated
+    world.close()
+    return infos
+
+
+@pytest.mark.parametrize(("env", "policy", "options"), [(NAV, "bearing", {"noise": "documented"}), (ROOMS, "vfh", {})])
+def test_it_holds_the_numbers_of_the_scalar_environment(env, policy, options):
+    track, infos = record_episode(policy, env=env, seed=3, **options), drive(env, policy, 3, **options)
+    assert track.rows == len(infos)
+    np.testing.assert_allclose(track.drive.time, 0.1 * np.arange(len(infos)))
+    for name in ("true_state", "odometry", "estimate", "covariance", "reference", "command"):
+        np.testing.assert_array_equal(getattr(track.drive, name), [info[name] for info in infos], err_msg=name)
+    if env == ROOMS:
+        np.testing.assert_array_equal(track.clearance, [info["clearance"] for info in infos])
+    else:
+        assert np.isnan(track.clearance).all()
+        assert track.around.room is None
+        assert not track.scans
+    assert track.nis[0] == 0.0
+    assert np.all(track.nis[1:] > 0.0)
+
+
+def test_it_is_the_first_episode_of_an_evaluation():
+    evaluation = evaluate("bearing", episodes=1, seed=5)
+    track = record_episode("bearing", seed=5)
+    assert evaluation.episodes.success[0]
+    assert track.outcome == f"success after {evaluation.episodes.time[0]:.1f} s"
+    assert record_episode(stand, seed=5, label="nobody").around.label == "nobody"
+    assert record_episode(stand, seed=5).outcome.startswith("time is up")
+
+
+def surfaces(room, circles):
+    """Return all that a beam can end on, by shapely."""
+    x, y, a, b = room.walls
+    found = [LinearRing(box(x - a, y - b, x + a, y + b).exterior.coords)]
+    found += [Point(cx, cy).buffer(radius, 256).exterior for cx, cy, radius in circles]
+    for cx, cy, length, width, heading in room.boxes:
+        upright = Polygon(
+            [(-length / 2, -width / 2), (length / 2, -width / 2), (length / 2, width / 2), (-length / 2, width / 2)]
+        )
+        turned = affinity.rotate(upright, heading, origin=(0, 0), use_radians=True)
+        found.append(affinity.translate(turned, cx, cy).exterior)
+    return found
+
+
+@pytest.mark.parametrize("world", ["dense", "crowd"])
+def test_scans_end_on_what_was_there_when_they_were_taken(world):
+    track = record_episode("vfh", env=ROOMS, seed=2, world=world, lidar="ideal")
+    room = track.around.room
+    walks = [circles for circles in track.circles if len(circles)]
+    assert (len(walks) == track.rows) == (world == "crowd")
+    assert len(track.scans) > 0.8 * track.rows
+    for seen in track.scans[:: len(track.scans) // 5]:
+        circles = track.circles[seen.row] if walks else room.circles
+        solid = surfaces(room, circles)
+        angles = seen.lidar.theta + seen.scan.first + seen.scan.increment * np.arange(len(seen.scan.ranges))
+        for length, angle in zip(seen.scan.ranges, angles, strict=True):
+            if np.isfinite(length):
+                end = Point(seen.lidar.x + length * np.cos(angle), seen.lidar.y + length * np.sin(angle))
+                assert min(end.distance(each) for each in solid) < 0.003
+
+
+def test_it_refuses_what_an_evaluation_refuses():
+    with pytest.raises(ValueError, match="seed"):
+        record_episode("bearing", seed=-1)
+    with pytest.raises(ValueError, match="env"):
+        record_episode("bearing", env="CartPole-v1")
