@@ -156,7 +156,7 @@ class Tune(_Learned, Placement):
     def run(self) -> None:
         """Search, print a table, and write what is asked for."""
         config = self.training()
-        with _loading(config), _needs_agents():
+        with _loading(config), needs("agents"):
             from turtlebot_gym_agents.training.tuning import tune
         from rich.console import Console
         from rich.table import Table
