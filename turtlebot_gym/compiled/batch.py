@@ -164,7 +164,7 @@ class Batch:
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`: new ones, or such as nobody holds any more.
 
-        The memory of large arrays goes back to the system with them, and a step would spend a third of its time on asking for it.
+        The memory of large arrays goes back to the system with them, and a step would spend up to a third of its time on that.
         """
         for observations, outcomes in self._given:
             if getrefcount(observations) == _UNHELD and getrefcount(outcomes) == _UNHELD:
