@@ -71,7 +71,7 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int |
 prefer_wide: Any = None
 """``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
 compiled_scratch: Any = None
-"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it returns."""
+"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it ends."""
 
 
 def scratch(size: int) -> Any:
@@ -128,6 +128,8 @@ if extending is not None:
     def _plus(a, b):
         return lambda a, b: _add(int64(a), int64(b))
 
+    _TUPLE: Any = types.BaseTuple
+
     def _place(context, builder, signature, arguments):
         """Return the address of a buffer's number ``at``."""
         data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
@@ -143,7 +145,7 @@ if extending is not None:
                 first, rest = _place(context, builder, signature, arguments), iter(leaves)
 
                 def build(kind):
-                    if isinstance(kind, types.BaseTuple):
+                    if isinstance(kind, _TUPLE):
                         return context.make_tuple(builder, kind, [build(one) for one in kind.types])
                     leaf = next(rest)
                     if not isinstance(leaf, int) or isinstance(leaf, bool):
@@ -160,7 +162,7 @@ if extending is not None:
                 first, rest = _place(context, builder, signature, arguments), iter(leaves)
 
                 def write(kind, part):
-                    if isinstance(kind, types.BaseTuple):
+                    if isinstance(kind, _TUPLE):
                         for index, one in enumerate(kind.types):
                             write(one, builder.extract_value(part, index))
                         return
