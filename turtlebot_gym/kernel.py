@@ -8,7 +8,7 @@ needs neither numba nor a compiler.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable)
@@ -55,10 +55,23 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
+def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]) -> tuple[Callable, Callable]:
+    """Let a compiled loop inline two functions that load and store a value, without compiling them from Python, which is slow.
+
+    Args:
+        load: ``load(buffer, at)``, as plain Python.
+        store: ``store(buffer, at, value)``, likewise.
+        example: A nested tuple of floats and bools.
+        leaves: For each of its numbers where it is, relative to ``at``, with its bits inverted where it is not to be stored; or
+            the number, a float or a bool, where it is known.
+    """
+    return load, store
+
+
 prefer_wide: Any = None
 """``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
 compiled_scratch: Any = None
-"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it returns."""
+"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it ends."""
 
 
 def scratch(size: int) -> Any:
@@ -76,7 +89,7 @@ def borrowed(array: Any) -> Any:
 
 if extending is not None:
     from llvmlite import ir
-    from numba import float64, int64, types
+    from numba import float64, int64, typeof, types
     from numba.core import cgutils, errors
     from numba.np import arrayobj
 
@@ -114,6 +127,61 @@ if extending is not None:
     @_overload(plus, jit_options={"forceinline": True})
     def _plus(a, b):
         return lambda a, b: _add(int64(a), int64(b))
+
+    _TUPLE: Any = types.BaseTuple
+
+    def _place(context, builder, signature, arguments):
+        """Return the address of a buffer's number ``at``."""
+        data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
+        return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
+
+    def access(
+        load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]
+    ) -> tuple[Callable, Callable]:
+        loaded = typeof(example)
+
+        def type_load(typing_context, buffer, at):
+            def emit(context, builder, signature, arguments):
+                first, rest = _place(context, builder, signature, arguments), iter(leaves)
+
+                def build(kind):
+                    if isinstance(kind, _TUPLE):
+                        return context.make_tuple(builder, kind, [build(one) for one in kind.types])
+                    leaf = next(rest)
+                    if not isinstance(leaf, int) or isinstance(leaf, bool):
+                        return context.get_constant(kind, leaf)
+                    number = builder.load(builder.gep(first, [context.get_constant(types.intp, max(leaf, ~leaf))]))
+                    return builder.fcmp_unordered("!=", number, number.type(0.0)) if kind == types.boolean else number
+
+                return build(loaded)
+
+            return loaded(buffer, at), emit
+
+        def type_store(typing_context, buffer, at, value):
+            def emit(context, builder, signature, arguments):
+                first, rest = _place(context, builder, signature, arguments), iter(leaves)
+
+                def write(kind, part):
+                    if isinstance(kind, _TUPLE):
+                        for index, one in enumerate(kind.types):
+                            write(one, builder.extract_value(part, index))
+                        return
+                    leaf = next(rest)
+                    if isinstance(leaf, int) and not isinstance(leaf, bool) and leaf >= 0:
+                        number = context.cast(builder, part, kind, float64)
+                        builder.store(number, builder.gep(first, [context.get_constant(types.intp, leaf)]))
+
+                write(signature.args[2], arguments[2])
+                return context.get_dummy_value()
+
+            return types.void(buffer, at, value), emit
+
+        load_numbers, store_numbers = _intrinsic(type_load), _intrinsic(type_store)
+        _overload(load, jit_options={"forceinline": True})(lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
+        _overload(store, jit_options={"forceinline": True})(
+            lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value)
+        )
+        return load, store
 
     def _emit_split(typing_context, x):
         def emit(context, builder, signature, arguments):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
-from sys import getrefcount
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,20 @@ PARALLEL_FROM = 64 * TILE
 ROOMS_PARALLEL_FROM = 8 * TILE
 """The same in rooms, where a step takes about ten times as long."""
 
-_UNHELD = 3
-"""References to an array that only the batch holds, as seen in `Batch.empty`: of a tuple, a name and an argument."""
+
+def _references() -> int:
+    """Return how many references to an array `Batch.empty` sees if only the batch holds it: as many as this loop does.
+
+    Versions of Python count them in other ways; one without a global lock may see too few, so that nothing is used again there.
+    """
+    if not getattr(sys, "_is_gil_enabled", lambda: True)():
+        return -1
+    for array, _ in [(np.empty(1), None)]:
+        return sys.getrefcount(array)
+    raise AssertionError
+
+
+_UNHELD = _references()
 
 
 class Batch:
@@ -166,10 +178,10 @@ class Batch:
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`: new ones, or such as nobody holds any more.
 
-        The memory of large arrays goes back to the system with them, and a step would spend a third of its time on asking for it.
+        The memory of large arrays goes back to the system with them, and a step would spend up to a third of its time on that.
         """
         for observations, outcomes in self._given:
-            if getrefcount(observations) == _UNHELD and getrefcount(outcomes) == _UNHELD:
+            if sys.getrefcount(observations) == _UNHELD == sys.getrefcount(outcomes):
                 return observations, outcomes
         shape, told = self._shapes
         fresh = np.empty(shape, np.float32), np.empty(told)

@@ -2,8 +2,9 @@
 
 Why it is fast: a tile's numbers lie environment by environment (see `packing`), the kernels have no branches and call no
 library, so LLVM turns the loop over a tile into eight environments per instruction; tiles are shared out among threads. What
-is rare and has branches, a new waypoint or a reset, is done between those loops. Why it is exact: it is compiled without
-fastmath, so neither the vector width nor the number of threads nor the batch changes a bit of any result.
+is rare and has branches, a new waypoint or a reset, is done between those loops. Parameters that are most common have a loop
+of their own, see `systems.special`. Why it is exact: nothing is reordered or contracted (see `kernel.algebra` for what is left
+out), so neither the vector width nor the number of threads nor the batch changes a bit of any result.
 """
 
 from __future__ import annotations

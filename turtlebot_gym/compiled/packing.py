@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import access
 
 TILE = 32
 """Environments per tile."""
@@ -74,6 +74,7 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
     types: dict[str, type] = {}
     names: list[str] = []
     places: list[int] = []
+    leaves: list[int | float | bool] = []
     writes: list[str] = []
     slices: dict[str, slice] = {}
 
@@ -84,7 +85,9 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
             places.append(places[names.index(same[name])] if name in same else len(places))
             names.append(name)
             if name in known:
-                return repr(type(value)(known[name]))
+                leaves.append(type(value)(known[name]))
+                return repr(leaves[-1])
+            leaves.append(~(places[-1] * TILE) if name in same else places[-1] * TILE)  # inverted: not to be stored
             place = f"buffer[at + {places[-1] * TILE}]"
             if name not in same:
                 writes.append(f"    {place} = {path}")
@@ -105,4 +108,5 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
     )
     scope: dict[str, Any] = {**types, "inf": math.inf}
     exec(source, scope)  # made of field names only
-    return Packing(len(names), kernel(scope["load"]), kernel(scope["store"]), tuple(names), slices, tuple(places))
+    load, store = access(scope["load"], scope["store"], example, leaves)
+    return Packing(len(names), load, store, tuple(names), slices, tuple(places))
