@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
@@ -64,6 +65,22 @@ def test_what_is_known_is_neither_loaded_nor_stored_and_what_is_equal_is_stored_
     expected = VALUE._replace(last=float("inf"), nested=(VALUE.nested[0], Inner(2.0, True)))
     assert pack.load(buffer.tolist(), 2) == expected
     assert (pack.names, pack.slices) == (packing(VALUE).names, packing(VALUE).slices)
+
+
+def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
+    value = VALUE._replace(pair=(2, 3))
+    pack = packing(value, known={"last": 6.0}, same={"nested[1].a": "pair[0]"})
+
+    @numba.njit
+    def copied(source, target):
+        loaded = pack.load(source, 1)
+        pack.store(target, 2, loaded)
+        return loaded
+
+    source, plain, compiled = np.random.default_rng(0).random(pack.size * TILE), *np.zeros((2, pack.size * TILE))
+    pack.store(plain, 2, pack.load(source.tolist(), 1))
+    assert copied(source, compiled) == pack.load(source.tolist(), 1)
+    np.testing.assert_array_equal(compiled, plain)
 
 
 def test_lanes_do_not_overlap():

@@ -45,6 +45,14 @@ def flatten(value: Any) -> Iterator[float]:
         yield float(value)
 
 
+def _in_floats(value: Any) -> Any:
+    """Return a nested tuple with its whole numbers as floats, which is what a buffer holds."""
+    if isinstance(value, tuple):
+        items = [_in_floats(item) for item in value]
+        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+    return value if isinstance(value, bool) else float(value)
+
+
 class Packing(NamedTuple):
     """How a type of value lies in a buffer."""
 
@@ -85,7 +93,7 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
             places.append(places[names.index(same[name])] if name in same else len(places))
             names.append(name)
             if name in known:
-                leaves.append(type(value)(known[name]))
+                leaves.append(bool(known[name]) if isinstance(value, bool) else float(known[name]))
                 return repr(leaves[-1])
             leaves.append(~(places[-1] * TILE) if name in same else places[-1] * TILE)  # inverted: not to be stored
             place = f"buffer[at + {places[-1] * TILE}]"
@@ -108,5 +116,5 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
     )
     scope: dict[str, Any] = {**types, "inf": math.inf}
     exec(source, scope)  # made of field names only
-    load, store = access(scope["load"], scope["store"], example, leaves)
+    load, store = access(scope["load"], scope["store"], _in_floats(example), leaves)
     return Packing(len(names), load, store, tuple(names), slices, tuple(places))
