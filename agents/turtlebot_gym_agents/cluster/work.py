@@ -95,6 +95,7 @@ def evaluate_all(
     found, at = [], 0
     for part, config in zip(parts, configs, strict=True):
         head = {name: config[name] for name in ("env", "policy", "episodes", "seed")}
-        found.append(evaluation(part, results[at : at + len(part)], head | config))
+        told = {name: value for name, value in config.items() if name != "allow_mismatch"}  # as `evaluate` tells it
+        found.append(evaluation(part, results[at : at + len(part)], head | told))
         at += len(part)
     return found
