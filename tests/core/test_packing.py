@@ -71,10 +71,12 @@ def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
     value = VALUE._replace(pair=(2, 3))
     pack = packing(value, known={"last": 6.0}, same={"nested[1].a": "pair[0]"})
 
+    load, store = pack.load, pack.store
+
     @numba.njit
     def copied(source, target):
-        loaded = pack.load(source, 1)
-        pack.store(target, 2, loaded)
+        loaded = load(source, 1)
+        store(target, 2, loaded)
         return loaded
 
     source, plain, compiled = np.random.default_rng(0).random(pack.size * TILE), *np.zeros((2, pack.size * TILE))

@@ -71,8 +71,7 @@ def _layout_of(system: System, special: Special) -> Layout:
     begin, transition, observe, *_ = step_of(system)
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
-    start, _ = system.lay_out(1, p, scene)
-    world, outcome = transition(begin(start, 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
+    world, outcome = transition(begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
     parameters = packing(p, known=dict(special.parameters))
     a_world = packing(world, known=dict(special.world), same=dict(special.same))
     an_outcome, observation = packing(outcome), packing(observe(world, p))
