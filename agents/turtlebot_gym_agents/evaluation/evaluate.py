@@ -167,7 +167,7 @@ def require_known(env: str, seed: int) -> None:
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 
-def driver_of(policy: str | Policy, envs: Any, *, allow_mismatch: bool = False) -> Policy:
+def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch: bool = False) -> Policy:
     """Return a policy, made for an environment's robot and control interval where it is given by name.
 
     Args:
@@ -180,7 +180,7 @@ def driver_of(policy: str | Policy, envs: Any, *, allow_mismatch: bool = False) 
     """
     if not isinstance(policy, str):
         return policy
-    parameters = envs.unwrapped.parameters
+    parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
     found = make_policy(policy, robot=p.robot, dt=p.dt)
     if not allow_mismatch and envs.spec is not None:

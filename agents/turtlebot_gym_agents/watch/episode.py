@@ -33,7 +33,15 @@ class _Row(NamedTuple):
     """The newest scan's, shape (beams,), m."""
 
 
-def record_episode(policy: str | Policy, *, env: str = NAV, seed: int = 0, label: str | None = None, **options: Any) -> Track:
+def record_episode(
+    policy: str | Policy,
+    *,
+    env: str = NAV,
+    seed: int = 0,
+    label: str | None = None,
+    allow_mismatch: bool = False,
+    **options: Any,
+) -> Track:
     """Drive an episode and return its track.
 
     Args:
@@ -41,6 +49,7 @@ def record_episode(policy: str | Policy, *, env: str = NAV, seed: int = 0, label
         env: The id of an environment of this package.
         seed: The episode's.
         label: What the view calls it; by default the policy's name.
+        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
         **options: Passed to the environment: robot, noise, filter, observation, arrival, world, lidar ...
 
     Raises:
@@ -50,7 +59,7 @@ def record_episode(policy: str | Policy, *, env: str = NAV, seed: int = 0, label
     envs = gym.make_vec(env, num_envs=1, vectorization_mode="vector_entry_point", info="full", **options)
     try:
         p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-        driver = Oracle(envs) if policy == ORACLE else driver_of(policy, p)
+        driver = Oracle(envs) if policy == ORACLE else driver_of(policy, envs, allow_mismatch=allow_mismatch)
         rows = list(_drive(envs, driver, seed))
         grid = _grid_of(_scene_of(envs))
     finally:
