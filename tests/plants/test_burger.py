@@ -63,7 +63,7 @@ def test_each_field_changes_a_rollout():
         ({"caster_friction": math.nan}, "MujocoBurger.caster_friction must be non-negative"),
         ({"friction": math.inf}, "MujocoBurger.friction must be non-negative"),
         ({"wheel_radius": 0.0}, "MujocoBurger.wheel_radius must be positive"),
-        ({"step": math.inf}, "MujocoBurger.step must be finite"),
+        ({"step": math.inf}, "MujocoBurger.step must be positive, got inf"),
         ({"base_center": (0.0, 0.0)}, "MujocoBurger.base_center must be a sequence of 3 numbers"),
         ({"base_center": (0.0, math.nan, 0.0)}, "MujocoBurger.base_center must be finite"),
         ({"wheel_inertia": (0.0, 1e-5, 1e-5)}, "MujocoBurger.wheel_inertia must be positive"),
