@@ -9,7 +9,7 @@ from functools import cache
 from numbers import Real
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-LARGEST, LEAST = 1e6, 1e-15
+LARGEST, LEAST = 1e9, 1e-15
 """Magnitudes between which a parameter's numbers lie, besides 0 and, where a rule says so, infinity. In SI units all that a
 robot is and does lies well between them, and squares, products and ratios of a few such numbers are finite."""
 

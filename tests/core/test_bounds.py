@@ -11,9 +11,9 @@ import pytest
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
 
 INF, NAN = math.inf, math.nan
-TINY, ABOVE_ONE, HUGE = 1e-15, 1.0000000000000002, 1e6
-TOO_SMALL, TOO_LARGE = (5e-324, 9.99e-16), (1000000.0000000001, 1e300, 1.7976931348623157e308)
-SIZE = "0 or from 1e-15 to 1e+06 in size"
+TINY, ABOVE_ONE, HUGE = 1e-15, 1.0000000000000002, 1e9
+TOO_SMALL, TOO_LARGE = (5e-324, 9.99e-16), (math.nextafter(1e9, math.inf), 1e300, 1.7976931348623157e308)
+SIZE = "0 or from 1e-15 to 1e+09 in size"
 GIVEN = {FilterTuning: {"Q": (0.1,) * 5, "R": (0.2,) * 3}}
 
 # rule: allowed values, refused values, and what the message says

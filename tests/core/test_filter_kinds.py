@@ -369,7 +369,7 @@ def test_tunings_by_name():
     ("changes", "told"),
     [
         ({"kind": 5.0}, "FilterTuning.kind must be one of the kinds"),
-        ({"kind": "mixture"}, "FilterTuning.kind must be one of the kinds"),
+        ({"kind": "mixture"}, "FilterTuning.kind must be a number, got 'mixture'"),
         ({"heading_gate": 0.0}, "FilterTuning.heading_gate must be positive"),
         ({"spike_probability": 1.1}, "FilterTuning.spike_probability must be a probability"),
         ({"spike": -0.1}, "FilterTuning.spike must be non-negative"),

@@ -212,6 +212,7 @@ ARGUMENTS = {
 NO_ROLLOUT = {
     "num_envs": "how many there are",
     "render_mode": "how it is drawn",
+    "render_rows": "how many are drawn",
     "info": "what is told beside the rollout",
     "autoreset_mode": "what follows after the end: the checker's rules test it",
 }
