@@ -9,9 +9,10 @@ from functools import cache
 from numbers import Real
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
-LARGEST, LEAST = 1e9, 1e-15
-"""Magnitudes between which a parameter's numbers lie, besides 0 and, where a rule says so, infinity. In SI units all that a
-robot is and does lies well between them, and squares, products and ratios of a few such numbers are finite."""
+LARGEST, LEAST, TINIEST = 1e9, 1e-15, 1e-100
+"""Magnitudes between which a parameter's numbers lie, besides 0 and, where a rule says so, infinity: those that must be
+positive from `LEAST` on, since something may be divided by them, others from `TINIEST` on. In SI units all that a robot is
+and does lies well between them, and squares, products and ratios of a few such numbers are finite."""
 
 T = TypeVar("T")
 
@@ -100,7 +101,7 @@ def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
     diagonal = numbers(name, rows)
     if not all(0.0 <= variance < math.inf for variance in diagonal):  # also rejects NaN
         raise ValueError(f"{name} must hold finite variances >= 0, got {value!r}.")
-    _require_size(name, diagonal, value, least=LEAST**2)
+    _require_size(name, diagonal, value)
     return diagonal
 
 
@@ -130,7 +131,7 @@ def require(owner: Any, rule: str, *names: str) -> None:
     Args:
         owner: The parameters.
         rule: "positive", "positive or infinite", "non-negative", "finite" or "a probability"; besides, what is finite and not
-            0 has a magnitude from `LEAST` to `LARGEST`.
+            0 has a magnitude from `LEAST` or `TINIEST` to `LARGEST`.
         *names: The fields.
 
     Raises:
@@ -143,12 +144,14 @@ def require(owner: Any, rule: str, *names: str) -> None:
         where = f"{type(owner).__name__}.{name}"
         if not all(isinstance(item, (int, float)) and not isinstance(item, bool) and holds(item) for item in items):
             raise ValueError(f"{where} must be {rule}, got {value!r}.")
-        _require_size(where, items, value)
+        _require_size(where, items, value, positive=rule.startswith("positive"))
 
 
-def _require_size(where: str, items: tuple[float, ...], value: Any, *, least: float = LEAST) -> None:
+def _require_size(where: str, items: tuple[float, ...], value: Any, *, positive: bool = False) -> None:
+    least = LEAST if positive else TINIEST
     if any(item != 0.0 and not least <= abs(item) <= LARGEST and not math.isinf(item) for item in items):
-        raise ValueError(f"{where} must be 0 or from {least:g} to {LARGEST:g} in size, got {value!r}.")
+        zero = "" if positive else "0 or "
+        raise ValueError(f"{where} must be {zero}from {least:g} to {LARGEST:g} in size, got {value!r}.")
 
 
 def typed(owner: Any) -> None:

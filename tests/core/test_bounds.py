@@ -11,17 +11,17 @@ import pytest
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
 
 INF, NAN = math.inf, math.nan
-TINY, ABOVE_ONE, HUGE = 1e-15, 1.0000000000000002, 1e9
-TOO_SMALL, TOO_LARGE = (5e-324, 9.99e-16), (math.nextafter(1e9, math.inf), 1e300, 1.7976931348623157e308)
-SIZE = "0 or from 1e-15 to 1e+09 in size"
+LEAST, TINY, ABOVE_ONE, HUGE = 1e-15, 1e-100, 1.0000000000000002, 1e9
+TOO_SMALL, TOO_LARGE = (5e-324, 9.9e-101), (math.nextafter(1e9, math.inf), 1e300, 1.7976931348623157e308)
+SIZE = "0 or from 1e-100 to 1e+09 in size"
 GIVEN = {FilterTuning: {"Q": (0.1,) * 5, "R": (0.2,) * 3}}
 
 # rule: allowed values, refused values, and what the message says
 NON_NEGATIVE = ((0.0, TINY, 1, 3.5, HUGE), (-TINY, -1.0, INF, NAN), "non-negative")
 PROBABILITY = ((0.0, TINY, 0, 0.5, 1, 1.0), (-TINY, ABOVE_ONE, INF, NAN), "a probability")
 FINITE = ((-HUGE, -1.0, 0.0, 1, HUGE), (INF, -INF, NAN), "finite")
-POSITIVE = ((TINY, 1, HUGE), (0.0, -TINY, INF, NAN), "positive")
-WITHOUT_LIMIT = ((TINY, 1, HUGE, INF), (0.0, -TINY, NAN), "positive or infinite")
+POSITIVE = ((LEAST, 1, HUGE), (0.0, -LEAST, INF, NAN), "positive")
+WITHOUT_LIMIT = ((LEAST, 1, HUGE, INF), (0.0, -LEAST, NAN), "positive or infinite")
 BOUNDS = {
     (ProcessNoise, "alpha1"): NON_NEGATIVE,
     (ProcessNoise, "alpha2"): NON_NEGATIVE,
@@ -77,10 +77,11 @@ def test_a_number_has_its_bounds(what):
         with pytest.raises(ValueError, match=f"^{cls.__name__}.{name} must be {rule}, got {value!r}\\.$"):
             make(cls, name, value)
     if name != "kind":
-        for value in (*TOO_SMALL, *(() if rule == "a probability" else TOO_LARGE)):
-            with pytest.raises(
-                ValueError, match=f"^{cls.__name__}.{name} must be {re.escape(SIZE)}, got {re.escape(repr(value))}\\.$"
-            ):
+        size = "from 1e-15 to 1e+09 in size" if rule.startswith("positive") else SIZE
+        small = (*TOO_SMALL, 9.99e-16) if rule.startswith("positive") else TOO_SMALL
+        for value in (*small, *(() if rule == "a probability" else TOO_LARGE)):
+            told = f"{cls.__name__}.{name} must be {size}, got {value!r}."
+            with pytest.raises(ValueError, match=f"^{re.escape(told)}$"):
                 make(cls, name, value)
 
 

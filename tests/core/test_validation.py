@@ -110,10 +110,18 @@ def test_the_rules(rule, holds, fails):
             require(SimpleNamespace(x=value), rule, "x")
 
 
-@pytest.mark.parametrize("rule", ["positive", "positive or infinite", "non-negative", "finite"])
-def test_what_is_finite_has_a_size_with_which_one_can_calculate(rule):
-    for value in (9e-16, 1.1e9, (1.0, 1.1e9), 1e308, 5e-324):
-        with pytest.raises(ValueError, match=r"SimpleNamespace.x must be 0 or from 1e-15 to 1e\+09 in size, got"):
+@pytest.mark.parametrize(
+    ("rule", "small", "told"),
+    [
+        ("positive", 9e-16, "from 1e-15"),
+        ("positive or infinite", 9e-16, "from 1e-15"),
+        ("non-negative", 9e-101, "0 or from 1e-100"),
+        ("finite", -9e-101, "0 or from 1e-100"),
+    ],
+)
+def test_what_is_finite_has_a_size_with_which_one_can_calculate(rule, small, told):
+    for value in (small, 1.1e9, (1.0, 1.1e9), 1e308, 5e-324):
+        with pytest.raises(ValueError, match=rf"SimpleNamespace.x must be {told} to 1e\+09 in size, got"):
             require(SimpleNamespace(x=value), rule, "x")
 
 
