@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import MISSING, fields, replace
 from typing import get_type_hints
 
@@ -191,8 +192,18 @@ ARGUMENTS = st.fixed_dictionaries(
 )
 
 
+ASIDE = ThreadPoolExecutor(1)
+
+
 def drives(arguments):
-    """Return whether an environment takes its arguments; if so, drive it, and find finite numbers alone."""
+    """Return whether an environment takes its arguments; if so, drive it, and find finite numbers alone.
+
+    In a thread of its own, whose stack is empty: numba compiles deep in the stack, and hypothesis allows little of it.
+    """
+    return ASIDE.submit(_drives, arguments).result()
+
+
+def _drives(arguments):
     told = None
     try:
         env = gym.make(SQUARE, disable_env_checker=True, **arguments)
@@ -212,14 +223,6 @@ def drives(arguments):
         if terminated or truncated:
             observation, info = env.reset()
     return True
-
-
-@pytest.fixture(scope="module")
-def loops():
-    """Compile the loops that are drawn below: numba compiles deep in the stack, and hypothesis leaves it little of that."""
-    for name in FILTERS:
-        for fix in (None, "beacons"):
-            drives({"filter": name, "fix": fix})
 
 
 def fuzzed(examples):
@@ -243,8 +246,7 @@ def wrong(arguments, data):
     drives(arguments)
 
 
-compiled = pytest.mark.usefixtures("loops")
-test_what_is_taken_leads_to_finite_numbers = compiled(fuzzed(300)(given(ARGUMENTS)(finite)))
-test_one_wrong_value_anywhere_is_one_line = compiled(fuzzed(300)(given(ARGUMENTS, st.data())(wrong)))
-test_many_are_taken_and_lead_to_finite_numbers = pytest.mark.slow(compiled(fuzzed(4000)(given(ARGUMENTS)(finite))))
-test_many_wrong_values_are_one_line = pytest.mark.slow(compiled(fuzzed(6000)(given(ARGUMENTS, st.data())(wrong))))
+test_what_is_taken_leads_to_finite_numbers = fuzzed(300)(given(ARGUMENTS)(finite))
+test_one_wrong_value_anywhere_is_one_line = fuzzed(300)(given(ARGUMENTS, st.data())(wrong))
+test_many_are_taken_and_lead_to_finite_numbers = pytest.mark.slow(fuzzed(4000)(given(ARGUMENTS)(finite)))
+test_many_wrong_values_are_one_line = pytest.mark.slow(fuzzed(6000)(given(ARGUMENTS, st.data())(wrong)))
