@@ -242,7 +242,7 @@ def test_environments_are_closed(monkeypatch):
 
     monkeypatch.setattr(gym, "make_vec", remembered)
     monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 2)
-    evaluate("proportional", episodes=3, max_episode_steps=2)
+    evaluate("proportional", episodes=4, max_episode_steps=2)
     assert [envs.closed for envs in made] == [True, True]
 
 
@@ -327,5 +327,5 @@ def test_counts_are_whole_numbers(options, message):
 def test_progress_counts_the_ended_episodes_of_all_batches(monkeypatch):
     monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 4)
     counts = []
-    evaluate("proportional", episodes=9, max_episode_steps=3, noise="clean", progress=counts.append)
-    assert counts == [0, 0, 4, 4, 4, 8, 8, 8, 9]
+    evaluate("proportional", episodes=10, max_episode_steps=3, noise="clean", progress=counts.append)
+    assert counts == [0, 0, 4, 4, 4, 8, 8, 8, 10]

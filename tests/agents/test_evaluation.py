@@ -158,10 +158,10 @@ def test_policies_with_memory_are_reset_at_the_start(monkeypatch):
         def reset(self, mask):
             self.masks.append(mask.copy())
 
-    monkeypatch.setattr(evaluation, "BATCH", 2)
+    monkeypatch.setattr(evaluation, "BATCH", 3)
     policy = Remembers()
-    evaluate(policy, episodes=3)
-    assert [mask.tolist() for mask in policy.masks] == [[True, True], [True]]
+    evaluate(policy, episodes=5)
+    assert [mask.tolist() for mask in policy.masks] == [[True, True, True], [True, True]]
 
 
 def test_progress_counts_episodes(monkeypatch):

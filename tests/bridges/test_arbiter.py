@@ -363,7 +363,7 @@ def never_blind(arbiter):
 
 
 def unlimited(arbiter):
-    return Robot(max_linear=1e301, max_angular=1e301)
+    return Robot(max_linear=1e9, max_angular=1e9)
 
 
 def nothing_instead_of_stop(arbiter):
@@ -450,9 +450,9 @@ def test_start_disabled():
         ({"speed_scale": 0.0}, "in (0, 1], got 0.0"),
         ({"max_acceleration": 0.0}, "in (0, 1000] m/s^2, got 0.0"),
         ({"max_acceleration": 1001.0}, "in (0, 1000] m/s^2, got 1001.0"),
-        ({"geofence": -0.1}, "in [0, 1e+09] m, got -0.1"),
-        ({"geofence": 1000000.5}, "in [0, 1e+09] m, got 1000000.5"),
-        ({"geofence": 2e6}, "in [0, 1e+09] m, got 2000000.0"),
+        ({"geofence": -0.1}, "in [0, 1e+06] m, got -0.1"),
+        ({"geofence": 1000000.5}, "in [0, 1e+06] m, got 1000000.5"),
+        ({"geofence": 2e6}, "in [0, 1e+06] m, got 2000000.0"),
         ({"geofence_topic": "pose"}, "one of odom, estimate, got 'pose'"),
     ],
 )
