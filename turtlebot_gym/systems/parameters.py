@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.plants import MujocoBurger, make_plant
@@ -19,6 +20,8 @@ OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
+MAX_DEPTH = 25
+"""Most steps that a fix may come late: each of them is remembered, and compiled."""
 MIN_DT, MAX_DT = 1e-4, 10.0
 """Shortest and longest control interval, s."""
 
@@ -83,6 +86,9 @@ def make_parameters(
     late, interval = whole("delay", delay, 0, MAX_DELAY), number("dt", dt)
     if not MIN_DT <= interval <= MAX_DT:
         raise ValueError(f"dt must be positive, from {MIN_DT:g} to {MAX_DT:g} s, got {dt!r}.")
+    late_fix = () if fix is None else make_fix(fix)
+    if late_fix and depth_of(interval, late_fix.delay) > MAX_DEPTH:
+        raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {late_fix.delay!r} s with dt {interval!r} s.")
     model, body, physics = make_noise(noise), make_robot(robot), make_plant(plant)
     if physics:
         physics.steps(interval)
@@ -101,6 +107,6 @@ def make_parameters(
         choose("integrator", integrator, INTEGRATORS),
         choose("observation", observation, OBSERVED),
         float(late),
-        fix=() if fix is None else make_fix(fix),
+        fix=late_fix,
         plant=physics,
     )
