@@ -78,8 +78,8 @@ GOOD = "t,vx,gyro,px,py,theta"
         (f"{GOOD}\n0,0,0,0,0,0\n1,nan,0,0,0,0\n", "line 3: column 'vx' must be finite, .* got nan"),
         (f"{GOOD}\n0,0,0,0,0,0\n1,0,0,0,0,inf\n", "line 3: column 'theta' must be finite, .* got inf"),
         (f"{GOOD}\n0,0,0,0,0,0\n2,0,0,0,0,0\n2,0,0,0,0,0\n", "line 4: column 't' must increase, got 2.0 after 2.0"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n2,0,0,0,0,0\n", "line 3: could not convert string to float: 'zero'"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0\n2,0,0,0,0,0\n", "line 3: 3 cells instead of 6"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n", "line 3: could not convert string to float: 'zero'"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0\n", "line 3: 3 cells instead of 6"),
         (f"{GOOD}\n\n0,0,0,0,0,0\n1,0,0,0,0,0\n\n2,0,0,0,0,0,7\n", "line 6: 7 cells instead of 6"),
         (
             f"{GOOD}\n0,0,0,0,0,0\n1,1e308,0,0,0,0\n",

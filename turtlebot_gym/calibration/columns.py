@@ -23,10 +23,12 @@ class TextTable(NamedTuple):
     lines: tuple[int, ...]
     """The number of each row's line in the file, from 1 on."""
 
-    def numbers(self, names: Sequence[str]) -> NDArray[np.float64]:
+    def numbers(self, names: Sequence[str], *, cut: bool = False) -> NDArray[np.float64]:
         """Return some columns as numbers, shape (T, n); NaN for empty cells.
 
-        A last line that was cut short, as where recording broke off, is left out.
+        Args:
+            names: The columns.
+            cut: Whether a last line that was cut short, as where recording broke off, is left out instead of refused.
 
         Raises:
             ValueError: If a row has more or fewer cells than the header, or a cell is no number; the message names the line.
@@ -39,7 +41,7 @@ class TextTable(NamedTuple):
                     raise ValueError(f"{len(cells)} cells instead of {len(self.names)}")
                 found.append([float(cells[place] or "nan") for place in places])
             except ValueError as error:
-                if line == self.lines[-1] and len(cells) <= len(self.names) and found:
+                if cut and line == self.lines[-1] and len(cells) <= len(self.names) and found:
                     break
                 raise ValueError(f"{self.path}: line {line}: {error}.") from None
         return np.array(found, np.float64).reshape(-1, len(places))

@@ -51,7 +51,7 @@ def read_table(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
     """
     table = read_text_table(path)
     chosen = _choose(path, table.names, columns or {})
-    rows = table.numbers(tuple(chosen.values()))
+    rows = table.numbers(tuple(chosen.values()), cut=True)
     part = dict(zip(chosen, rows.T, strict=True))
     time, twist = part["time"], np.stack([part[name] for name in _TWIST], axis=1)
     keep, remarks = _good(str(path), time, twist, table.lines)
@@ -165,7 +165,7 @@ def with_truth(log: Log, path: str | Path) -> Log:
         if not there:
             raise ValueError(f"{path}: no column for {name} ({' or '.join(known_as)}); there are {some_of(table.names)}.")
         names.append(there[0])
-    rows = table.numbers(names)
+    rows = table.numbers(names, cut=True)
     rows = rows[np.isfinite(rows).all(axis=1)]
     rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(rows[:, 0])) > 0.0])]
     if len(rows) < FEWEST or min(rows[-1, 0], log.time[-1]) - max(rows[0, 0], log.time[0]) < 1.0:
