@@ -53,7 +53,11 @@ def settings_of(config: Any) -> dict[str, Any]:
     Args:
         config: A dataclass whose annotations are text, as they are after ``from __future__ import annotations``.
     """
-    return {field.name: getattr(config, field.name) for field in fields(config) if "Path" not in str(field.type)}
+    return {
+        field.name: getattr(config, field.name)
+        for field in fields(config)
+        if not any(kind in str(field.type) for kind in ("Path", "File"))
+    }
 
 
 def plain(value: Any) -> Any:
