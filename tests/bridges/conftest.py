@@ -250,6 +250,7 @@ class Bench:
         self.block = self.shell.block
         self.stamp = 10.0
         self.wait_for(lambda: self.odometry.get_subscription_count() and self.states)
+        self.wait_for(self.shell._feeds["odometry"]._subscription.get_publisher_count)  # the reader finds it by itself
         self.wait_for(lambda: peer.node.count_publishers("cmd_vel"))
 
     def wait_for(self, what):
