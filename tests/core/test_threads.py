@@ -12,7 +12,7 @@ import pytest
 from turtlebot_gym.compiled import batch as module
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
-from turtlebot_gym.compiled.threads import VARIABLE, Threads, limited
+from turtlebot_gym.compiled.threads import FIRST_TRIAL, LAST_TRIAL, TRIAL, VARIABLE, Pace, Threads, limited
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
@@ -86,3 +86,41 @@ def test_the_environment_variable_is_checked(value):
     done = told(value)
     assert done.returncode != 0
     assert f"ValueError: {VARIABLE} must be" in done.stderr
+
+
+def paced(pace, cost, steps):
+    """Let steps take what ``cost`` says, all threads or one; return how they were made, and the time that was spent."""
+    made = []
+    for _ in range(steps):
+        made.append(pace.parallel)
+        pace.tell(cost[pace.parallel], parallel=pace.parallel)
+    return made, sum(cost[each] for each in made)
+
+
+@pytest.mark.parametrize("slow", [1.2, 3.0, 20.0])
+@pytest.mark.parametrize("best", [True, False])
+def test_the_faster_number_of_threads_is_found_and_trials_cost_little(best, slow):
+    pace, cost = Pace(), {best: 1e-4, not best: slow * 1e-4}
+    paced(pace, cost, 3 * FIRST_TRIAL)
+    made, spent = paced(pace, cost, 20_000)
+    assert made.count(not best) <= 20 * TRIAL
+    assert spent < 1.02 * 20_000 * 1e-4
+    assert max(len(run) for run in "".join("x" if each == best else "." for each in made).split(".")) <= LAST_TRIAL
+
+
+def test_a_change_of_the_machine_is_noticed():
+    pace, quiet, busy = Pace(), {True: 1e-4, False: 2e-4}, {True: 100e-4, False: 4e-4}
+    for _ in range(3):
+        paced(pace, quiet, 2 * LAST_TRIAL)
+        assert pace.parallel
+        made, _ = paced(pace, busy, 2 * LAST_TRIAL)
+        assert made.count(True) <= LAST_TRIAL + 20 * TRIAL
+        assert not pace.parallel
+
+
+def test_a_step_that_was_made_otherwise_says_nothing():
+    pace = Pace()
+    for _ in range(10 * FIRST_TRIAL):
+        pace.tell(1.0, parallel=not pace.parallel)
+        pace.tell(1e-4 if pace.parallel else 2e-4, parallel=pace.parallel)
+    assert pace._chosen

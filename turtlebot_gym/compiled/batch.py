@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.loop import layout_of, loops_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
-from turtlebot_gym.compiled.threads import Threads
+from turtlebot_gym.compiled.threads import Pace, Threads
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems import Parameters, Surroundings, System, World, system_of
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
@@ -71,6 +72,7 @@ class Batch:
         self._tiles = np.zeros((n_tiles, layout.world.size * TILE))
         self._around, self._plan = self.system.surroundings, plan
         self._parallel = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
+        self._pace = Pace()
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
         self._first = self._tiles[0]
@@ -198,15 +200,19 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are fresh.
         """
         observations, outcomes = self.empty()
-        parallel = self._parallel and Threads.acquire()
-        loop = self._loops.step_parallel if parallel else self._loops.step
-        try:
-            loop(
+        if not self._parallel:
+            self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )  # fmt: skip
+            return observations, outcomes
+        parallel, start = self._pace.parallel and Threads.acquire(), time.perf_counter()
+        try:
+            loop = self._loops.step_parallel if parallel else self._loops.step
+            loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes)
         finally:
             if parallel:
                 Threads.release()
+        self._pace.tell(time.perf_counter() - start, parallel=parallel)
         return observations, outcomes
 
     def numbers(self, path: str) -> NDArray[np.float64]:
@@ -218,7 +224,7 @@ class Batch:
 
     def first_world(self) -> NDArray[np.float64]:
         """Return a copy of the first environment's world, one number after the other, as the layout has them."""
-        return self._first.take(self._first_places)
+        return self._first[self._first_places]
 
     def world(self, index: int) -> World:
         """Return one environment's world, in Python's own numbers."""

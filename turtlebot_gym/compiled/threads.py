@@ -14,8 +14,13 @@ VARIABLE = "TURTLEBOT_GYM_THREADS"
 
 # Threads that spin at the end of each step burn a core while they wait for a thread that a busy machine does not run: with the
 # default spin a step of 512 environments took 5 ms of CPU instead of 0.06. Without a spin it costs 5 microseconds more than one
-# thread at worst. OpenMP reads this when it is loaded: where torch has loaded it before, only `limited` helps.
+# thread at worst. OpenMP reads this when it is loaded: where torch has loaded it before, `Pace` notices what that costs.
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
+
+TRIAL = 8
+"""Steps for which the other number of threads is tried."""
+FIRST_TRIAL, LAST_TRIAL = 32, 8192
+"""Fewest and most steps from one trial to the next: each trial that changes nothing doubles them."""
 
 
 class Threads:
@@ -60,6 +65,41 @@ class Threads:
         """Forget the parent's lock, in a child."""
         cls.lock = threading.Lock()
         cls.lost = cls.used
+
+
+class Pace:
+    """Chooses between one thread and all of them by the time that steps take, and tries the other choice now and then.
+
+    All threads are faster on a machine that has cores to spare, and many times slower on one that has not, above all where they
+    spin. Which of the two holds changes while a program runs. The results are the same to the bit.
+    """
+
+    def __init__(self) -> None:
+        self.parallel = True
+        """Whether the next step is to run on all threads."""
+        self._chosen = True
+        self._cost = {True: 0.0, False: 0.0}
+        self._steps = 0
+        self._wait = FIRST_TRIAL
+
+    def tell(self, seconds: float, *, parallel: bool) -> None:
+        """Take note of the wall time of a step, s, and of how it was made; another program part may have had the threads."""
+        if parallel != self.parallel:
+            return
+        cost, self._steps = self._cost, self._steps + 1
+        if self.parallel == self._chosen:
+            cost[self._chosen] += (seconds - cost[self._chosen]) / min(self._steps, TRIAL)
+            if self._steps >= self._wait:
+                self.parallel, self._steps, cost[not self._chosen] = not self._chosen, 0, 0.0
+            return
+        if self._steps > 1:  # the first one wakes the threads
+            cost[self.parallel] += seconds / (TRIAL - 1)
+        if self._steps == TRIAL or cost[self.parallel] > 2.0 * cost[self._chosen]:
+            if self._steps == TRIAL and cost[self.parallel] < cost[self._chosen]:
+                self._chosen, self._wait = self.parallel, FIRST_TRIAL
+            else:
+                self._wait = min(2 * self._wait, LAST_TRIAL)
+            self.parallel, self._steps = self._chosen, 0
 
 
 @contextmanager

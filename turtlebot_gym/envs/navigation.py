@@ -228,7 +228,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not math.isfinite(forward + turn):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
         observations, outcomes = self._batch.step(self._action)
-        reward, distance, success, terminated, truncated, _ = outcomes[:, 0].tolist()
+        reward, distance, success, terminated, truncated, _ = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._draw()
         return (
@@ -239,7 +239,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return what ``info`` holds, as views of a fresh copy of the world."""
         numbers = self._batch.first_world()
         info: dict[str, Any] = {key: numbers[part] for key, part in self._slices}
-        info["covariance"] = numbers.take(self._covariance)
+        info["covariance"] = numbers[self._covariance]
         if self._numbers:
             info |= {key: kind(numbers[at]) for key, (at, kind) in self._numbers.items()}
         info["distance"] = float(distance)

@@ -1,6 +1,7 @@
 """Speed of training: what the adapter adds to a step, and PPO beside the usual route of Stable-Baselines3.
 
-The usual route is a ``DummyVecEnv`` of 64 scalar environments, with the same algorithm and the same batches.
+The usual route is a ``DummyVecEnv`` of 64 scalar environments, with the same algorithm and the same batches. Both train on one
+thread, as ``turtlebot-gym train`` does: a second one gains torch little, and burns a core where the machine is busy.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
+from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym_agents.speed.environments import NAV
 
 
@@ -64,6 +66,7 @@ def training(
         usual: Whether the usual route is measured too.
         progress: Is called with the number of rounds that are over.
     """
+    import torch
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -74,8 +77,14 @@ def training(
     hyper = hyperparameters.load("ppo", NAV)
 
     def learn(model: Any, total: int) -> tuple[float, float]:
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
         wall, cpu = time.perf_counter(), time.process_time()
-        model.learn(total)
+        try:
+            with limited(1):
+                model.learn(total)
+        finally:
+            torch.set_num_threads(threads)
         return model.num_timesteps / (time.perf_counter() - wall), 1e6 * (time.process_time() - cpu) / model.num_timesteps
 
     def ours() -> tuple[float, float]:
