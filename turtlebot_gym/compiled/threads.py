@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Iterator
@@ -20,7 +21,8 @@ os.environ.setdefault("GOMP_SPINCOUNT", "0")
 TRIAL = 8
 """Steps for which the other number of threads is tried."""
 FIRST_TRIAL, LAST_TRIAL = 32, 8192
-"""Fewest and most steps from one trial to the next: each trial that changes nothing doubles them."""
+"""Fewest and most steps from one trial to the next: each trial that changes nothing doubles them. Steps that have come to take
+twice the usual time are a reason for the next one."""
 
 
 class Threads:
@@ -79,6 +81,7 @@ class Pace:
         """Whether the next step is to run on all threads."""
         self._chosen = True
         self._cost = {True: 0.0, False: 0.0}
+        self._usual = math.inf
         self._steps = 0
         self._wait = FIRST_TRIAL
 
@@ -89,7 +92,7 @@ class Pace:
         cost, self._steps = self._cost, self._steps + 1
         if self.parallel == self._chosen:
             cost[self._chosen] += (seconds - cost[self._chosen]) / min(self._steps, TRIAL)
-            if self._steps >= self._wait:
+            if self._steps >= (FIRST_TRIAL if cost[self._chosen] > 2.0 * self._usual else self._wait):
                 self.parallel, self._steps, cost[not self._chosen] = not self._chosen, 0, 0.0
             return
         if self._steps > 1:  # the first one wakes the threads
@@ -99,7 +102,7 @@ class Pace:
                 self._chosen, self._wait = self.parallel, FIRST_TRIAL
             else:
                 self._wait = min(2 * self._wait, LAST_TRIAL)
-            self.parallel, self._steps = self._chosen, 0
+            self.parallel, self._steps, self._usual = self._chosen, 0, cost[self._chosen]
 
 
 @contextmanager
