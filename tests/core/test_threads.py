@@ -93,7 +93,7 @@ def paced(pace, cost, steps):
     made = []
     for _ in range(steps):
         made.append(pace.parallel)
-        pace.tell(cost[pace.parallel], parallel=pace.parallel)
+        pace.tell(cost[pace.parallel])
     return made, sum(cost[each] for each in made)
 
 
@@ -118,9 +118,10 @@ def test_a_change_of_the_machine_is_noticed():
         assert not pace.parallel
 
 
-def test_a_step_that_was_made_otherwise_says_nothing():
-    pace = Pace()
-    for _ in range(10 * FIRST_TRIAL):
-        pace.tell(1.0, parallel=not pace.parallel)
-        pace.tell(1e-4 if pace.parallel else 2e-4, parallel=pace.parallel)
-    assert pace._chosen
+def test_a_choice_of_one_thread_is_one_thread_of_the_same_loop():
+    numba = pytest.importorskip("numba")
+    before = numba.get_num_threads()
+    assert Threads.acquire(1)
+    assert numba.get_num_threads() == 1
+    Threads.release()
+    assert numba.get_num_threads() == before

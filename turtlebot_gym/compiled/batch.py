@@ -205,14 +205,15 @@ class Batch:
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )  # fmt: skip
             return observations, outcomes
-        parallel, start = self._pace.parallel and Threads.acquire(), time.perf_counter()
+        shared, start = Threads.acquire(None if self._pace.parallel else 1), time.perf_counter()
         try:
-            loop = self._loops.step_parallel if parallel else self._loops.step
+            loop = self._loops.step_parallel if shared else self._loops.step
             loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes)
         finally:
-            if parallel:
+            if shared:
                 Threads.release()
-        self._pace.tell(time.perf_counter() - start, parallel=parallel)
+        if shared:
+            self._pace.tell(time.perf_counter() - start)
         return observations, outcomes
 
     def numbers(self, path: str) -> NDArray[np.float64]:

@@ -40,16 +40,17 @@ class Threads:
     _numbas = 0
 
     @classmethod
-    def acquire(cls) -> bool:
-        """Return whether the caller may run a parallel loop; it then has to call `release`."""
+    def acquire(cls, most: int | None = None) -> bool:
+        """Return whether the caller may run a parallel loop, on at most so many threads; it then has to call `release`."""
         allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
         if allowed:
             cls.used = True
-            if cls.limit is not None and HAS_NUMBA:
+            most = cls.limit if most is None else most
+            if most is not None and HAS_NUMBA:
                 import numba
 
                 cls._numbas = numba.get_num_threads()
-                numba.set_num_threads(min(cls.limit, cls._numbas))
+                numba.set_num_threads(min(most, cls._numbas))
         return allowed
 
     @classmethod
@@ -85,10 +86,8 @@ class Pace:
         self._steps = 0
         self._wait = FIRST_TRIAL
 
-    def tell(self, seconds: float, *, parallel: bool) -> None:
-        """Take note of the wall time of a step, s, and of how it was made; another program part may have had the threads."""
-        if parallel != self.parallel:
-            return
+    def tell(self, seconds: float) -> None:
+        """Take note of the wall time of a step, s, that was made as `parallel` says."""
         cost, self._steps = self._cost, self._steps + 1
         if self.parallel == self._chosen:
             cost[self._chosen] += (seconds - cost[self._chosen]) / min(self._steps, TRIAL)
