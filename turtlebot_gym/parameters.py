@@ -197,7 +197,7 @@ class Reward:
     nearness: float = 0.5
     """Subtracted at every step, times the share of `near` that the clearance lacks."""
     near: float = 0.15
-    """Clearance below which `closeness` counts, m."""
+    """Clearance below which `nearness` counts, m."""
 
     def __post_init__(self) -> None:
         typed(self)

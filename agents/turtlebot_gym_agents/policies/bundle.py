@@ -1,8 +1,8 @@
-"""The policy bundle: one ONNX file that knows what it was trained for, and refuses what it was not.
+"""The policy bundle: one ONNX file that states what it was trained for and refuses everything else.
 
-The file is an ONNX model, with the normalization of observations inside and a card in its metadata. The card holds the hash of
-the whole file, taken with zeros in the hash's own place. onnxruntime runs it; a robot needs neither torch nor
-Stable-Baselines3. Loading one runs no code.
+The file is an ONNX model that includes the normalization of observations, with a card (a JSON description of its training) in
+its metadata. The card holds the hash of the whole file, computed with zeros in place of the hash. onnxruntime runs it; a robot
+needs neither torch nor Stable-Baselines3. Loading a bundle runs no code.
 """
 
 from __future__ import annotations
