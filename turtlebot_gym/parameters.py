@@ -75,8 +75,9 @@ class OdometryNoise:
     spike: float = 0.0
     """Size of a heading spike, rad."""
     dropout_probability: float = 0.0
-    """Probability per measurement that it is lost.""" quantization: tuple[float, ...] = (0.0, 0.0) """Resolution of position
-    and heading; m, rad. Zero for none."""
+    """Probability per measurement that it is lost."""
+    quantization: tuple[float, ...] = (0.0, 0.0)
+    """Resolution of position and heading; m, rad. Zero for none."""
     wheel: bool = False
     """Whether the odometry integrates the wheels instead of measuring the pose."""
 

@@ -48,9 +48,7 @@ class Evaluation:
     """The first episode."""
 
     def times(self) -> NDArray[np.float64]:
-        """Return the time of each episode, s, shape (n,), by which policies are compared; a failure counts as the time
-        limit.
-        """
+        """Return the time of each episode, with a failure as the limit, shape (n,), s; policies are compared by it."""
         return np.where(self.episodes.success, self.episodes.time, self.limit)
 
     def spl(self) -> NDArray[np.float64]:
