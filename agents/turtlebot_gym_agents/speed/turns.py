@@ -31,8 +31,9 @@ class Contender:
     run: Callable[[int], Turn]
     """Function that makes a number of calls."""
     size: int
-    """Number of environments stepped together.""" base: str """Name of the contender with which it is compared; its own name if
-    it is a base."""
+    """Number of environments stepped together."""
+    base: str
+    """Name of the contender with which it is compared; its own name if it is a base."""
     by: str
     """Library of the environment: turtlebot_gym, gymnasium or a peer."""
     steps: int = 1

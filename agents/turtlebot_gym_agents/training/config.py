@@ -17,7 +17,8 @@ DEVICES = ("cpu", "cuda", "auto")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingConfig: """Configuration of a training run."""
+class TrainingConfig:
+    """Configuration of a training run."""
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """Environment id."""

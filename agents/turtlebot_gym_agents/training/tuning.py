@@ -113,8 +113,10 @@ def open_study(folder: Path, storage: str | None, about: Mapping[str, Any]) -> o
     Raises:
         ValueError: If an existing study has another configuration, or the storage cannot be used.
     """
-    about = {**about, "config": {name: value for name, value in about["config"].items() if name != "device"}} # any device can
-    resume it folder.mkdir(parents=True, exist_ok=True) optuna.logging.set_verbosity(optuna.logging.WARNING) try:
+    about = {**about, "config": {name: value for name, value in about["config"].items() if name != "device"}}  # any resumes it
+    folder.mkdir(parents=True, exist_ok=True)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
         study = optuna.create_study(
             study_name="turtlebot-gym",
             storage=_storage(storage or f"sqlite:///{folder / 'study.db'}"),

@@ -118,8 +118,8 @@ def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float
     columns, rows = np.maximum(np.round((high - low) / side), 1).astype(int)
     shades = np.where(grid.cells == OCCUPIED, 2, np.where(grid.cells == FREE, 0, 1)).astype(np.uint8)
     shown = np.zeros((rows, columns), np.uint8)
-    fine = max(1, int(np.ceil(side / grid.resolution))) # several cells per pixel: the darkest counts, or thin walls would be
-    lost for du in range(fine):
+    fine = max(1, int(np.ceil(side / grid.resolution)))  # several cells per pixel: the darkest counts, to keep thin walls
+    for du in range(fine):
         for dv in range(fine):
             x = low[0] + (np.arange(columns)[None, :] + (du + 0.5) / fine) * side
             y = low[1] + (np.arange(rows)[:, None] + (dv + 0.5) / fine) * side
