@@ -62,8 +62,8 @@ class KalmanFilter:
     filter's input.
 
     Args:
-        tuning: Noise, gate and kind. Kinds that keep more than a belief accept no state or covariance: they begin at the
-            origin, or with `start`.
+        tuning: Noise, gate and kind. Kinds that keep more than a belief accept no state and no
+            covariance; they begin at the origin, or with `start`.
         state: Mean of the initial belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s.
         covariance: Its covariance, shape (5, 5), symmetric and positive semidefinite; None for the tuning's P0.
         dt: Control interval, s.

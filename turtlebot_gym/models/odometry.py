@@ -31,8 +31,11 @@ def measure(
 
     Args:
         pose: The true pose.
-        wheels: The pose integrated from the wheels. noise: The odometry's errors. position: Two standard normal numbers.
-        heading: A standard normal number. event: A uniform number in (0, 1) that decides on a heading spike and its sign.
+        wheels: The pose integrated from the wheels.
+        noise: The odometry's errors.
+        position: Two standard normal numbers.
+        heading: A standard normal number.
+        event: A uniform number in (0, 1) that decides on a heading spike and its sign.
     """
     half = 0.5 * noise.spike_probability
     spike = noise.spike if event < half else (-noise.spike if event < noise.spike_probability else 0.0)

@@ -44,8 +44,11 @@ def ray_to_cells(squares: Any, column: float, row: float, dx: float, dy: float, 
 
     Args:
         squares: `scene.Scene.squares`.
-        column: Column of the ray's origin. row: Row of the ray's origin. dx: First component of the ray's direction in the
-        map's frame, a unit vector. dy: Second component. reach: Distance at which the search stops.
+        column: Column of the ray's origin.
+        row: Row of the ray's origin.
+        dx: First component of the ray's direction in the map's frame, a unit vector.
+        dy: Second component.
+        reach: Distance at which the search stops.
     """
     if not is_on_map(squares, column, row):
         return 0.0
@@ -76,7 +79,9 @@ def distance_to_cells(squares: Any, column: float, row: float, reach: float) -> 
 
     Args:
         squares: `scene.Scene.squares`.
-        column: Column of the point. row: Row of the point. reach: Distance at which the search stops.
+        column: Column of the point.
+        row: Row of the point.
+        reach: Distance at which the search stops.
 
     Returns:
         The distance; inside an occupied cell, minus the distance to its border; outside of the map, minus the distance to the

@@ -128,9 +128,12 @@ def _occupancy(
     """Return the values of cells.
 
     Args:
-        shade: Brightness of each pixel, from 0 to 1. opaque: Whether each pixel is opaque; in the mode "scale" the others are
-        unknown. mode: "trinary", "scale" or "raw". negate: Whether bright pixels are occupied instead of dark ones. occupied:
-        Threshold above which cells are occupied. free: Threshold below which cells are free.
+        shade: Brightness of each pixel, from 0 to 1.
+        opaque: Whether each pixel is opaque; in the mode "scale" the others are unknown.
+        mode: "trinary", "scale" or "raw".
+        negate: Whether bright pixels are occupied instead of dark ones.
+        occupied: Threshold above which cells are occupied.
+        free: Threshold below which cells are free.
 
     References:
         Nav2, ``nav2_map_server/src/map_io.cpp``, ``loadMapFromFile``, ROS 2 Jazzy.

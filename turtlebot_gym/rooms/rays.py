@@ -19,8 +19,11 @@ def ray_to_circle(x: float, y: float, dx: float, dy: float, squared_radius: floa
     """Return the length of a ray to a circle.
 
     Args:
-        x: x of the circle's centre relative to the ray's origin, m. y: y of the circle's centre, likewise. dx: x component of
-        the ray's direction, a unit vector. dy: y component of the direction. squared_radius: m^2.
+        x: x of the circle's centre relative to the ray's origin, m.
+        y: y of the circle's centre, likewise.
+        dx: x component of the ray's direction, a unit vector.
+        dy: y component of the direction.
+        squared_radius: m^2.
     """
     along = x * dx + y * dy
     across = x * dy - y * dx
@@ -42,9 +45,12 @@ def ray_to_box(x: float, y: float, inverse_dx: float, inverse_dy: float, half_le
     """Return the length of a ray to a box, in the frame of the box.
 
     Args:
-        x: x of the box's centre relative to the ray's origin, m. y: y of the box's centre, likewise. inverse_dx: Inverse of the
-        direction's x component, see `inverse`. inverse_dy: Inverse of its y component. half_length: Half the box's extent along
-        its x axis, m. half_width: Half its extent along its y axis, m.
+        x: x of the box's centre relative to the ray's origin, m.
+        y: y of the box's centre, likewise.
+        inverse_dx: Inverse of the direction's x component, see `inverse`.
+        inverse_dy: Inverse of its y component.
+        half_length: Half the box's extent along its x axis, m.
+        half_width: Half its extent along its y axis, m.
     """
     middle_x, middle_y = x * inverse_dx, y * inverse_dy
     reach_x, reach_y = half_length * abs(inverse_dx), half_width * abs(inverse_dy)
@@ -59,9 +65,12 @@ def ray_to_walls(x: float, y: float, inverse_dx: float, inverse_dy: float, half_
     """Return the length of a ray to the walls around its origin; 0 outside of them.
 
     Args:
-        x: x of the room's centre relative to the ray's origin, m. y: y of the room's centre, likewise. inverse_dx: Inverse of
-        the direction's x component, see `inverse`. inverse_dy: Inverse of its y component. half_length: Half the room's extent
-        along x, m. half_width: Half its extent along y, m.
+        x: x of the room's centre relative to the ray's origin, m.
+        y: y of the room's centre, likewise.
+        inverse_dx: Inverse of the direction's x component, see `inverse`.
+        inverse_dy: Inverse of its y component.
+        half_length: Half the room's extent along x, m.
+        half_width: Half its extent along y, m.
     """
     across_x = x * inverse_dx + half_length * abs(inverse_dx)
     across_y = y * inverse_dy + half_width * abs(inverse_dy)

@@ -75,9 +75,13 @@ def reward_of(before: float, after: float, command: Command, success: bool, weig
     """Return the reward of a step.
 
     Args:
-        before: True remaining distance before the step, m. after: True remaining distance after the step, m. command: The
-        limited command of the step. success: Whether the episode ends in success. weights: Weights of the terms. robot: Robot
-        whose limits scale progress and effort. dt: Control interval, s.
+        before: True remaining distance before the step, m.
+        after: True remaining distance after the step, m.
+        command: The limited command of the step.
+        success: Whether the episode ends in success.
+        weights: Weights of the terms.
+        robot: Robot whose limits scale progress and effort.
+        dt: Control interval, s.
     """
     progress = (before - after) / (robot.max_linear * dt)
     v, omega = command.v / robot.max_linear, command.omega / robot.max_angular

@@ -89,7 +89,7 @@ def make_task(
     Args:
         task: A name in `TASKS`, or a task.
         waypoints: The poses to visit; None for the tutorial's square, or for the goal that the task draws.
-        arrival: Pose that decides on arrival: "truth", or "belief", the pose that the policy observes.
+        arrival: Pose that decides on it: "truth", or "belief", the pose that the policy observes.
         switch: When the next waypoint becomes current: on "arrival", or after a "time" of 15 s, reached or not.
         laps: Number of rounds through the waypoints.
         max_steps: Steps after which an episode is truncated.

@@ -37,8 +37,8 @@ def probe(cluster: str) -> tuple[str, list[dict[str, Any]]]:
         cluster: "auto", or its address.
 
     Raises:
-        ValueError: If ``cluster`` is not an address. OSError: If nothing answers there, or a node would compute other results
-        than this one.
+        ValueError: If ``cluster`` is not an address.
+        OSError: If nothing answers there, or a node would compute other results than this one.
     """
     begun = time.monotonic()
     if cluster != "auto":

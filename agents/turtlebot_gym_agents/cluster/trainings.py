@@ -23,8 +23,11 @@ def train_all(
     """Train policies, and write for each the files of `training.train.train` except checkpoints and logs.
 
     Args:
-        configs: Configurations of the trainings. folders: Folder for the files of each. workers: See `work.complete`, as for
-        the next two. store: Store of the results. progress: Called with the number of finished trainings.
+        configs: Configurations of the trainings.
+        folders: Folder for the files of each.
+        workers: See `work.complete`, as for the next two.
+        store: Store of the results.
+        progress: Called with the number of finished trainings.
 
     Raises:
         ValueError: As `training.train.train`, and if a folder holds a run that was trained here.

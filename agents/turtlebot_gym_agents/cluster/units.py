@@ -249,7 +249,8 @@ def _compile(system: str, make: Callable[[], Any]) -> None:
     cache.
 
     Args:
-        system: Identity of the environments; each is compiled once per process. make: Makes the environments.
+        system: Identity of the environments; each is compiled once per process.
+        make: Makes the environments.
     """
     if system in _COMPILED:
         return

@@ -30,9 +30,10 @@ def complete(
     """Return the results of units, in their order.
 
     Args:
-        units: The units; equal ones run once. workers: Function that runs them; results do not depend on it. store: Store of
-        the results. A unit whose result is there is not run. progress: Called with the total size of the units that have a
-        result.
+        units: The units; equal ones run once.
+        workers: Function that runs them; results do not depend on it.
+        store: Store of the results. A unit whose result is there is not run.
+        progress: Called with the total size of the units that have a result.
 
     Raises:
         ValueError, OSError, ImportError: Raised by a unit.
@@ -77,8 +78,9 @@ def evaluate_all(
 
     Args:
         asked: The arguments of `evaluation.evaluate.evaluate` for each; a policy is given by its name.
-        workers: See `complete`, as for the next. store: Store of the results. progress: Called with the number of episodes
-        driven.
+        workers: See `complete`, as for the next.
+        store: Store of the results.
+        progress: Called with the number of episodes driven.
     """
     parts, configs = [], []
     for one in asked:

@@ -44,7 +44,8 @@ class Placement:
         """Provide workers for the duration of the block.
 
         Args:
-            memory: Memory of a unit, bytes. store: Default folder for results.
+            memory: Memory of a unit, bytes.
+            store: Default folder for results.
         """
         from turtlebot_gym_agents.cluster.store import Store
         from turtlebot_gym_agents.cluster.work import in_turn

@@ -58,10 +58,13 @@ def record(
         policy: A name for `turtlebot_gym_agents.make_policy`, or a policy.
         path: The file, ``*.gif`` or ``*.mp4``.
         env: The id of an environment of this package.
-        seed: Seed of the episode. speed: Playback speed, as a multiple of real time. fps: Frames per second. width: Width of
-        the frames, pixels. progress: Called with the number of steps so far and the largest possible number. allow_mismatch:
-        Whether a bundle made for another task or observation may drive. **options: Passed to the environment:
-        robot, noise, filter, observation, arrival, switch, laps ...
+        seed: Seed of the episode.
+        speed: Playback speed, as a multiple of real time.
+        fps: Frames per second.
+        width: Width of the frames, pixels.
+        progress: Called with the number of steps so far and the largest possible number.
+        allow_mismatch: Whether a bundle made for another task or observation may drive.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
 
     Raises:
         ValueError: If an argument is unknown or out of its range.

@@ -30,8 +30,12 @@ def simulated_log(
     """Return a drive of the environment that excites all parameters: straight ahead, on the spot and in arcs, in random order.
 
     Args:
-        noise: True noise. seed: Seed of the noise and of the commands. steps: Number of steps. robot: Name of the robot. dt:
-        Control interval, s. integrator: "euler" or "midpoint".
+        noise: True noise.
+        seed: Seed of the noise and of the commands.
+        steps: Number of steps.
+        robot: Name of the robot.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
     """
     random = np.random.default_rng(seed)
     options = {"robot": robot, "dt": dt, "integrator": integrator, "switch": "time", "max_episode_steps": steps + 1}

@@ -103,10 +103,17 @@ def estimate(
     The bound assumes that a constant bias and the times of slip are known, which no filter knows.
 
     Args:
-        filters: Names in `turtlebot_gym.presets.FILTERS`, or tunings by custom names. noise: True noise. runs: Number of
-        drives; drive i has the seed ``seed + i``. seconds: Length of a drive. seed: The first seed. robot: Name of the robot.
-        dt: Control interval, s. integrator: "euler" or "midpoint". bias: Whether odometry has the bias of the noise model.
-        slip: Whether the wheels slip as in the noise model. progress: Called with the number of drives that have ended so far.
+        filters: Names in `turtlebot_gym.presets.FILTERS`, or tunings by custom names.
+        noise: True noise.
+        runs: Number of drives; drive i has the seed ``seed + i``.
+        seconds: Length of a drive.
+        seed: The first seed.
+        robot: Name of the robot.
+        dt: Control interval, s.
+        integrator: "euler" or "midpoint".
+        bias: Whether odometry has the bias of the noise model.
+        slip: Whether the wheels slip as in the noise model.
+        progress: Called with the number of drives that have ended so far.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
@@ -169,8 +176,10 @@ def drive(count: int, steps: int, seed: int, **options: Any) -> Drives:
     """Drive with random commands, each held for a second, and record.
 
     Args:
-        count: Number of drives. steps: Number of steps of each. seed: Seed of the first drive. **options: Arguments of the
-        environment.
+        count: Number of drives.
+        steps: Number of steps of each.
+        seed: Seed of the first drive.
+        **options: Arguments of the environment.
     """
     random = np.random.default_rng(seed)
     envs = gym.make_vec(SQUARE, num_envs=count, info="full", switch="time", max_episode_steps=steps + 1, **options)

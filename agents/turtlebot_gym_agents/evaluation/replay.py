@@ -60,7 +60,8 @@ def read_drive(path: str | Path, *, columns: Columns | None = None, robot: Robot
 
     Args:
         path: The file.
-        columns: Names of the columns; others are ignored. robot: Robot whose speed limits say which speeds are possible.
+        columns: Names of the columns; others are ignored.
+        robot: Robot whose speed limits say which speeds are possible.
 
     Raises:
         OSError: If the file cannot be read.
@@ -122,7 +123,8 @@ def drift(
     Args:
         poses: Odometry, shape (T, 3).
         truth: True poses, shape (T, 3).
-        first: First row of each segment, shape (n,). last: Last row of each segment, shape (n,).
+        first: First row of each segment, shape (n,).
+        last: Last row of each segment, shape (n,).
 
     Returns:
         Distances (n,), m, and signed angles (n,), rad.
@@ -151,8 +153,10 @@ def replay(
         noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry is used, since the noise of execution is
             real.
         filter: A name in `turtlebot_gym.presets.FILTERS` (for that odometry, and for ``process``), or a tuning.
-        process: Drift of the recorded wheels that the filter assumes; by default that of the preset "wheel". seed: Seed of the
-        odometry's noise. rate: Measured poses per second; infinite for every row. integrator: "euler" or "midpoint".
+        process: Drift of the recorded wheels that the filter assumes; by default that of the preset "wheel".
+        seed: Seed of the odometry's noise.
+        rate: Measured poses per second; infinite for every row.
+        integrator: "euler" or "midpoint".
 
     Returns:
         The drive with odometry (NaN on rows without a measurement), estimate and covariance on every row. ``command`` is the
@@ -243,7 +247,9 @@ def replay_seeds(
 
     Args:
         drive: The drive.
-        seeds: One or more seeds. progress: Called after each seed. **options: Passed to `replay`.
+        seeds: One or more seeds.
+        progress: Called after each seed.
+        **options: Passed to `replay`.
     """
     trajectories = []
     for seed in seeds:

@@ -61,9 +61,11 @@ def tune_baseline(
         policy: The baseline's name.
         path: The file, ``*.json``, replaced after each try. An existing search in it is resumed.
         env: The id of an environment of this package.
-        tries: Total number of tries, earlier ones included. episodes: Paired episodes per try; for a fair comparison, as many
-        as in the policy's evaluation. seed: Seed of the search. progress: Called with the number of finished tries. **options:
-        Passed to the environment: robot, noise, filter, observation, arrival, delay ...
+        tries: Total number of tries, earlier ones included.
+        episodes: Paired episodes per try; for a fair comparison, as many as in the policy's evaluation.
+        seed: Seed of the search.
+        progress: Called with the number of finished tries.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, delay ...
 
     Returns:
         All tries, in order.

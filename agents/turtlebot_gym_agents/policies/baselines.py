@@ -65,7 +65,8 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
 
     Args:
         path: The file.
-        robot: The robot to drive; None skips the comparison. dt: The control interval, s; None skips the comparison.
+        robot: The robot to drive; None skips the comparison.
+        dt: The control interval, s; None skips the comparison.
 
     Raises:
         ValueError: If the file is not a tuned baseline, or was tuned for another robot, rate or observation layout.

@@ -66,7 +66,8 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
     Args:
         path: The file.
-        model: A map from observations (n, 13), in a room (n, 50), to actions (n, 2); its metadata are replaced. card: The card.
+        model: A map from observations (n, 13), in a room (n, 50), to actions (n, 2); its metadata are replaced.
+        card: The card.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
         del part.metadata_props[:]  # torch's exporter leaves paths of its machine there
@@ -82,7 +83,8 @@ class BundlePolicy:
 
     Args:
         path: The file.
-        robot: The robot to drive; None skips the comparison. dt: The control interval, s; None skips the comparison.
+        robot: The robot to drive; None skips the comparison.
+        dt: The control interval, s; None skips the comparison.
 
     Raises:
         ValueError: If the file is not a bundle, is damaged, or was trained for something else.

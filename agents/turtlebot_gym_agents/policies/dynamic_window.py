@@ -41,7 +41,8 @@ class DynamicWindowPolicy:
         horizon: Length of an arc, s; contacts beyond it are ignored.
         aim: Time after which the heading is judged, s.
         brake: Least time to contact of an admissible arc, s.
-        margin: Clearance to keep around the robot, m. lag: Mean age of the beams beyond the stated age of the scan, s.
+        margin: Clearance to keep around the robot, m.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
 
     References:
         Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", *IEEE Robotics & Automation Magazine* 4

@@ -22,8 +22,10 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
     """Refuse a policy whose card names another task or observation.
 
     Args:
-        policy: The policy; one without a card is accepted. name: Name of the policy in the message. env: Id of the environment
-        to drive in. observation: The robot's pose that it will observe.
+        policy: The policy; one without a card is accepted.
+        name: Name of the policy in the message.
+        env: Id of the environment to drive in.
+        observation: The robot's pose that it will observe.
 
     Raises:
         ValueError: If task or observation differs; the message names both.
@@ -42,9 +44,11 @@ def require_fit(
     """Refuse a policy that was made for another robot or rate.
 
     Args:
-        path: The policy's file, for the message. made_for: The robot for which it was made, see `describe_robot`. made_dt: The
-        control interval for which it was made, s. robot: The robot to drive; None skips the comparison. dt: The control
-        interval, s; None skips the comparison.
+        path: The policy's file, for the message.
+        made_for: The robot for which it was made, see `describe_robot`.
+        made_dt: The control interval for which it was made, s.
+        robot: The robot to drive; None skips the comparison.
+        dt: The control interval, s; None skips the comparison.
 
     Raises:
         ValueError: If robot or rate differs; the message names every difference.

@@ -73,9 +73,11 @@ class BearingPolicy:
         dt: Control interval, s.
         gain: Turning rate per angle to turn, 1/s.
         focus: How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle
-        to turn. tolerance: Bearings that pass the waypoint by less than this are not corrected, m. Turning costs speed when the
-        wheels are at their limit, and noise would cause constant turning. slow: Distance below which the speed is proportional
-        to the distance, m. Without it a robot that is not stopped would shuttle across its goal.
+            to turn.
+        tolerance: Bearings that pass the waypoint by less than this are not corrected, m. Turning costs speed when the wheels
+            are at their limit, and noise would cause constant turning.
+        slow: Distance below which the speed is proportional to the distance, m. Without it a robot that is not stopped would
+            shuttle across its goal.
     """
 
     RANGES: ClassVar[Mapping[str, Range]] = {

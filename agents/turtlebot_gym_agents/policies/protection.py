@@ -31,7 +31,8 @@ class SafetyLayer:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         reserve: Least time to contact, s.
-        margin: Clearance to keep around the robot, m. lag: Mean age of the beams beyond the stated age of the scan, s.
+        margin: Clearance to keep around the robot, m.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
 
     Raises:
         ValueError: If a number is out of its range, or the policy was made for open ground and sees no obstacles.

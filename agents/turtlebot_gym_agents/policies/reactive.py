@@ -36,10 +36,13 @@ class _Reactive:
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        margin: Clearance to keep around the robot, m. lag: Mean age of the beams beyond the stated age of the scan, s. sight:
-        Distance beyond which obstacles are ignored, m. gain: Turning rate per angle to turn, 1/s. focus: How strictly the robot
-        turns before it drives: the speed is proportional to this power of the cosine of the angle to turn. caution: Time to
-        contact below which the speed is proportional to it, s.
+        margin: Clearance to keep around the robot, m.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
+        sight: Distance beyond which obstacles are ignored, m.
+        gain: Turning rate per angle to turn, 1/s.
+        focus: How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle
+            to turn.
+        caution: Time to contact below which the speed is proportional to it, s.
     """
 
     layout: ClassVar[int] = ROOM_LAYOUT
@@ -151,9 +154,14 @@ class FollowTheGapPolicy(_Reactive):
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        alpha: Distance of an obstacle at which gap and goal have equal weight, m. field: Angle on both sides of the goal in
-        which gaps are considered, rad. margin: See `_Reactive`, as of the next five. lag: See there. sight: See there. gain:
-        See there. focus: See there. caution: See there.
+        alpha: Distance of an obstacle at which gap and goal have equal weight, m.
+        field: Angle on both sides of the goal in which gaps are considered, rad.
+        margin: See `_Reactive`, as of the next five.
+        lag: See there.
+        sight: See there.
+        gain: See there.
+        focus: See there.
+        caution: See there.
 
     References:
         Sezer, Gokasan, "A novel obstacle avoidance algorithm: Follow the Gap Method", *Robotics and Autonomous Systems* 60

@@ -46,8 +46,8 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
         observations: Shape (..., 50), layout 2.
         robot: The robot.
         dt: Control interval, s; a command acts one interval late.
-        lag: Mean age of the beams beyond the stated age of the scan, s. edges: Whether to place an obstacle at both edges of
-        its sector too, which makes three points for each.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
+        edges: Whether to place an obstacle at both edges of its sector too, which makes three points for each.
 
     Raises:
         ValueError: If the observations have another layout.
@@ -75,8 +75,9 @@ def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: 
 
     Args:
         points: Shape (..., n).
-        v: Speed, broadcastable to (..., 1), m/s. omega: Turning rate, of the shape of ``v``, rad/s. radius: Radius of the
-        robot, m.
+        v: Speed, broadcastable to (..., 1), m/s.
+        omega: Turning rate, of the shape of ``v``, rad/s.
+        radius: Radius of the robot, m.
 
     Returns:
         Shape (..., n).

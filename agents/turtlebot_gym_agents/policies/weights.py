@@ -34,7 +34,8 @@ def require_own_finite_weights(path: object, content: bytes) -> None:
     """Refuse an ONNX model whose weights are in other files, or not all finite.
 
     Args:
-        path: The model's file, for the message. content: Content of the file.
+        path: The model's file, for the message.
+        content: Content of the file.
 
     Raises:
         ValueError: If a weight is in another file or not finite, or the file cannot be parsed.

@@ -59,8 +59,10 @@ def training(
     """Return the speed of the whole PPO loop, ``model.learn``, with the hyperparameters shipped with the package.
 
     Args:
-        steps: Steps of a training; the usual route makes a quarter of them. rounds: Number of trainings of each. usual: Whether
-        to measure the usual route too. progress: Called with the number of finished rounds.
+        steps: Steps of a training; the usual route makes a quarter of them.
+        rounds: Number of trainings of each.
+        usual: Whether to measure the usual route too.
+        progress: Called with the number of finished rounds.
     """
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv

@@ -28,9 +28,9 @@ def gymnax_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
 
     Args:
         env_id: Environment.
-        size: Number of environments stepped together. form: "step": a call is one compiled step, as a library without JAX would
-        use it. "scan": a call is `SCANNED` steps in one compiled loop, which returns all observations, rewards and ends, as a
-        rollout in JAX does.
+        size: Number of environments stepped together.
+        form: "step": a call is one compiled step, as a library without JAX would use it. "scan": a call is `SCANNED` steps in
+            one compiled loop, which returns all observations, rewards and ends, as a rollout in JAX does.
     """
     import gymnax  # pyright: ignore[reportMissingImports]
     import jax  # pyright: ignore[reportMissingImports]
@@ -67,7 +67,8 @@ def envpool_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
 
     Args:
         env_id: Environment.
-        size: Number of environments stepped together. form: Only "step".
+        size: Number of environments stepped together.
+        form: Only "step".
     """
     import envpool  # pyright: ignore[reportMissingImports]
     import numpy as np

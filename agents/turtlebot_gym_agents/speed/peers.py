@@ -91,7 +91,8 @@ class Process:
     """A peer's process, which waits for its turns.
 
     Args:
-        command: Command that starts the process. log: File for its standard error.
+        command: Command that starts the process.
+        log: File for its standard error.
 
     Raises:
         ChildProcessError: If the process ends before it is ready.
@@ -149,7 +150,8 @@ def peers(folder: Path, sizes: Sequence[int]) -> Iterator[Present]:
     reason.
 
     Args:
-        folder: Folder of their virtual environments. sizes: Numbers of environments stepped together.
+        folder: Folder of their virtual environments.
+        sizes: Numbers of environments stepped together.
     """
     contenders: dict[str, Contender] = {}
     versions: dict[str, dict[str, str]] = {}

@@ -80,7 +80,8 @@ def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) ->
     """Return a function that makes a number of calls in this process and returns their duration.
 
     Args:
-        step: Called with 0, 1, 2, ... limit: Returns a context for the calls.
+        step: Called with 0, 1, 2, ...
+        limit: Returns a context for the calls.
     """
 
     def run(calls: int) -> Turn:
@@ -119,7 +120,9 @@ def take_turns(
     """Let contenders take turns, forwards and backwards, and return their rates.
 
     Args:
-        contenders: Contender of each row, including all bases. rounds: Number of turns of each. seconds: Length of a turn, s.
+        contenders: Contender of each row, including all bases.
+        rounds: Number of turns of each.
+        seconds: Length of a turn, s.
         progress: Called with the number of finished turns.
     """
     calls = {name: calls_for(one.run, seconds) for name, one in contenders.items()}

@@ -81,8 +81,8 @@ class CheckpointCallback(BaseCallback):
     """Save the model at intervals and at the end, including the replay buffer of algorithms that have one.
 
     Args:
-        path: The file, replaced atomically. The replay buffer is beside it, see `replay_path`. seconds: Least time between two
-        checkpoints, extended if saving would take more than a twentieth of the time.
+        path: The file, replaced atomically. The replay buffer is beside it, see `replay_path`.
+        seconds: Least time between two checkpoints, extended if saving would take more than a twentieth of the time.
     """
 
     def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
@@ -130,8 +130,9 @@ class EvaluationCallback(BaseCallback):
         envs: Vector environment in the mode SAME_STEP, not the training's; each environment drives one episode.
         every: Steps between evaluations.
         path: File of the model with the highest mean return; None to keep none. A resumed training keeps the existing file
-            until there is a better model. seed: First seed of the evaluation. go_on: Called with the figures; the training
-            stops if it returns false.
+            until there is a better model.
+        seed: First seed of the evaluation.
+        go_on: Called with the figures; the training stops if it returns false.
     """
 
     def __init__(

@@ -12,8 +12,8 @@ def choose_device(device: str, algorithm: type[BaseAlgorithm]) -> str:
 
     Args:
         device: Either of them, or "auto": the CPU for on-policy algorithms, whose rollouts pass each observation through a
-            small network by itself; a GPU, if there is one, for off-policy ones, which spend their time on batches. algorithm:
-        The algorithm.
+            small network by itself; a GPU, if there is one, for off-policy ones, which spend their time on batches.
+        algorithm: The algorithm.
 
     Raises:
         ValueError: If ``device`` is "cuda" and torch finds no GPU.

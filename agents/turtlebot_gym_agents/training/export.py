@@ -72,8 +72,9 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
 
     Args:
         model: A trained model for one of this package's environments.
-        path: The bundle's file, replaced atomically. card: Card of the bundle. samples: Number of observations, uniform in the
-        observation space, on which the actions are compared.
+        path: The bundle's file, replaced atomically.
+        card: Card of the bundle.
+        samples: Number of observations, uniform in the observation space, on which the actions are compared.
 
     Returns:
         The largest difference between their actions.

@@ -38,9 +38,10 @@ def export_network(
 
     Args:
         network: A map from float32 observations (n, 13), in a room (n, 50), to actions (n, 2). It is left in evaluation mode.
-        path: The bundle's file, replaced atomically. env: Id of the environment in which it was trained. training: Entries for
-        the card about the training, such as library, version, algorithm, steps and seed. **options: Arguments of the
-        environment: ``robot``, ``noise``, ``filter`` and so on.
+        path: The bundle's file, replaced atomically.
+        env: Id of the environment in which it was trained.
+        training: Entries for the card about the training, such as library, version, algorithm, steps and seed.
+        **options: Arguments of the environment, ``robot``, ``noise``, ``filter`` and so on.
 
     Returns:
         The largest difference between their actions, on 10,000 observations, uniform in the observation space.
@@ -75,8 +76,10 @@ def write_checked(
 
     Args:
         model: The network as ONNX.
-        path: The file, replaced atomically. card: Card of the bundle. observations: Shape (n, size), float32. expected: The
-        network's actions for them, shape (n, 2).
+        path: The file, replaced atomically.
+        card: Card of the bundle.
+        observations: Shape (n, size), float32.
+        expected: The network's actions for them, shape (n, 2).
 
     Returns:
         The largest difference between the bundle's actions and the network's.

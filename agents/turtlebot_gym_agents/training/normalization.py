@@ -65,7 +65,8 @@ def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> 
     Args:
         envs: Vector environment that resets by itself.
         policy: The baseline; half of its actions are replaced by random ones, to cover the neighbourhood of its paths too.
-        seed: Seed of the environments and of the random actions. steps: Number of steps.
+        seed: Seed of the environments and of the random actions.
+        steps: Number of steps.
     """
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)

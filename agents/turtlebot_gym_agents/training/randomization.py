@@ -33,9 +33,11 @@ def randomized(
     The filter is matched to the drawn noise, as on a robot whose odometry was calibrated.
 
     Args:
-        base: Parameters that are not drawn. count: Number of environments. seed: Seed of the draws. presets: Noise models to
-        draw from. speed_error: Largest error of the executed speed and turning rate, as a share of them. Wheels that creep on
-        a slippery
+        base: Parameters that are not drawn.
+        count: Number of environments.
+        seed: Seed of the draws.
+        presets: Noise models to draw from.
+        speed_error: Largest error of the executed speed and turning rate, as a share of them. Wheels that creep on a slippery
             floor lose a tenth.
     """
     random = np.random.default_rng(seed)

@@ -76,8 +76,11 @@ def train(
     """Train one policy.
 
     Args:
-        config: Configuration of the training. folder: Folder for the run's files. resume: Resume from the folder's checkpoint,
-        if there is one. progress: Whether to show a bar. hyper: Hyper-parameters, if the configuration's file was already read.
+        config: Configuration of the training.
+        folder: Folder for the run's files.
+        resume: Resume from the folder's checkpoint, if there is one.
+        progress: Whether to show a bar.
+        hyper: Hyper-parameters, if the configuration's file was already read.
         callbacks: Additional callbacks.
 
     Returns:
@@ -151,8 +154,10 @@ def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv
     """Return a new model.
 
     Args:
-        config: Configuration of the training. hyper: Hyper-parameters. envs: Environments to train in. tensorboard: Folder of
-        the logs.
+        config: Configuration of the training.
+        hyper: Hyper-parameters.
+        envs: Environments to train in.
+        tensorboard: Folder of the logs.
     """
     algorithm = choose("algo", config.algo, ALGORITHMS)
     keywords = hyperparameters.arguments(dict(hyper), algorithm)
@@ -180,7 +185,9 @@ def load_checkpoint(config: TrainingConfig, checkpoint: Path, envs: VectorEnv) -
     """Load the model of a checkpoint by `CheckpointCallback` from the run's own folder; loading unpickles it.
 
     Args:
-        config: Configuration of the training. checkpoint: The file. envs: Environments in which training continues.
+        config: Configuration of the training.
+        checkpoint: The file.
+        envs: Environments in which training continues.
     """
     algorithm = choose("algo", config.algo, ALGORITHMS)
     model = algorithm.load(checkpoint, env=Sb3VecEnv(envs), device=choose_device(config.device, algorithm))
@@ -202,8 +209,10 @@ def learn(model: BaseAlgorithm, total: int, callbacks: list[Any], *, threads: in
     """Train a model up to a total number of steps, including those it has already made.
 
     Args:
-        model: The model. total: Total number of steps. callbacks: Callbacks of the training. threads: Threads of the compiled
-        loop.
+        model: The model.
+        total: Total number of steps.
+        callbacks: Callbacks of the training.
+        threads: Threads of the compiled loop.
     """
     with limited(threads):
         model.learn(max(0, total - model.num_timesteps), callback=callbacks, reset_num_timesteps=False, tb_log_name="run")

@@ -73,10 +73,11 @@ def tune(
     space. All others keep their initial values.
 
     Args:
-        config: Configuration of the training; its ``steps`` are those of each trial. folder: Study folder; an existing study is
-        resumed. trials: Total number of finished trials, including earlier ones and those of other processes. storage: Storage
-        of the study, see `open_study`; None for ``study.db`` in the folder. progress: Called with the number of finished
-        trials.
+        config: Configuration of the training; its ``steps`` are those of each trial.
+        folder: Study folder; an existing study is resumed.
+        trials: Total number of finished trials, including earlier ones and those of other processes.
+        storage: Storage of the study, see `open_study`; None for ``study.db`` in the folder.
+        progress: Called with the number of finished trials.
 
     Returns:
         The study; the folder holds the best hyper-parameters.
@@ -106,9 +107,10 @@ def open_study(folder: Path, storage: str | None, about: Mapping[str, Any]) -> o
     """Return a study, which is created if there is none.
 
     Args:
-        folder: Study folder; created if missing. storage: URL of a database for SQLAlchemy, or a file (Optuna's journal), which
-        may be on a network file system; None for ``study.db`` in the folder. about: Everything that the study depends on, as
-        JSON types.
+        folder: Study folder; created if missing.
+        storage: URL of a database for SQLAlchemy, or a file (Optuna's journal), which may be on a network file system; None for
+            ``study.db`` in the folder.
+        about: Everything that the study depends on, as JSON types.
 
     Raises:
         ValueError: If an existing study has another configuration, or the storage cannot be used.
@@ -162,7 +164,8 @@ class Sampler(optuna.samplers.TPESampler):
     """Optuna's tree-structured Parzen estimator, with some parameters given.
 
     Args:
-        seed: Seed of the draws. given: Fixed parameters.
+        seed: Seed of the draws.
+        given: Fixed parameters.
     """
 
     def __init__(self, seed: Sequence[int], given: Mapping[str, Any]) -> None:

@@ -20,8 +20,9 @@ class WatchCallback(BaseCallback):
     """Drive the same episode with the current policy now and then, and serve the newest drive to browsers.
 
     Args:
-        config: Configuration of the training. seconds: Least time between two episodes. port: Port on this machine; 0 for any
-        free port.
+        config: Configuration of the training.
+        seconds: Least time between two episodes.
+        port: Port on this machine; 0 for any free port.
     """
 
     def __init__(self, config: TrainingConfig, *, seconds: float = 5.0, port: int = 5006) -> None:

@@ -46,8 +46,8 @@ def read_bag_track(path: Path, around: Surroundings, *, lidar: str = "lds01") ->
 
     Args:
         path: The bag's folder, or its file.
-        around: Label of the drive; room and map come from the bag. lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the
-        mounting of the LiDAR.
+        around: Label of the drive; room and map come from the bag.
+        lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
 
     Raises:
         ValueError: If the path is not a bag, or the bag has no odometry.

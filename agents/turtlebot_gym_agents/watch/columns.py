@@ -24,7 +24,8 @@ def rows_of(track: Track, *, scans_before: int = 0, start: float = 0.0) -> dict[
 
     Args:
         track: The track, or a piece of one.
-        scans_before: Number of scans in earlier pieces. start: Time that is shown as 0, s.
+        scans_before: Number of scans in earlier pieces.
+        start: Time that is shown as 0, s.
     """
     drive = track.drive
     truth, estimate = drive.true_state, drive.estimate

@@ -47,9 +47,10 @@ def record_episode(
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
         env: The id of an environment of this package.
-        seed: Seed of the episode. label: Label in the view; by default the policy's name. allow_mismatch: Whether a bundle made
-        for another task or observation may drive. **options: Passed to the environment: robot, noise, filter, observation,
-        arrival, world, lidar ...
+        seed: Seed of the episode.
+        label: Label in the view; by default the policy's name.
+        allow_mismatch: Whether a bundle made for another task or observation may drive.
+        **options: Passed to the environment: robot, noise, filter, observation, arrival, world, lidar ...
 
     Raises:
         ValueError: If an argument is unknown or out of its range.

@@ -18,7 +18,8 @@ def to_html(tracks: Sequence[Track], *, title: str) -> str:
     """Return the view of some drives as a self-contained page.
 
     Args:
-        tracks: The drives; several are shown side by side. title: Title of the page.
+        tracks: The drives; several are shown side by side.
+        title: Title of the page.
 
     Raises:
         ValueError: See `view.fill`.

@@ -56,7 +56,9 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
 
     Args:
         track: The run.
-        tracks: All runs; each map covers the area of all of them. theme: Registry of the colours. name: Name of the figure.
+        tracks: All runs; each map covers the area of all of them.
+        theme: Registry of the colours.
+        name: Name of the figure.
         beside: Another run's map, panned and zoomed together with this one.
     """
     low, high = extent(tracks)

@@ -26,9 +26,9 @@ def read_recorded(path: str | Path, *, label: str | None = None, lidar: str = "l
     Args:
         path: A bag (folder, ``.mcap`` or ``.db3``), ``snapshots.csv`` of ``data_logger``, or a table as
             `evaluation.replay.read_drive` takes it, over which the filter is run.
-        label: Label in the view; by default the name of the file. lidar: For a bag, a name in
-        `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR. **options: For a table, passed to
-        `evaluation.replay.replay`.
+        label: Label in the view; by default the name of the file.
+        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        **options: For a table, passed to `evaluation.replay.replay`.
 
     Raises:
         OSError: If the file cannot be read.

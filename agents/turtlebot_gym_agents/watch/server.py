@@ -35,9 +35,11 @@ class Server:
     Each browser has its own view and scrubs independently.
 
     Args:
-        drives: The drives to show; each has rows. title: Title of the page. live: Whether the drives grow. host: Name or
-        address to listen on; with any but a loopback address, other machines can see the view. port: Port to listen on; 0 for
-        any free port.
+        drives: The drives to show; each has rows.
+        title: Title of the page.
+        live: Whether the drives grow.
+        host: Name or address to listen on; with any but a loopback address, other machines can see the view.
+        port: Port to listen on; 0 for any free port.
 
     Raises:
         ValueError: If the port is out of range.
@@ -124,8 +126,9 @@ def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) 
     """Send new pieces to one browser, or reload its page if another drive has begun.
 
     Args:
-        drives: The drives shown. view: The view in this browser. seen: Number of each drive, and how many of its pieces the
-        view has; updated in place.
+        drives: The drives shown.
+        view: The view in this browser.
+        seen: Number of each drive, and how many of its pieces the view has; updated in place.
     """
     for at, (drive, run) in enumerate(zip(drives, view.runs, strict=True)):
         number, track, pieces = drive.read(*seen[at])

@@ -159,8 +159,8 @@ class Growing:
         """Return the drive's number, the part that a reader has not yet read, and the number of pieces.
 
         Args:
-            number: Number of the drive that the reader has read; another drive is read from its start. after: Number of pieces
-            already read.
+            number: Number of the drive that the reader has read; another drive is read from its start.
+            after: Number of pieces already read.
 
         Returns:
             The track is None if there is nothing new.

@@ -58,7 +58,7 @@ class Graph:
         domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
         frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/". parameters: Parameters by name; each goes
-        to the nodes that have one of that name.
+            to the nodes that have one of that name.
 
     Raises:
         ValueError: If a node refuses its parameters, no node has one of them, or lock-step is combined with an unstamped Twist.
@@ -219,7 +219,8 @@ class Graph:
         """Wait until a condition on the graph holds.
 
         Args:
-            condition: A function of this graph. timeout: Longest wait, s; None waits indefinitely.
+            condition: A function of this graph.
+            timeout: Longest wait, s; None waits indefinitely.
 
         Raises:
             TimeoutError: If it does not hold in time; the message has each node's report.

@@ -57,8 +57,9 @@ class Recorder:
         context: The rclpy context.
         stamped: Whether velocities travel as TwistStamped.
         lock_step: Whether the graph is in lock-step: rows are then complete, and a leap of the stamps begins another episode.
-        room: Whether the simulator is in a room: rows then include the clearance. name: The node's name. namespace: Namespace
-        of the graph; diagnostics of nodes outside it are ignored. In the root all nodes count.
+        room: Whether the simulator is in a room, and rows include the clearance.
+        name: The node's name.
+        namespace: Namespace of the graph; diagnostics of nodes outside it are ignored. In the root all nodes count.
     """
 
     def __init__(

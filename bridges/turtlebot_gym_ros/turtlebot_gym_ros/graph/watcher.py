@@ -64,7 +64,8 @@ class Watcher:
 
     Args:
         context: The rclpy context.
-        namespace: Namespace of the graph. lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        namespace: Namespace of the graph.
+        lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
     """
 
     def __init__(self, context: Context, *, namespace: str | None = None, lidar: str = "lds01") -> None:
