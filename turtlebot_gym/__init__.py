@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from turtlebot_gym.systems import Episode, Parameters, System, World, make_parameters
     from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
     from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
-else:  # what is used is imported then: the compiler alone takes half a second
+else:  # import names at first use: the compiler alone takes half a second
     _HOMES = {
         "estimation.ekf": ("Estimate",),
         "files": ("read_parameters", "write_parameters"),

@@ -1,6 +1,6 @@
-"""Noise models, robots and fixes in files, so that a robot of one's own needs no edit of the source, on the robot either.
+"""Read and write noise models, robots and fixes as files, so that a custom robot needs no edit of the source.
 
-A file is YAML, with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; what is left out is at its default::
+A file is YAML with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; omitted fields keep their defaults::
 
     process: {alpha1: 0.01, alpha4: 0.02}
     odometry: {R: [0.0009, 0.0009, 0.0025], dropout_probability: 0.1}
@@ -18,16 +18,16 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import made
 
 SUFFIXES = (".yaml", ".yml")
-"""What a file's name ends with."""
+"""File name endings."""
 
 KINDS = {Robot: "robot", Noise: "noise", FixNoise: "fix"}
-"""What may be in a file, as messages call it."""
+"""Names of the possible contents in messages."""
 
 T = TypeVar("T", Noise, Robot, FixNoise)
 
 
 def is_file(name: object) -> TypeGuard[str | Path]:
-    """Return whether a name is one of a file."""
+    """Return whether a name is that of a file."""
     return isinstance(name, Path) or (isinstance(name, str) and name.endswith(SUFFIXES))
 
 
@@ -39,7 +39,7 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
         path: The file.
 
     Raises:
-        ValueError: If there is no such file, it is no YAML, it has other fields, or a value breaks a rule; the message names
+        ValueError: If the file does not exist or is not YAML, has unknown fields, or a value breaks a rule; the message names
             file and field.
         ImportError: If PyYAML is not installed.
     """
@@ -51,7 +51,7 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
 
 
 def write_parameters(value: Noise | Robot | FixNoise, path: Path, *, comment: str = "") -> None:
-    """Write a noise model, a robot or a fix, with a comment above; `read_parameters` returns the same again."""
+    """Write a noise model, a robot or a fix below a comment; `read_parameters` reads the same value back."""
     import yaml
 
     lines = [f"# {line}".rstrip() + "\n" for line in comment.splitlines()]
@@ -61,22 +61,22 @@ def write_parameters(value: Noise | Robot | FixNoise, path: Path, *, comment: st
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with lists for tuples, which YAML knows."""
+    """Return a value with tuples replaced by lists, for YAML."""
     if isinstance(value, Mapping):
         return {name: _plain(item) for name, item in value.items()}
     return list(value) if isinstance(value, tuple) else value
 
 
 def load_yaml(path: Path) -> Any:
-    """Return what a YAML file says.
+    """Return the contents of a YAML file.
 
     Raises:
-        OSError: If it cannot be read.
-        ValueError: If it is no YAML; the message says on one line why not.
+        OSError: If the file cannot be read.
+        ValueError: If the file is not YAML; the message gives the reason on one line.
         ImportError: If PyYAML is not installed.
     """
     try:
-        import yaml  # only files need it
+        import yaml  # needed for files only
     except ImportError as error:
         raise ImportError(f"{path} needs PyYAML: pip install pyyaml") from error
 
@@ -96,7 +96,7 @@ def _read(path: Path, what: str) -> Any:
 
 
 def _with_numbers(said: Any) -> Any:
-    """Return what a file says with numbers for text that is one: YAML takes 1e-3 for text."""
+    """Return a file's contents with numeric text converted to numbers: YAML reads 1e-3 as text."""
     if isinstance(said, Mapping):
         return {name: _with_numbers(value) for name, value in said.items()}
     if isinstance(said, list):

@@ -1,8 +1,8 @@
-"""The decorator of every equation: one source that runs as plain Python and inside a compiled loop.
+"""The decorator for equations: one source that runs as plain Python and inside a compiled loop.
 
-The functions under it are pure: scalars and (nested) ``NamedTuple``s of scalars in, the same out; noise draws are
-arguments; there are no clocks and no generators. Without numba the decorator returns the function unchanged, so a robot
-needs neither numba nor a compiler.
+Decorated functions are pure: they take and return scalars and (nested) ``NamedTuple``s of scalars; noise draws are arguments;
+there are no clocks and no generators. Without numba the decorator returns the function unchanged, so a robot needs neither
+numba nor a compiler.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ def kernel(function: F) -> F:
 
 
 def algebra(function: F) -> F:
-    """Make a `kernel` whose numbers are finite and in which the sign of a zero means nothing.
+    """Make a `kernel` whose numbers are finite and in which the sign of a zero is irrelevant.
 
-    Compiled, a product with a zero that is known beforehand is then no work. No other result changes by a bit.
+    The compiler can then omit products with a constant zero. No other result changes, not even in the last bit.
     """
     return function if extending is None else extending.register_jitable(forceinline=True, fastmath={"nnan", "nsz"})(function)
 
@@ -60,10 +60,10 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int |
 
     Args:
         load: ``load(buffer, at)``, as plain Python.
-        store: ``store(buffer, at, value)``, likewise.
+        store: ``store(buffer, at, value)``, as plain Python.
         example: A nested tuple of floats and bools.
-        leaves: For each of its numbers where it is, relative to ``at``, with its bits inverted where it is not to be stored; or
-            the number, a float or a bool, where it is known.
+        leaves: For each number its place relative to ``at``, with its bits inverted if it is not stored; or the number itself,
+            a float or a bool, if it is a constant.
     """
     return load, store
 
@@ -71,7 +71,7 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int |
 prefer_wide: Any = None
 """``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
 compiled_scratch: Any = None
-"""``compiled_scratch(size)`` returns room for so many numbers, a constant, until the compiled function that calls it ends."""
+"""``compiled_scratch(size)`` returns room for ``size`` numbers, a constant, until the calling compiled function ends."""
 
 
 def scratch(size: int) -> Any:
@@ -80,9 +80,9 @@ def scratch(size: int) -> Any:
 
 
 def borrowed(array: Any) -> Any:
-    """Return an array whose uses a compiled loop does not count; its owner must outlive the loop.
+    """Return an array without reference counting in a compiled loop; its owner must outlive the loop.
 
-    Counting is an atomic operation for each use, on a counter that all threads share for all views of an array.
+    Each count is an atomic operation on a counter that all threads share for all views of an array.
     """
     return array
 
@@ -105,7 +105,7 @@ if extending is not None:
 
     @_overload(sqrt, jit_options={"forceinline": True})
     def _sqrt(x):
-        # Compiled math.sqrt is a call that may set errno, which keeps a loop from being vectorized; this is one instruction.
+        # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
         return lambda x: _sqrt_instruction(x)
 
     def _emitting(operation: str) -> Any:
@@ -117,7 +117,7 @@ if extending is not None:
 
         return _intrinsic(typing)
 
-    # numba declares that its own integers never overflow, and LLVM then drops masks that only an overflow would need.
+    # numba declares that its integers never overflow, and LLVM then drops masks that only matter on overflow.
     _multiply, _add = _emitting("mul"), _emitting("add")
 
     @_overload(times, jit_options={"forceinline": True})
@@ -131,7 +131,7 @@ if extending is not None:
     _TUPLE: Any = types.BaseTuple
 
     def _place(context, builder, signature, arguments):
-        """Return the address of a buffer's number ``at``."""
+        """Return the address of number ``at`` in a buffer."""
         data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
         return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
 
@@ -220,7 +220,7 @@ if extending is not None:
 
     def _emit_wide(typing_context):
         def emit(context, builder, signature, arguments):
-            set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite knows no such attributes
+            set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite does not support such attributes
             return context.get_dummy_value()
 
         return types.void(), emit

@@ -1,6 +1,6 @@
 """Parameters of a robot's noise, its filter and its reward.
 
-They are frozen dataclasses that check themselves: whoever holds one holds a valid one. SI units and radians.
+They are frozen dataclasses that check themselves, so every instance is valid. SI units and radians.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from dataclasses import dataclass, field, fields
 from turtlebot_gym.validation import require, typed, variances
 
 REFERENCE_PERIOD = 0.1
-"""Noise and tunings are stated for this control period, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
+"""Control period to which noise and tunings refer, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
 
 MAX_FIX_AGE = 0.5
-"""Greatest age with which a fix from outside counts, s."""
+"""Greatest age at which an absolute fix is still used, s."""
 
 KALMAN, GATED, MIXTURE, SLIP, SCALE = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Kinds of filters, see `estimation.interface`."""
+"""Kinds of filters; see `estimation.interface`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessNoise:
-    """How the executed twist differs from the command: the velocity motion model, and slip that comes in bursts.
+    """Difference between the executed twist and the command: the velocity motion model, and bursts of slip.
 
     The executed twist is the command plus zero-mean noise of variance ``alpha1 v^2 + alpha2 omega^2`` (speed) and
-    ``alpha3 v^2 + alpha4 omega^2`` (turning rate), per step of 0.1 s; at other periods the variance is scaled so that the
-    drift per metre stays. During a burst of slip the wheels turn as commanded and the robot moves by a smaller share of it.
+    ``alpha3 v^2 + alpha4 omega^2`` (turning rate), per step of 0.1 s; at other periods the variance is scaled to keep the drift
+    per metre. During a burst of slip the wheels turn as commanded, but the robot executes only a share of the motion.
 
     References:
         Thrun, Burgard, Fox, *Probabilistic Robotics* (2005), section 5.3: the velocity motion model.
@@ -41,8 +41,8 @@ class ProcessNoise:
     alpha4: float = 0.0
     """Variance of the turning rate per squared turning rate, 1."""
     scale: float = 1.0
-    """What the robot makes of a commanded twist, as a share of it: wheels whose radius is off by 2 % have 1.02 or 0.98. Neither
-    the wheels' own odometry nor the filter sees it."""
+    """Executed share of a commanded twist: 1.02 or 0.98 for wheels whose radius is off by 2 %. Neither wheel odometry nor the
+    filter sees it."""
     slip: float = 0.0
     """Share of the motion that is lost during a burst of slip, 0 to 1."""
     slip_start: float = 0.0
@@ -59,11 +59,11 @@ class ProcessNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OdometryNoise:
-    """How the measured pose differs from the true one.
+    """Difference between the measured pose and the true one.
 
     Without ``wheel`` the measurement is the true pose with white noise, bias, heading spikes, drop-outs and
-    quantization. With ``wheel`` it is the pose that the wheels have integrated since the start: it sees the commands that
-    the wheels carried out, never the noise of their execution, so its error is smooth and grows.
+    quantization. With ``wheel`` it is the pose integrated from the wheels since the start: it reflects the commands that the
+    wheels carried out but not the noise of their execution, so its error is smooth and grows.
     """
 
     R: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -71,7 +71,7 @@ class OdometryNoise:
     bias: tuple[float, ...] = (0.0, 0.0, 0.0)
     """Constant offset of x, y and heading; m, m, rad."""
     spike_probability: float = 0.0
-    """Probability per measurement that the heading jumps by plus or minus `spike`, with equal chances."""
+    """Probability per measurement that the heading jumps by plus or minus `spike`, with equal probability."""
     spike: float = 0.0
     """Size of a heading spike, rad."""
     dropout_probability: float = 0.0
@@ -95,15 +95,15 @@ class OdometryNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixNoise:
-    """What measures the pose from outside, now and then: localization in a map, markers on the walls, motion capture."""
+    """An external sensor that measures the pose now and then: localization in a map, markers on the walls, motion capture."""
 
     R: tuple[float, ...]
-    """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Of x and y only, or with an infinite one of the
-    heading, where that is not measured."""
+    """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Two values, or an infinite third one, mean that the
+    heading is not measured."""
     period: float = 0.5
     """Time from one measurement to the next, s."""
     delay: float = 0.0
-    """How late it comes, s; it says when it was measured."""
+    """Latency of a measurement, s; its stamp says when it was measured."""
     dropout_probability: float = 0.0
     """Probability per measurement that it is lost."""
 
@@ -121,7 +121,7 @@ class FixNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """What keeps a robot from knowing where it is: the execution of its commands and its odometry."""
+    """Noise model of a robot: of the execution of its commands and of its odometry."""
 
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Noise of the executed twist."""
@@ -134,7 +134,7 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterTuning:
-    """What a filter assumes about the robot and its odometry, and which filter it is."""
+    """A filter's kind, and its assumptions about the robot and its odometry."""
 
     Q: tuple[float, ...]
     """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much.
@@ -142,31 +142,32 @@ class FilterTuning:
     R: tuple[float, ...]
     """Variances of the measured x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
     from_origin: bool = False
-    """Whether it starts at the origin with the variances `P0`, instead of at the first measurement with diag(R, 0, 0)."""
+    """Whether the filter starts at the origin with the variances `P0`, instead of at the first measurement with diag(R, 0,
+    0)."""
     P0: tuple[float, ...] = (0.1, 0.1, 0.1, 1.0, 1.0)
-    """Variances of the initial belief where `from_origin` asks for it. A diagonal 5 x 5 matrix is accepted."""
+    """Variances of the initial belief, used with `from_origin`. A diagonal 5 x 5 matrix is accepted."""
     process: ProcessNoise = field(default_factory=ProcessNoise)
-    """Noise that is assumed on the commanded twist; of its variances and those of `Q` the larger ones count."""
+    """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
     remember_velocity: bool = False
     """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
     wrap_innovation: bool = True
-    """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial's is not."""
+    """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial does not wrap it."""
     gate: float = math.inf
     """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
     max_rejections: float = 10.0
-    """So many refusals in a row mean that the filter is lost: it then starts again from the measurement."""
+    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
     odometry_input: bool = False
-    """Whether the odometry drives the prediction, by its increments, and corrects nothing: for `OdometryNoise.wheel`."""
+    """Whether odometry increments drive the prediction and nothing corrects it, as for `OdometryNoise.wheel`."""
     kind: float = KALMAN
-    """Which filter: `KALMAN`, or one of `GATED`, `MIXTURE`, `SLIP` and `SCALE`."""
+    """Kind of filter: `KALMAN`, `GATED`, `MIXTURE`, `SLIP` or `SCALE`."""
     heading_gate: float = math.inf
     """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom); `GATED` only."""
     spike_probability: float = 0.0
-    """Probability per measurement of a heading spike; for `MIXTURE` and `SLIP`, as is the next one."""
+    """Probability per measurement of a heading spike; like the next field, for `MIXTURE` and `SLIP`."""
     spike: float = 0.0
     """Size of a heading spike, rad."""
     scale_deviation: float = 0.05
-    """Standard deviation of what the robot makes of a commanded twist, as a share of it, at the start; `SCALE` only."""
+    """Initial standard deviation of the executed share of a commanded twist; `SCALE` only."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "Q", variances("FilterTuning.Q", self.Q, 5))
@@ -182,22 +183,22 @@ class FilterTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reward:
-    """Weights of the reward. Distances in it are true ones, whatever the policy observes."""
+    """Weights of the reward. Its distances are true ones, whatever the policy observes."""
 
     progress: float = 1.0
-    """For a step on the way to the goal, as a share of what full speed allows."""
+    """Weight of progress in a step, as a share of what full speed allows."""
     time: float = 0.1
     """Subtracted at every step."""
     effort: float = 0.01
-    """Subtracted, times the squared speed and turning rate as shares of their limits."""
+    """Factor of the squared speed and turning rate, as shares of their limits; subtracted."""
     success: float = 10.0
     """Added when the episode ends in success."""
     collision: float = 50.0
-    """Subtracted when it ends in a collision; in a room, as are the next two."""
+    """Subtracted when the episode ends in a collision; like the next two fields, for rooms."""
     nearness: float = 0.5
-    """Subtracted at every step, times the share of `near` by which the clearance falls short of it."""
+    """Subtracted at every step, times the share of `near` that the clearance lacks."""
     near: float = 0.15
-    """Clearance below which it counts, m."""
+    """Clearance below which `nearness` counts, m."""
 
     def __post_init__(self) -> None:
         typed(self)

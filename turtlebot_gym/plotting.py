@@ -1,8 +1,8 @@
 """Plots of a drive, for screen and print.
 
-Every ``draw_`` function draws into the axes that it is given, labels what it draws and returns the axes; the legend is the
-caller's to place. The figures are plain `matplotlib.figure.Figure` objects: nothing here touches pyplot or opens a window.
-Colours are those that colour-blind readers can tell apart, and line styles differ too.
+Every ``draw_`` function draws into the given axes, labels what it draws and returns the axes; the caller places the legend. The
+figures are plain `matplotlib.figure.Figure` objects: nothing here touches pyplot or opens a window. Colour-blind readers can
+tell the colours apart, and line styles differ too.
 
 References:
     Okabe, Ito, *Color Universal Design* (2008): the palette.
@@ -62,12 +62,12 @@ _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
 
 
 def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS, points: int = 49) -> NDArray[np.float64]:
-    """Return the closed outline, shape (points, 2), of the ellipse ``sigmas`` standard deviations round a position.
+    """Return the closed outline, shape (points, 2), of the ellipse ``sigmas`` standard deviations around a position.
 
     Args:
-        mean: x and y, m; what follows them is not used.
+        mean: x and y, m; further components are ignored.
         covariance: Shape (2, 2) or larger, x and y first; positive semi-definite.
-        sigmas: Its size.
+        sigmas: Size of the ellipse.
         points: Points on the outline.
     """
     variances, directions = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[:2, :2])
@@ -82,7 +82,7 @@ def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -
     Args:
         axes: Where to draw.
         trajectory: The drive.
-        ellipses: About how many, evenly spaced in time.
+        ellipses: Approximate number of ellipses, evenly spaced in time.
     """
     from matplotlib.collections import PolyCollection  # heavy, and not needed on a robot
 
@@ -99,7 +99,7 @@ def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -
 
 
 def draw_room(axes: Axes, room: Obstacles) -> Axes:
-    """Draw walls and obstacles, seen from above, behind what else is drawn."""
+    """Draw walls and obstacles, seen from above, behind everything else."""
     from matplotlib.patches import Circle, Polygon, Rectangle  # heavy, and not needed on a robot
 
     x, y, a, b = room.walls
@@ -116,7 +116,7 @@ def draw_room(axes: Axes, room: Obstacles) -> Axes:
 
 
 def draw_map(axes: Axes, grid: GridMap) -> Axes:
-    """Draw a map's cells, seen from above, behind what else is drawn: what is occupied dark, what is not known light."""
+    """Draw a map's cells, seen from above, behind everything else: occupied cells dark, unknown cells light."""
     from matplotlib.colors import ListedColormap  # heavy, and not needed on a robot
 
     across, along = np.indices([size + 1 for size in grid.cells.shape]) * grid.resolution
@@ -128,7 +128,7 @@ def draw_map(axes: Axes, grid: GridMap) -> Axes:
 
 
 def draw_scan(axes: Axes, scan: Scan, lidar: Pose) -> Axes:
-    """Draw where the beams of a scan end, seen from the pose of a LiDAR's frame."""
+    """Draw the ends of a scan's beams, measured from the pose of a LiDAR's frame."""
     angles = lidar.theta + scan.first + scan.increment * np.arange(len(scan.ranges))
     seen = np.isfinite(scan.ranges)
     x, y = lidar.x + scan.ranges * np.cos(angles), lidar.y + scan.ranges * np.sin(angles)
@@ -137,9 +137,9 @@ def draw_scan(axes: Axes, scan: Scan, lidar: Pose) -> Axes:
 
 
 def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "y", "theta"]) -> Axes:
-    """Draw x, y or the heading over time: truth, estimate with its band, measurements and the waypoint's.
+    """Draw x, y or the heading over time: truth, estimate with its band, measurements and waypoint.
 
-    Headings are drawn in the turn that is nearest to the true one, so that wrapping leaves no jump.
+    Headings are shifted by full turns to be nearest to the true one, so that wrapping leaves no jump.
     """
     at = list(_COMPONENTS).index(component)
     time = trajectory.time
@@ -167,12 +167,12 @@ def draw_command(axes: Axes, trajectory: Trajectory, component: Literal["v", "om
 
 
 def draw_position_error(axes: Axes, trajectory: Trajectory) -> Axes:
-    """Draw how far estimate and odometry are from the true position, over time."""
+    """Draw the position errors of estimate and odometry over time."""
     return _draw_errors(axes, trajectory, position_error, "position error (m)")
 
 
 def draw_heading_error(axes: Axes, trajectory: Trajectory) -> Axes:
-    """Draw how far estimate and odometry are from the true heading, over time."""
+    """Draw the heading errors of estimate and odometry over time."""
     return _draw_errors(axes, trajectory, heading_error, "heading error (rad)")
 
 
@@ -216,7 +216,7 @@ def tutorial_figure(
 
 
 def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: str | None = None) -> Figure:
-    """Return the true paths of several drives in one picture; a cross marks where each one ends.
+    """Return the true paths of several drives in one figure; a cross marks the end of each.
 
     Args:
         trajectories: Label and drive of each.
@@ -235,7 +235,7 @@ def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: 
 
 
 def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
-    """Draw waypoints, with their headings, and starts; and make the axes a map."""
+    """Draw starts and waypoints with their headings, and give the axes equal scales."""
     waypoints = np.concatenate([trajectory.reference for trajectory in trajectories])
     waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)
     x, y, theta = waypoints.T
@@ -247,11 +247,11 @@ def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
         length = 0.08 * max(axes.dataLim.size)
         u, v = length * np.cos(theta), length * np.sin(theta)
         axes.quiver(x, y, u, v, color=GREEN, angles="xy", scale_units="xy", scale=1.0, width=0.006, zorder=3.2)
-        axes.update_datalim(np.stack([x + u, y + v], axis=-1))  # or the axes could end short of the tips
+        axes.update_datalim(np.stack([x + u, y + v], axis=-1))  # otherwise the axes could cut off the tips
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.margins(0.05)
     shared = axes in axes.get_shared_x_axes() and axes in axes.get_shared_y_axes()
-    axes.set_aspect("equal", adjustable="box" if shared else "datalim")  # limits that are both shared cannot fill the panel
+    axes.set_aspect("equal", adjustable="box" if shared else "datalim")  # axes that share both limits cannot fill the panel
     axes.grid(alpha=0.3)
 
 
@@ -264,7 +264,7 @@ def _draw_errors(axes: Axes, trajectory: Trajectory, error: Callable[..., NDArra
 
 
 def _plot(axes: Axes, x: NDArray, y: NDArray, style: _Style) -> None:
-    """Draw a series, unless nothing of it is known: it would stand in the legend all the same."""
+    """Draw a series, unless all of it is unknown: it would still appear in the legend."""
     if np.isfinite(y).any():
         axes.plot(x, y, **style)
 
@@ -277,7 +277,7 @@ def _over_time(axes: Axes, label: str) -> Axes:
 
 
 def _without_jumps(time: NDArray, values: NDArray, component: str) -> tuple[NDArray, NDArray]:
-    """Interrupt a heading where it jumps by more than half a turn: where it is as far off as it can be."""
+    """Interrupt a heading where it jumps by more than half a turn, as it does at the largest possible error."""
     jumps = np.flatnonzero(np.abs(np.diff(values)) > np.pi) + 1 if component == "theta" else []
     return np.insert(time, jumps, np.nan), np.insert(values, jumps, np.nan)
 
@@ -292,7 +292,7 @@ def _figure(width: float, height: float, title: str | None) -> Figure:
 
 
 def _legend(figure: Figure, *, columns: int) -> None:
-    """Put one legend for all panels below them, where it hides nothing."""
+    """Put one legend for all panels below them, where it covers nothing."""
     entries = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -1,4 +1,4 @@
-"""Named noise models, and filter tunings that are derived from them."""
+"""Named noise models, and filter tunings derived from them."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import choose, made
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
-"""Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s: one that
-knew the motion perfectly would soon ignore its measurements, and then a speed error of 2 % as well."""
+"""Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s. A filter
+that assumed perfect motion would soon ignore its measurements, and with them a speed error of 2 %."""
 VARIANCE_FLOOR = 1e-6
 """Least measurement variance that the matched filter assumes: (1 mm)^2, (1 mrad)^2."""
 
 HEADING_GATE = 6.635
-"""Normalized innovation squared that 1 % of correct headings exceed: chi-square, 1 degree of freedom."""
+"""Normalized innovation squared that 1 % of correct headings exceed (chi-square, 1 degree of freedom)."""
 
 CLEAN = Noise()
-"""Nothing is noisy: what most simulators train on."""
+"""No noise, as in most simulators used for training."""
 
 TUTORIAL = Noise(odometry=OdometryNoise(R=(0.05, 0.05, 0.1), spike_probability=0.02, spike=0.3))
-"""The reference system as its code runs: 0.05, 0.05, 0.1 are *variances*, so 22 cm, 22 cm and 18 degrees. A spike is then less
-than one standard deviation, and no filter can see it."""
+"""The reference system as its code runs: 0.05, 0.05, 0.1 are *variances*, so 22 cm, 22 cm and 18 degrees. A spike is then
+smaller than one standard deviation, and no filter can detect it."""
 
 DOCUMENTED = Noise(
     odometry=OdometryNoise(R=(0.05**2, 0.05**2, 0.1**2), bias=(0.02, 0.0, 0.0), spike_probability=0.02, spike=0.3)
 )
-"""The reference system as its comments describe it: 5 cm, 5 cm and 0.1 rad are standard deviations. With the bias of 2 cm in x
-that one of its variants has, and its spikes, which are now three standard deviations."""
+"""The reference system as its comments describe it: 5 cm, 5 cm and 0.1 rad are standard deviations. It includes the bias of 2
+cm in x of one of its variants, and its spikes, which are now three standard deviations."""
 
 WHEEL = Noise(
     process=ProcessNoise(alpha1=0.0029, alpha2=0.0064, alpha3=0.0062, alpha4=0.0049), odometry=OdometryNoise(wheel=True)
 )
-"""A robot with wheel odometry and nothing else. The drift is that of a Wifibot, fitted to two recorded drives with
+"""A robot with wheel odometry alone. The drift is that of a Wifibot, fitted to two recorded drives with
 motion-capture truth (`benchmarks/calibrate_wheels.py`): 1.6 and 2.7 cm per metre. No filter can remove it."""
 
 ROUGH = Noise(
     process=ProcessNoise(slip=0.5, slip_start=0.01, slip_end=0.2),
     odometry=OdometryNoise(R=(0.02**2, 0.02**2, 0.02**2), spike_probability=0.02, spike=0.3, dropout_probability=0.05),
 )
-"""Hard use of a good sensor, made up to tell filters apart: 2 cm and 0.02 rad, so that a heading spike is 15 standard
-deviations; 5 % of the measurements are lost; half a second of slip now and then costs half of the motion."""
+"""Harsh use of a good sensor, chosen to separate filters: 2 cm and 0.02 rad, so that a heading spike is 15 standard deviations;
+5 % of the measurements are lost; bursts of slip of half a second cost half of the motion."""
 
 NOISES = {"clean": CLEAN, "tutorial": TUTORIAL, "documented": DOCUMENTED, "wheel": WHEEL, "rough": ROUGH}
 """Noise models by name."""
@@ -57,8 +57,8 @@ FIXES = {
     "markers": FixNoise(R=(0.03**2, 0.03**2, 0.03**2), period=0.2, delay=0.1, dropout_probability=0.5),
     "motion-capture": FixNoise(R=(0.002**2, 0.002**2, 0.005**2), period=0.1),
 }
-"""What measures the pose from outside, by name: a position by radio, in time, or late and lossy; localization in a map; markers
-on walls, seen half of the time; motion capture. Made up to tell them apart: put your own device's numbers into a file."""
+"""External pose sensors by name: a position by radio, in time, or late and lossy; localization in a map; markers on walls, seen
+half of the time; motion capture. Illustrative values that differ clearly: put the numbers of a real device into a file."""
 
 TUTORIAL_FILTER = FilterTuning(
     Q=(0.01, 0.01, 0.02, 0.1, 0.1),
@@ -68,17 +68,17 @@ TUTORIAL_FILTER = FilterTuning(
     remember_velocity=True,
     wrap_innovation=False,
 )
-"""The reference system's filter as written, whatever the noise: a process noise that the plant does not have, a Jacobian that
-believes in the velocities of the step before, and a heading innovation that jumps by 2 pi."""
+"""The reference system's filter as written, for any noise: process noise that the plant does not have, a Jacobian that keeps
+the velocities of the previous step, and a heading innovation that jumps by 2 pi."""
 
 
 def matched(noise: Noise) -> FilterTuning:
-    """Return the tuning that follows from the noise in force.
+    """Return the tuning that matches the noise in use.
 
     R is the variance of the measurement: white noise, spikes, and quantization (a uniform error). Q is that of the executed
     twist; bursts of slip enter by the long-run variance of their Markov chain, ``s^2 p (1 - p) (1 + r) / (1 - r)`` with p the
-    share of time in a burst and r the chain's correlation from step to step. Both have floors. A bias cannot be stated in a
-    covariance: under one the filter is not consistent.
+    share of time in a burst and r the chain's correlation from step to step. Both have floors. A covariance cannot express a
+    bias, so a filter under bias is not consistent.
     """
     process, odometry = noise.process, noise.odometry
     position, heading = (step * step / 12.0 for step in odometry.quantization)
@@ -100,25 +100,25 @@ def _without_spikes(noise: Noise) -> Noise:
 
 
 def gated(noise: Noise) -> FilterTuning:
-    """Return the matched tuning for the noise without its spikes, with a gate on the heading that 1 % of good ones fail."""
+    """Return the matched tuning for the noise without spikes, with a gate that refuses 1 % of correct headings."""
     return replace(matched(_without_spikes(noise)), kind=GATED, heading_gate=HEADING_GATE)
 
 
 def mixture(noise: Noise) -> FilterTuning:
-    """Return the matched tuning for the noise without its spikes, of the filter that knows of them: `estimation.mixture`."""
+    """Return the matched tuning, without spikes in R, of the filter that models spikes: `estimation.mixture`."""
     spikes, size = noise.odometry.spike_probability, noise.odometry.spike
     return replace(matched(_without_spikes(noise)), kind=MIXTURE, spike_probability=spikes, spike=size)
 
 
 def slip(noise: Noise) -> FilterTuning:
-    """Return the tuning of the filter that knows of spikes and of slip: `estimation.slip`."""
+    """Return the tuning of the filter that models spikes and slip: `estimation.slip`."""
     process = noise.process
     steady = mixture(replace(noise, process=replace(process, slip=0.0)))
     return replace(steady, kind=SLIP, process=replace(process, scale=1.0))
 
 
 def scale(noise: Noise) -> FilterTuning:
-    """Return the matched tuning of the filter that learns what the robot makes of a twist: `estimation.scale`."""
+    """Return the matched tuning of the filter that estimates the executed share of a twist: `estimation.scale`."""
     return replace(matched(noise), kind=SCALE)
 
 
@@ -130,7 +130,7 @@ FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {
     "slip": slip,
     "scale": scale,
 }
-"""Filter tunings by name, for the noise in force."""
+"""Filter tunings by name, as functions of the noise in use."""
 
 
 def _found(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
@@ -141,7 +141,7 @@ def _found(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapp
 
 
 def make_robot(robot: str | Path | Robot) -> Robot:
-    """Return a robot, which may be given by a name in `turtlebot_gym.robots.ROBOTS`, or by a file, see `turtlebot_gym.files`.
+    """Return a robot, given as such, by a name in `turtlebot_gym.robots.ROBOTS`, or by a file (see `turtlebot_gym.files`).
 
     Raises:
         ValueError: If there is none of that name, or the file holds none.
@@ -150,7 +150,7 @@ def make_robot(robot: str | Path | Robot) -> Robot:
 
 
 def make_noise(noise: str | Path | Noise) -> Noise:
-    """Return a noise model, which may be given by a name in `NOISES`, or by a file, see `turtlebot_gym.files`.
+    """Return a noise model, given as such, by a name in `NOISES`, or by a file (see `turtlebot_gym.files`).
 
     Raises:
         ValueError: If there is none of that name, or the file holds none.
@@ -159,7 +159,7 @@ def make_noise(noise: str | Path | Noise) -> Noise:
 
 
 def make_fix(fix: str | Path | FixNoise) -> FixNoise:
-    """Return what measures the pose from outside, which may be given by a name in `FIXES`, or by a file.
+    """Return an external pose sensor, given as such, by a name in `FIXES`, or by a file.
 
     Raises:
         ValueError: If there is none of that name, or the file holds none.
@@ -168,10 +168,10 @@ def make_fix(fix: str | Path | FixNoise) -> FixNoise:
 
 
 def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:
-    """Return a filter tuning, which may be given by a name in `FILTERS`: it is then the one for the noise in force.
+    """Return a filter tuning, given as such, or by a name in `FILTERS` for the noise in use.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If the name is unknown.
     """
     if isinstance(tuning, (FilterTuning, Mapping)):
         return made(FilterTuning, tuning, "filter")

@@ -1,4 +1,4 @@
-"""Robots: the kinematic limits of differential-drive robots, as their firmware really accepts them."""
+"""Robots: kinematic limits of differential-drive robots, as their firmware accepts them."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class Robot:
     wheel_separation: float = 0.16
     """Distance between the wheels' tracks, m."""
     max_wheel: float = math.inf
-    """Limit of each wheel's rim speed, ``|v| + |omega| wheel_separation / 2``, m/s; infinite where none is known."""
+    """Limit of each wheel's rim speed, ``|v| + |omega| wheel_separation / 2``, m/s; infinite if none is known."""
     max_linear_acceleration: float = math.inf
-    """Limit of the change of speed, m/s^2; infinite where the base follows at once."""
+    """Limit of the acceleration, m/s^2; infinite if the base follows at once."""
     max_angular_acceleration: float = math.inf
-    """Limit of the change of turning rate, rad/s^2."""
+    """Limit of the angular acceleration, rad/s^2."""
     reverse: bool = True
-    """Whether it may drive backwards."""
+    """Whether the robot may drive backwards."""
     radius: float = 0.09
-    """Radius of the footprint, m; for drawing."""
+    """Radius of the footprint, m."""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -36,8 +36,8 @@ class Robot:
 
 
 ROBOTS = {
-    # The firmware clamps at 0.2108 m/s and 2.635 rad/s, below the data sheet's 0.22 and 2.84; a command of 0.22 was ignored
-    # on a real one (ROBOTIS-GIT/turtlebot3 #765). XL430 wheels: 0.2097 m/s at the rim.
+    # The firmware clamps at 0.2108 m/s and 2.635 rad/s, below the data sheet's 0.22 and 2.84; a real one ignored a command of
+    # 0.22 (ROBOTIS-GIT/turtlebot3 #765). XL430 wheels: 0.2097 m/s at the rim.
     "burger": Robot(max_linear=0.2108, max_angular=2.635, wheel_separation=0.160, max_wheel=0.2097, radius=0.105),
     # TurtleBot3 Waffle: the data sheet's limits, 0.26 m/s and 1.82 rad/s; track 0.287 m.
     "waffle": Robot(max_linear=0.26, max_angular=1.82, wheel_separation=0.287, max_wheel=0.26, radius=0.22),

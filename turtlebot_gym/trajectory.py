@@ -1,4 +1,4 @@
-"""A recorded drive as arrays: what evaluation, replay and a running ROS graph fill, and what plots and metrics read."""
+"""A recorded drive as arrays: filled by evaluation, replay or a running ROS graph, and read by plots and metrics."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class Trajectory(NamedTuple):
-    """A drive of T samples; NaN where something is not known, such as the truth on a robot without motion capture.
+    """A drive of T samples; unknown values are NaN, such as the truth on a robot without motion capture.
 
-    The fields, time apart, are named as in the environment's ``info``.
+    Except for time, the fields are named as in the environment's ``info``.
     """
 
     time: NDArray[np.float64]
@@ -22,9 +22,9 @@ class Trajectory(NamedTuple):
     odometry: NDArray[np.float64]
     """Measured pose, shape (T, 3); m, m, rad."""
     estimate: NDArray[np.float64]
-    """Believed state, shape (T, 5); m, m, rad, m/s, rad/s."""
+    """Estimated state, shape (T, 5); m, m, rad, m/s, rad/s."""
     covariance: NDArray[np.float64]
-    """Its covariance, shape (T, 5, 5)."""
+    """Covariance of the estimate, shape (T, 5, 5)."""
     reference: NDArray[np.float64]
     """Waypoint to reach, shape (T, 3); m, m, rad."""
     command: NDArray[np.float64]
@@ -32,10 +32,10 @@ class Trajectory(NamedTuple):
 
     @classmethod
     def from_infos(cls, infos: Iterable[Mapping[str, Any]], *, dt: float) -> Trajectory:
-        """Stack the infos of an episode: of ``reset`` and then of each ``step``.
+        """Stack the infos of an episode: that of ``reset``, then that of each ``step``.
 
         Args:
-            infos: What the scalar environment gave.
+            infos: Infos from the scalar environment.
             dt: Its control interval, s.
         """
         infos = list(infos)
@@ -62,4 +62,4 @@ def heading_error(pose: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
         truth: True ones.
     """
     turn = np.asarray(pose)[..., 2] - np.asarray(truth)[..., 2]
-    return np.abs(np.arctan2(np.sin(turn), np.cos(turn)))  # keeps NaN, which the scalar `wrap` cannot take
+    return np.abs(np.arctan2(np.sin(turn), np.cos(turn)))  # keeps NaN, which the scalar `wrap` does not

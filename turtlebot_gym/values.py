@@ -1,6 +1,6 @@
 """Value types of the closed loop.
 
-Conventions: SI units and radians; the world frame unless said; angles in [-pi, pi). Values are ``NamedTuple``s of floats, so
+Conventions: SI units and radians; the world frame unless stated; angles in [-pi, pi). Values are ``NamedTuple``s of floats, so
 that the same functions take them in plain Python and in compiled code.
 """
 
@@ -21,7 +21,7 @@ class Pose(NamedTuple):
 
 
 class Command(NamedTuple):
-    """Planar twist in the body frame: what a robot is asked for."""
+    """Planar twist in the body frame, as commanded."""
 
     v: float
     """Forward speed, m/s."""
@@ -40,26 +40,26 @@ class State(NamedTuple):
 
 
 class Senses(NamedTuple):
-    """What the robot's odometry says."""
+    """The robot's odometry."""
 
     odometry: Pose
     """The last measured pose that arrived."""
     twist: Command
-    """The twist that was executed: what the wheels were made to do, or on a robot what they measured."""
+    """The executed twist: the one that the wheels were set to, or on a robot the one that they measured."""
     measured: bool
     """Whether a pose arrived in this step."""
 
 
 class Fix(NamedTuple):
-    """A pose that was measured from outside, which may come late."""
+    """An external pose measurement, which may be late."""
 
     pose: Pose
     R: tuple[float, float, float]
     """Variances of x, y and heading; m^2, m^2, rad^2. Infinite for a heading that was not measured."""
     age: float
-    """How long ago it was measured, s."""
+    """Time since the measurement, s."""
     arrived: bool
-    """Whether there is one in this step."""
+    """Whether a fix arrived in this step."""
 
 
 class Covariance(NamedTuple):
@@ -83,7 +83,7 @@ class Covariance(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """What a filter holds true: a Gaussian over the state."""
+    """A filter's belief: a Gaussian over the state."""
 
     mean: State
     covariance: Covariance

@@ -1,6 +1,6 @@
 """Policies, their evaluation and training, and the command line.
 
-Importing this package needs nothing but Python, and its policies numpy alone, so that a robot can run them.
+Importing this package needs only Python, and its policies need only numpy, so that a robot can run them.
 """
 
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name):
-        """Return a policy's name, imported when it is used: the command line's --help needs none."""
+        """Return a public name, imported at first use: the command line's --help needs none."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from turtlebot_gym_agents import policies

@@ -1,4 +1,4 @@
-"""The command line's door: says what to install where only the robot's part is there."""
+"""Entry point of the command line: says what to install if only the robot's part is installed."""
 
 from __future__ import annotations
 

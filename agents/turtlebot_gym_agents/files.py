@@ -1,4 +1,4 @@
-"""Files that are either the old one or the new one, and whole, whenever the process is killed."""
+"""Atomic file replacement: whenever the process is killed, a file holds its old or its new content, completely."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def require_writable(path: Path, endings: tuple[str, ...] = ()) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yield the path of a file beside this one; it takes this one's place when the block ends without an error.
+    """Yield a temporary path beside a file, which replaces the file when the block ends without an error.
 
-    Processes on several machines may do so at once: each has a file of its own, and the last one wins.
+    Processes on several machines may do so at once: each has its own temporary file, and the last one wins.
     """
     beside = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.new")
     try:
@@ -50,6 +50,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def replace_json(path: Path, content: Any) -> None:
-    """Write what consists of JSON's own types."""
+    """Write a value of JSON types."""
     with replacing(path) as beside:
         beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

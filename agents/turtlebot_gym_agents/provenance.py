@@ -1,4 +1,4 @@
-"""What every result file carries, so that it can be made again: the configuration, the seed, the commit and the versions."""
+"""Provenance in every result file, for reproducibility: configuration, seed, commit and versions."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ import numpy as np
 import turtlebot_gym
 
 LIBRARIES = ("numpy", "scipy", "gymnasium", "numba", "stable-baselines3", "torch", "onnxruntime")
-"""Their versions are written down where they are installed."""
+"""Libraries whose versions are recorded if they are installed."""
 
 
 def provenance() -> dict[str, Any]:
-    """Return with what a result was made: this package's version and commit, and the libraries' versions."""
+    """Return the origin of a result: this package's version and commit, and the libraries' versions."""
     return {
         "version": turtlebot_gym.__version__,
         "commit": _commit(),
@@ -38,9 +38,9 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
     """Write a result with its configuration and its provenance.
 
     Args:
-        path: The file; its folder is made where it is missing.
+        path: The file; its folder is created if missing.
         result: Numbers, arrays and nested containers of them; NaN and infinity are written as null, which is valid JSON.
-        config: What it was made with, the seed among it.
+        config: Configuration of the result, including the seed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(plain({"config": config, **provenance(), **result}), indent=1, allow_nan=False)
@@ -48,10 +48,10 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
 
 
 def settings_of(config: Any) -> dict[str, Any]:
-    """Return the fields of a benchmark's configuration but for its paths: where somebody keeps files changes no result.
+    """Return the fields of a benchmark's configuration except its paths, which do not affect results.
 
     Args:
-        config: A dataclass whose annotations are text, as they are after ``from __future__ import annotations``.
+        config: A dataclass whose annotations are text, as with ``from __future__ import annotations``.
     """
     return {
         field.name: getattr(config, field.name)
@@ -61,7 +61,7 @@ def settings_of(config: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in JSON's own types; named tuples become objects, and numbers of arrays keep 7 digits."""
+    """Return a value as JSON types; named tuples become objects, and numbers of arrays keep 7 digits."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if hasattr(value, "_asdict"):  # a named tuple
@@ -77,7 +77,7 @@ def plain(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, (str, int)):
         return value
-    return str(value)  # paths, and presets that were given as objects
+    return str(value)  # paths, and presets given as objects
 
 
 def _installed(name: str) -> tuple[str, str | None]:
@@ -88,11 +88,11 @@ def _installed(name: str) -> tuple[str, str | None]:
 
 
 def _commit() -> str | None:
-    """Return the commit that this package's files are checked out from, marked where files differ from it; or None."""
+    """Return the commit of this package's checkout, marked if files differ from it; None without a checkout."""
     git = ["git", "--no-optional-locks", "-C", str(Path(turtlebot_gym.__file__).parent)]
     options: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 10, "check": True}
     try:
-        # HEAD:./ fails where the package only lies inside somebody's repository, as in a virtual environment
+        # HEAD:./ fails if the package merely lies inside another repository, as in a virtual environment
         commit = subprocess.run([*git, "rev-parse", "HEAD", "HEAD:./"], **options).stdout.split()[0]
         changes = subprocess.run([*git, "status", "--porcelain", "--untracked-files=no"], **options).stdout
     except (OSError, subprocess.SubprocessError):

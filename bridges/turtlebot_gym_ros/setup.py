@@ -7,7 +7,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "turtlebot_gym_ros"
-NODES = runpy.run_path(str(Path(__file__).with_name(NAME) / "nodes.py"))["NODES"]  # plain data, read without its package
+NODES = runpy.run_path(str(Path(__file__).with_name(NAME) / "nodes.py"))["NODES"]  # plain data, read without its imports
 
 setup(
     name=NAME,

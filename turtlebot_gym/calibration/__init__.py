@@ -1,4 +1,4 @@
-"""Calibration: from a recorded drive to the noise model that makes it likeliest, with intervals, and what stays unknown."""
+"""Calibration: fit the noise model to a recorded drive by maximum likelihood, with intervals, and say what stays unknown."""
 
 from turtlebot_gym.calibration.calibrate import KINDS, Calibration, calibrate, detect_kind
 from turtlebot_gym.calibration.estimates import Estimate

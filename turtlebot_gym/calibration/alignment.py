@@ -1,4 +1,4 @@
-"""Clocks and frames: by how much a twist, or the truth, is off in time, and in which frame the truth is."""
+"""Clocks and frames: the time offset of the twist and of the truth, and the frame of the truth."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from turtlebot_gym.calibration.log import Log
 from turtlebot_gym.estimation.consistency import difference
 
 WINDOW = 0.1
-"""Time over which motions are compared where the truth is known, s ..."""
+"""Window over which motions are compared if the truth is known, s ..."""
 NOISY_WINDOW = 1.0
-"""... and where they are those of measured poses."""
+"""... and if only measured poses are known, s."""
 REACH = 0.6
-"""Longest time by which clocks are thought to be apart, s."""
+"""Largest clock offset that is searched, s."""
 SURE = 10.0
-"""By how much a shift must raise the logarithm of the likelihood to be believed."""
+"""Gain in log-likelihood that a shift must bring to be accepted."""
 SAME_PLACE, SAME_DIRECTION = 0.25, 0.1
-"""Truth within so many m and rad of the measured poses is taken to be in their frame, and what is left is the bias."""
+"""Limits, m and rad: truth that is closer to the measured poses counts as being in their frame, and the rest is the bias."""
 
 
 class Shift(NamedTuple):
-    """A difference of two clocks, s, with its 95 % interval."""
+    """Offset between two clocks, s, with its 95 % interval."""
 
     value: float
     low: float
     high: float
     is_sure: bool
-    """Whether no shift at all is far less likely."""
+    """Whether the shift is far likelier than none."""
 
 
 NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
 
 
 class Frame(NamedTuple):
-    """Where the measured poses' frame is in the truth's."""
+    """Pose of the measured poses' frame in the truth's frame."""
 
     x: float
     """m"""
@@ -47,14 +47,14 @@ class Frame(NamedTuple):
     theta: float
     """rad"""
     is_other: bool
-    """Whether it is another frame, not the same one with a bias."""
+    """Whether the two frames differ, rather than one frame with a bias."""
 
 
 SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
 
 
 def shift_twist(log: Log, delay: float) -> Log:
-    """Return a log whose twists come later; rows without a twist then are not joined.
+    """Return a log whose twists are delayed; a row that has no twist then does not continue the one before it.
 
     Args:
         log: The drive.
@@ -74,7 +74,7 @@ def shift_twist(log: Log, delay: float) -> Log:
 
 
 def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
-    """Return the likeliest shift of a grid with the logarithms of their likelihoods, refined by a parabola."""
+    """Return the likeliest shift on a grid of log-likelihoods, refined by a parabola."""
     at = int(np.argmax(score))
     value = float(shifts[at])
     if 0 < at < len(shifts) - 1:
@@ -89,7 +89,7 @@ def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
 
 
 def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return poses at other times, between known ones, shape (n, 3)."""
+    """Return poses interpolated at other times, shape (n, 3)."""
     known = np.isfinite(poses).all(axis=1)
     heading = np.unwrap(poses[known, 2])
     columns = [np.interp(then, time[known], values) for values in (poses[known, 0], poses[known, 1], heading)]
@@ -97,12 +97,12 @@ def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.
 
 
 def twist_delay(log: Log, poses: NDArray[np.float64], window: float) -> Shift:
-    """Return by how much the motion follows the recorded twist.
+    """Return how long the motion lags behind the recorded twist.
 
     Args:
         log: The drive.
-        poses: True or measured ones, shape (T, 3).
-        window: Time over which motions are compared, s.
+        poses: True or measured poses, shape (T, 3).
+        window: Window over which motions are compared, s.
     """
     begin = np.arange(log.time[0] + REACH, log.time[-1] - REACH - window, 0.5 * window)
     if len(begin) < 20:
@@ -126,7 +126,7 @@ def twist_delay(log: Log, poses: NDArray[np.float64], window: float) -> Shift:
 
 
 def truth_delay(log: Log) -> Shift:
-    """Return by how much the measured poses lag behind the true ones."""
+    """Return how long the measured poses lag behind the true ones."""
     measured = np.isfinite(log.odometry).all(axis=1)
     inside = measured & (log.time > log.time[0] + REACH) & (log.time < log.time[-1] - REACH)
     if inside.sum() < 20:
@@ -143,7 +143,7 @@ def truth_delay(log: Log) -> Shift:
 
 
 def shift_truth(log: Log, delay: float) -> Log:
-    """Return a log whose truth is told by the clock of the measured poses, which lag behind it."""
+    """Return a log whose truth is stamped by the clock of the measured poses, which lag behind it."""
     then = log.time - delay
     known = np.asarray(np.isfinite(log.truth).all(axis=1))
     truth = _at(log.time, log.truth, then)
@@ -153,7 +153,7 @@ def shift_truth(log: Log, delay: float) -> Log:
 
 
 def find_frame(log: Log) -> Frame:
-    """Return where the measured poses' frame is in the truth's, from positions: headings may have a bias.
+    """Return the pose of the measured poses' frame in the truth's, from positions alone, as headings may be biased.
 
     References:
         Umeyama, "Least-squares estimation of transformation parameters between two point patterns", *IEEE Transactions on
@@ -171,7 +171,7 @@ def find_frame(log: Log) -> Frame:
 
 
 def into_measured_frame(log: Log, frame: Frame) -> Log:
-    """Return a log whose truth is in the frame of the measured poses, in which their noise is stated."""
+    """Return a log whose truth is in the frame of the measured poses, where their noise is defined."""
     away = log.truth[:, 0] - frame.x + 1j * (log.truth[:, 1] - frame.y)
     turned = away * np.exp(-1j * frame.theta)
     heading = np.remainder(log.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi

@@ -1,7 +1,7 @@
 """Reading a recorded drive from a ROS 2 bag, without ROS: `rosbags` decodes the messages.
 
-Odometry is looked for on a topic of type Odometry, the truth or a fix on one of Odometry, PoseStamped,
-PoseWithCovarianceStamped or TransformStamped's like, the twist in the odometry or on one of Twist or TwistStamped.
+Odometry comes from a topic of type Odometry; the truth or a fix from Odometry, PoseStamped, PoseWithCovarianceStamped,
+TransformStamped or similar; the twist from the odometry, or from a topic of type Twist or TwistStamped.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from turtlebot_gym.models.angles import yaw_of_quaternion
 from turtlebot_gym.topics import Topics
 
 SUFFIXES = (".db3", ".mcap")
-"""What the name of a bag's file ends with."""
+"""File name endings of bags."""
 FEWEST = 20
-"""Messages that a topic must have."""
+"""Fewest messages that a topic must have."""
 _POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist")
 TRUTHS = ("/ground_truth", "/true_state", "/truth")
-"""Topics on which the truth is looked for."""
+"""Topics that are searched for the truth."""
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is that of a bag: a folder, or one of its files."""
+    """Return whether a path names a bag: a folder, or a file of one."""
     return path.is_dir() or path.suffix in SUFFIXES
 
 
 def read_bag(path: str | Path, *, topics: Topics | None = None) -> Log:
-    """Read a drive from a bag; its rows are odometry's messages.
+    """Read a drive from a bag, with one row for each odometry message.
 
     Args:
         path: The bag's folder, or a ``.mcap`` or ``.db3`` file.
-        topics: Which hold what.
+        topics: The topic of each quantity.
 
     Raises:
-        ValueError: If it is no bag, is cut short or empty, or a topic is missing; the message names the bag and the topic.
+        ValueError: If the path is not a bag, the bag is cut short or empty, or a topic is missing; the message names
+            bag and topic.
         ImportError: If rosbags is not installed.
     """
     wanted = topics or Topics()
@@ -113,7 +114,7 @@ def _require(path: str | Path, kinds: dict[str, str], wanted: dict[str, tuple[st
 
 
 def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
-    """Return time, pose and twist of the messages on some topics, shape (n, 6) each; NaN for what they do not have."""
+    """Return time, pose and twist of the messages on some topics, shape (n, 6) each; NaN where a message lacks one."""
     rows: dict[str, list[list[float]]] = {name: [] for name in names}
     remarks: list[str] = []
     connections = [connection for connection in reader.connections if connection.topic in rows]
@@ -121,7 +122,7 @@ def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str
         for connection, received, data in reader.messages(connections):
             message = reader.deserialize(data, connection.msgtype)
             rows[connection.topic].append(pose_and_twist(message, received * 1e-9))
-    except Exception as error:  # decoding raises whatever the storage and the codec do
+    except Exception as error:  # decoding raises whatever the storage and the codec raise
         done = sum(map(len, rows.values()))
         if not done:
             raise ValueError(f"{path}: its messages cannot be read: {_line(error)}") from error
@@ -143,14 +144,14 @@ def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str
 
 
 def pose_and_twist(message: Any, received: float) -> list[float]:
-    """Return a message's time, x, y, heading, speed and turning rate."""
+    """Return time, x, y, heading, speed and turning rate of a message."""
     header = getattr(message, "header", None)
     stamp = header.stamp.sec + header.stamp.nanosec * 1e-9 if header is not None else 0.0
     outer = getattr(message, "pose", None)
     inner = getattr(outer, "pose", outer)
     if (
         outer is not None and hasattr(outer, "covariance") and outer.covariance[0] < 0.0
-    ):  # this project's mark of a measurement that was lost
+    ):  # how this project marks a lost measurement
         inner = None
     twist = getattr(message, "twist", None)
     twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
@@ -163,7 +164,7 @@ def pose_and_twist(message: Any, received: float) -> list[float]:
 
 
 def _held(table: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the twist that was in force before each time: a command holds until the next one."""
+    """Return the twist in force before each time: a command holds until the next one."""
     at = np.searchsorted(table[:, 0], time, side="left") - 1
     twist = table[np.maximum(at, 0), 4:6].copy()
     twist[at < 0] = 0.0
@@ -171,7 +172,7 @@ def _held(table: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _nearest(table: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return poses at the rows whose time is nearest to theirs; NaN at the others."""
+    """Assign each pose to the row nearest in time; other rows are NaN."""
     poses = np.full((len(time), 3), np.nan)
     at = np.clip(np.searchsorted(time, table[:, 0]), 1, len(time) - 1)
     at -= (table[:, 0] - time[at - 1]) < (time[at] - table[:, 0])

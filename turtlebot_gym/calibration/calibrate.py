@@ -1,4 +1,4 @@
-"""From a log to a noise model: align, fit, and say what remains unknown."""
+"""Calibrate a noise model from a log: align, fit, and say what remains unknown."""
 
 from __future__ import annotations
 
@@ -33,51 +33,51 @@ from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.validation import choose
 
 KINDS = (POSE, WHEELS)
-"""What odometry may be."""
+"""Kinds of odometry."""
 
 WORST = {"alpha1": 0.1, "alpha2": math.inf, "alpha3": math.inf, "alpha4": 0.1}
-"""Alphas beyond which a log that does not determine them is not followed: noise of a third of the speed, in each 0.1 s."""
+"""Cap on alphas that a log does not determine: noise of a third of the speed in each 0.1 s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """The noise of a robot, as far as a log tells."""
+    """The noise of a robot, as far as a log determines it."""
 
     noise: Noise
-    """What to use: the likeliest values, but of alphas that the log does not determine, and of all where they were fitted over
-    segments, the upper ends of the intervals."""
+    """Model to use: the likeliest values, except for alphas that the log does not determine or that were fitted over
+    segments, which take the upper end of their interval."""
     likeliest: Noise
-    """The likeliest values alone."""
+    """Model of the likeliest values throughout."""
     estimates: dict[str, Estimate]
-    """By name: of each parameter that could be looked for."""
+    """Estimate of each parameter that was fitted, by name."""
     unknown: dict[str, str]
-    """What this kind of log can never determine, and why."""
+    """Parameters that this kind of log can never determine, with the reason."""
     kind: str
     """"pose" or "wheel"."""
     has_truth: bool
-    """Whether the truth was used, or the innovations alone."""
+    """Whether the truth was used; the innovations alone if not."""
     integrator: str
-    """"euler" or "midpoint", whichever tells the motion better."""
+    """"euler" or "midpoint", whichever explains the motion better."""
     segment: float
-    """Length of the longest segments from which the alphas are, m; 0 for row by row."""
+    """Length of the longest segments to which the alphas were fitted, m; 0 for row by row."""
     segments: int
-    """How many there were."""
+    """Number of those segments."""
     delay: Shift
-    """Time by which the motion follows the recorded twist, s."""
+    """Time by which the motion lags behind the recorded twist, s."""
     truth_delay: Shift
     """Time by which the measured poses lag behind the truth, s."""
     frame: Frame
-    """Where the frame of the measured poses is in the truth's."""
+    """Pose of the measured poses' frame in the truth's."""
     remarks: tuple[str, ...]
-    """What was found in the log on the way."""
+    """Remarks on the log: what was left out, shifted or assumed."""
     log: Log = field(repr=False)
     """The log, aligned."""
 
 
 def detect_kind(log: Log) -> str:
-    """Return what the odometry is: that of the wheels if its poses move as the recorded twist does, or if there are none.
+    """Return the kind of odometry: "wheel" if its poses move as the recorded twist does, or if there are none.
 
-    White noise on a pose makes one step too long and the next one too short: steps whose errors are so are measured poses.
+    White noise on a pose makes one step too long and the next too short; errors of that pattern mark measured poses.
     """
     z = log.odometry
     step, dt = difference(z[1:], z[:-1]), np.diff(log.time)
@@ -106,17 +106,17 @@ def calibrate(
 
     Args:
         log: The drive.
-        kind: "pose" for odometry that measures the pose, "wheel" for the wheels'; None to find out.
-        use_truth: Whether to use the truth where there is one, or the innovations alone.
-        integrator: "euler" or "midpoint"; None for the one that tells the motion better.
-        segment: Length of the segments from which the alphas are fitted, m, 0 for row by row; None for row by row where
-            that tells the drift over `fitting.SEGMENTS`, too, and else those. With truth only.
-        delay: Time by which the motion follows the recorded twist, s; None to find out.
-        start: Where the search for the alphas begins; where the log says nothing of one, its value stands.
-        progress: Called with the name of each part that is done.
+        kind: "pose" for odometry that measures the pose, "wheel" for wheel odometry; None to detect it.
+        use_truth: Use the truth where the log has it; if false, the innovations alone.
+        integrator: "euler" or "midpoint"; None for the one that explains the motion better.
+        segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if
+            that also predicts the drift over `fitting.SEGMENTS`, and those segments otherwise. With truth only.
+        delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
+        start: Start of the search for the alphas; an alpha of which the log says nothing keeps this value.
+        progress: Called with the name of each finished part.
 
     Raises:
-        ValueError: If the log holds too little, or an argument is unknown.
+        ValueError: If the log is too short, or an argument is unknown.
     """
     has_truth = log.has_truth and use_truth
     kind = detect_kind(log) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
@@ -161,7 +161,7 @@ def calibrate(
 
 
 def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple[Log, tuple[Shift, Shift], Frame, list[str]]:
-    """Return a log by one clock and in one frame, and what it took."""
+    """Return a log with one clock and one frame, and the shifts, frame and remarks that this took."""
     remarks, frame, late = [], SAME_FRAME, NO_SHIFT
     if has_truth and kind == POSE:
         frame = find_frame(log)
@@ -182,7 +182,7 @@ def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple
     if delay is None:
         twist_late = twist_delay(log, poses, max(window, log.period))
         rows = twist_late.value / log.period
-        if abs(rows - round(rows)) < 0.25:  # what comes a step late comes a whole step late
+        if abs(rows - round(rows)) < 0.25:  # delays by steps are whole steps
             twist_late = twist_late._replace(value=round(rows) * log.period)
     else:
         twist_late = Shift(delay, delay, delay, True)
@@ -190,7 +190,7 @@ def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple
         told = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
         if twist_late.value > 0.0 or delay is not None:
             log = shift_twist(log, twist_late.value)
-        else:  # who has the twist only then has to live with that
+        else:  # the filter gets the twist just as late when it drives
             told += ", that is, the twist comes late; this is left as it is, as the filter meets it"
         remarks.append(told)
     return log, (twist_late, late), frame, remarks
@@ -201,9 +201,9 @@ def _with_dropouts(noise: Noise, share: float) -> Noise:
 
 
 def _wary(noise: Noise, told: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
-    """Return a noise model with the largest execution noise that the log allows, where it does not determine it.
+    """Return a noise model with the largest execution noise that the log allows, where the log does not determine it.
 
-    Where errors are correlated white noise is not what they are, and the largest stands for all of it.
+    Correlated errors are not white noise; the upper end then stands for all of them.
     """
     worst = {
         name: max(one.value, min(one.high, WORST[name]))

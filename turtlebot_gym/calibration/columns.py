@@ -1,4 +1,4 @@
-"""A text table with named columns: a header line, and numbers that are separated by commas, semicolons, tabs or blanks."""
+"""Text tables with named columns: a header line, then numbers separated by commas, semicolons, tabs or blanks."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ _BINARY = "this is no text but binary; a table with named columns, or a bag, is 
 
 
 class TextTable(NamedTuple):
-    """What a file holds, as text."""
+    """Contents of a table file, as text."""
 
     path: Path
     names: tuple[str, ...]
-    """The columns, from left to right; none is there twice."""
+    """Column names from left to right, without duplicates."""
     rows: tuple[tuple[str, ...], ...]
     """The cells of each row."""
     lines: tuple[int, ...]
-    """The number of each row's line in the file, from 1 on."""
+    """Line number of each row in the file, from 1."""
 
     def numbers(self, names: Sequence[str], *, cut: bool = False) -> NDArray[np.float64]:
         """Return some columns as numbers, shape (T, n); NaN for empty cells.
 
         Args:
             names: The columns.
-            cut: Whether a last line that was cut short, as where recording broke off, is left out instead of refused.
+            cut: Leave out a last line that was cut short, as by a recording that broke off, instead of refusing it.
 
         Raises:
-            ValueError: If a row has more or fewer cells than the header, or a cell is no number; the message names the line.
+            ValueError: If a row has more or fewer cells than the header, or a cell is not a number; the message names the line.
         """
         places = [self.names.index(name) for name in names]
         found = []
@@ -52,7 +52,7 @@ def read_text_table(path: str | Path) -> TextTable:
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If it is binary or empty, or a column is there twice.
+        ValueError: If the file is binary or empty, or a column name occurs twice.
     """
     path = Path(path)
     try:
@@ -79,6 +79,6 @@ def _cells(line: str, mark: str | None) -> tuple[str, ...]:
 
 
 def some_of(names: Sequence[str], most: int = 12) -> str:
-    """Return names for a message: the first ones, and how many there are besides."""
+    """Return names for a message: the first few, and how many more there are."""
     told = ", ".join(map(repr, names[:most]))
     return told + (f" and {len(names) - most} more" if len(names) > most else "")

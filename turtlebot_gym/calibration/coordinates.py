@@ -1,4 +1,4 @@
-"""The numbers of a noise model as coordinates of a search, by name: no bounds, and likelihoods that are about quadratic."""
+"""Parameters of a noise model as unbounded search coordinates, in which likelihoods are nearly quadratic."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ VARIANCE, PROBABILITY, SIZE, PLAIN = "variance", "probability", "size", "plain"
 
 
 class Parameter(NamedTuple):
-    """A number of the noise model."""
+    """One parameter of the noise model."""
 
     part: str
     """"process" or "odometry"."""
     field: str
     at: int | None
-    """Its place in the field, where that holds several."""
+    """Its index, in a field that holds several numbers."""
     kind: str
     unit: str
     scale: float
-    """A change of its coordinate that changes something."""
+    """Typical step of its coordinate."""
 
 
 PARAMETERS = {
@@ -44,11 +44,11 @@ PARAMETERS = {
     "alpha4": Parameter("process", "alpha4", None, VARIANCE, "", 0.02),
     "scale": Parameter("process", "scale", None, PLAIN, "", 0.01),
 }
-"""All that a likelihood determines, by name; drop-outs are counted."""
+"""Every parameter that a likelihood determines, by name; drop-outs are counted instead."""
 MEASURED = ("R_x", "R_y", "R_theta", "bias_x", "bias_y", "bias_theta", "spike_probability", "spike")
 """Parameters of a measured pose."""
 MOTION = ("alpha1", "alpha2", "alpha3", "alpha4", "scale")
-"""Parameters of the execution."""
+"""Parameters of the execution noise."""
 
 
 def value_of(noise: Noise, name: str) -> float:
@@ -59,7 +59,7 @@ def value_of(noise: Noise, name: str) -> float:
 
 
 def with_values(noise: Noise, values: Mapping[str, float]) -> Noise:
-    """Return a noise model with other values of some parameters."""
+    """Return a noise model with some parameters replaced."""
     changed: dict[str, dict[str, object]] = {"process": {}, "odometry": {}}
     for name, value in values.items():
         part, field, at, *_ = PARAMETERS[name]
@@ -73,7 +73,7 @@ def with_values(noise: Noise, values: Mapping[str, float]) -> Noise:
 
 
 def coordinate(name: str, value: float) -> float:
-    """Return the coordinate of a parameter's value: a variance's root, a probability's arc sine."""
+    """Return the coordinate of a parameter's value: the root of a variance, the arc sine of a probability."""
     kind = PARAMETERS[name].kind
     if kind == VARIANCE:
         return math.sqrt(value)
@@ -91,7 +91,7 @@ def natural(name: str, x: float) -> float:
 
 
 def natural_interval(name: str, low: float, high: float) -> tuple[float, float]:
-    """Return the values that a parameter has between two coordinates, of which the higher one is positive."""
+    """Return the range of a parameter between two coordinates; the higher one is positive."""
     kind = PARAMETERS[name].kind
     if kind == PLAIN:
         return low, high
@@ -105,5 +105,5 @@ def to_coordinates(noise: Noise, names: Sequence[str]) -> NDArray[np.float64]:
 
 
 def from_coordinates(noise: Noise, names: Sequence[str], x: NDArray[np.float64]) -> Noise:
-    """Return a noise model with parameters as some coordinates say."""
+    """Return a noise model with the parameters at some coordinates."""
     return with_values(noise, {name: natural(name, float(number)) for name, number in zip(names, x, strict=True)})

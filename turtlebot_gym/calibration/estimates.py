@@ -1,4 +1,4 @@
-"""Numbers of a noise model with their intervals: one group of parameters, one likelihood."""
+"""Estimates of noise parameters with their intervals, for one group of parameters and one likelihood."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ NoiseLikelihood = Callable[[Noise], float]
 
 SPIKES = ("spike_probability", "spike")
 SPIKY = float(stats.chi2.ppf(0.999, 2))
-"""Twice the gain in the logarithm of the likelihood from which on spikes are believed."""
+"""Twice the gain in log-likelihood above which spikes are accepted."""
 SPIKE_SIZES = (2.0, 4.0, 8.0)
-"""Sizes of spikes from which the search starts, in standard deviations of the heading."""
+"""Spike sizes at which the search starts, in standard deviations of the heading."""
 SPREAD = (0.3, 1.0, 3.0)
-"""Shares of the roots of variances from which a wide search starts."""
+"""Factors on the roots of variances at which a wide search starts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """What a log says of one number."""
+    """What a log says about one parameter."""
 
     value: float
     """The likeliest value."""
@@ -46,11 +46,11 @@ class Estimate:
     high: float
     unit: str
     is_profile: bool
-    """Whether the interval is the profile likelihood's, because the quadratic one is wrong."""
+    """Whether the interval comes from the profile likelihood, because the quadratic one is wrong."""
     is_determined: bool
-    """Whether the log determines it."""
+    """Whether the log determines the parameter."""
     remedy: str = ""
-    """What would determine it, where it is not."""
+    """What would determine it, if the log does not."""
 
 
 def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
@@ -58,10 +58,9 @@ def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, w
 
     Args:
         likelihood: Of a noise model, its logarithm.
-        start: Where to begin.
+        start: Start of the search.
         names: The parameters.
-        widely: Whether to begin elsewhere, too, and to search without slopes at first: for few data, whose likelihood has
-            narrow valleys.
+        widely: Also start elsewhere, and search without gradients first: for few data, whose likelihood has narrow valleys.
     """
     scales = np.array([PARAMETERS[name].scale for name in names])
     begin = to_coordinates(start, names)
@@ -77,12 +76,12 @@ def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, w
 
 
 def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
-    """Return the parameters that there are, where their search began, and the maximum: with spikes, if the log has any.
+    """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the log has any.
 
     Args:
         likelihood: Of a noise model, its logarithm.
-        start: Where to begin; without spikes.
-        names: All parameters, those of spikes among them.
+        start: Start of the search, without spikes.
+        names: All parameters, including those of spikes.
     """
     plain = tuple(name for name in names if name not in SPIKES)
     scales = np.array([PARAMETERS[name].scale for name in plain])
@@ -100,12 +99,12 @@ def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequenc
 def estimates(
     likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
 ) -> dict[str, Estimate]:
-    """Return the values and intervals of parameters at the maximum of their likelihood.
+    """Return values and intervals of parameters at the maximum of their likelihood.
 
     Args:
         likelihood: Of a noise model, its logarithm.
-        start: The parameters that are not searched.
-        names: Those that are.
+        start: Values of the parameters that are not searched.
+        names: The parameters that are searched.
         fit: The maximum.
         has_truth: Whether the truth was used.
     """
@@ -134,7 +133,7 @@ def estimates(
 
 
 def of_share(happened: int, among: int, remedy: str) -> Estimate:
-    """Return the probability of an event that was counted, with the interval by Jeffreys' prior.
+    """Return the probability of a counted event, with the interval by Jeffreys' prior.
 
     References:
         Brown, Cai, DasGupta, "Interval estimation for a binomial proportion", *Statistical Science* 16 (2001).

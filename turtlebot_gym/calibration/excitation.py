@@ -7,9 +7,9 @@ from typing import NamedTuple
 from turtlebot_gym.calibration.coordinates import PARAMETERS, PLAIN
 
 CLEAR = 0.3
-"""Standard deviation of a coordinate, as a share of it, up to which a variance, a probability or a size is determined."""
+"""Relative standard deviation of a coordinate up to which a variance, a probability or a size counts as determined."""
 FINE = {"scale": 0.05, "bias_x": 0.1, "bias_y": 0.1, "bias_theta": 0.1}
-"""Standard deviation up to which the others are."""
+"""Standard deviation up to which the other parameters count as determined."""
 
 MOTIONS = {
     "alpha1": "drive straight ahead, fast, without turning, for 10 m or more",
@@ -21,18 +21,18 @@ MOTIONS = {
     "spike_probability": "record for longer",
     "spike": "record for longer",
 }
-"""What determines a parameter."""
+"""The motion that determines a parameter."""
 ONLY_TRUTH = {
     "bias_x": "a shift of all poses looks like another origin: record the truth",
     "bias_y": "a shift of all poses looks like another origin: record the truth",
 }
-"""What no motion determines without truth."""
+"""Parameters that no motion determines without truth."""
 HIDDEN = ("alpha1", "alpha3")
-"""What measured poses hide, because their noise is larger: where one of these seems to show, it is by chance as a rule."""
+"""Parameters that the larger noise of measured poses hides; if one of them seems determined, that is usually by chance."""
 
 
 class Verdict(NamedTuple):
-    """Whether a number is determined, and what would do it."""
+    """Whether a parameter is determined, and what would determine it."""
 
     is_determined: bool
     remedy: str

@@ -1,7 +1,8 @@
-"""Maximum likelihood with intervals, for whatever likelihood.
+"""Maximum likelihood with intervals, for any likelihood.
 
-Parameters are searched in coordinates without bounds, in which a likelihood is about quadratic: variances by their square
-roots, probabilities by their arc sine. Where it is not, which is checked, the interval is that of the profile likelihood.
+Parameters are searched in unbounded coordinates in which the likelihood is nearly quadratic: variances by their square
+roots, probabilities by their arc sine. Each quadratic interval is checked, and replaced by that of the profile
+likelihood where it does not hold.
 
 References:
     Venzon, Moolgavkar, "A method for computing profile-likelihood-based confidence intervals", *Applied Statistics* 37 (1988).
@@ -20,26 +21,26 @@ from scipy import stats
 from scipy.optimize import minimize
 
 LEVEL = 0.95
-"""Of the intervals."""
+"""Confidence level of the intervals."""
 Z = float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
-"""Standard deviations to either side that this is of a normal distribution."""
+"""Half width of that interval for a normal distribution, in standard deviations."""
 STEP = 1e-3
-"""Of finite differences at first, in units of a coordinate's scale."""
+"""First step of finite differences, in units of a coordinate's scale."""
 QUADRATIC = 0.08
-"""By how much the root of the deviance at a quadratic interval's end may differ from `Z`, for that interval to be believed."""
+"""Tolerance on the root of the deviance at a quadratic interval's end, which should be `Z`, for the interval to hold."""
 ACCURATE = 0.04
-"""By how much the root of the deviance at a profile's end may differ from `Z`."""
+"""Tolerance on the root of the deviance at a profile's end, which should be `Z`."""
 FAR = 8.0
-"""Standard deviations beyond which no end of an interval is sought: the log does not say."""
+"""Standard deviations beyond which the search for an interval's end stops: the log sets no bound."""
 
 CONVERGED = 5e-3
-"""Gain in the logarithm of the likelihood for which no step is made."""
+"""Gain in log-likelihood below which no further step is made."""
 BEND = (0.02, 0.3)
-"""Second difference of the cost that is wanted of a step: its square in standard deviations, with the others held."""
+"""Target second difference of the cost for a finite-difference step: the step's square in standard deviations, others held."""
 LONGEST = 3.0
 """Longest step, in units of a coordinate's scale."""
 NEWTON, DESCENTS = 4, 8
-"""How often, at most, the second derivatives are taken anew, and how many steps are made with them."""
+"""Most evaluations of the second derivatives, and most steps with each."""
 
 Vector = NDArray[np.float64]
 Likelihood = Callable[[Vector], float]
@@ -49,13 +50,13 @@ class Fit(NamedTuple):
     """The maximum of a likelihood of n coordinates."""
 
     x: Vector
-    """Where it is, shape (n,)."""
+    """Coordinates of the maximum, shape (n,)."""
     value: float
-    """Logarithm of the likelihood there."""
+    """Log-likelihood there."""
     information: Vector
     """Observed Fisher information, minus the second derivatives, shape (n, n)."""
     covariance: Vector
-    """Its inverse; a direction of which the log says nothing has a huge variance."""
+    """Inverse of the information; a direction that the log does not determine has a huge variance."""
 
     @property
     def deviations(self) -> Vector:
@@ -64,7 +65,7 @@ class Fit(NamedTuple):
 
 
 def _finite(likelihood: Likelihood) -> Likelihood:
-    """Return minus a likelihood, with a great number where it has none: where coordinates break a parameter's rule, too."""
+    """Return the negative log-likelihood, or a large number where it is undefined or coordinates break a parameter's rule."""
 
     def cost(x: Vector) -> float:
         try:
@@ -109,7 +110,7 @@ def _corners(same: bool) -> Sequence[tuple[float, float]]:
 
 
 def _inverse(information: Vector) -> Vector:
-    """Return the inverse of an information matrix; what is negative in it, where the likelihood bends upwards, counts as is."""
+    """Return the inverse of an information matrix, with the magnitudes of negative eigenvalues (a saddle of the likelihood)."""
     sizes = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-12))
     values, directions = np.linalg.eigh(information / np.outer(sizes, sizes))
     inverse = (directions / np.maximum(np.abs(values), 1e-4)) @ directions.T
@@ -117,7 +118,7 @@ def _inverse(information: Vector) -> Vector:
 
 
 def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
-    """Return about where a likelihood has its maximum, and its logarithm there; see `maximize`."""
+    """Return an approximate maximum of a likelihood, and its logarithm there; see `maximize`."""
     cost = _finite(likelihood)
 
     def scaled(u: Vector) -> float:
@@ -129,7 +130,7 @@ def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector
 
 
 def valley(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
-    """Return about where a likelihood has a maximum, without its slopes, and its logarithm there."""
+    """Return an approximate maximum of a likelihood, found without gradients, and its logarithm there."""
     cost = _finite(likelihood)
     corners = start + np.concatenate([np.zeros((1, len(start))), np.diag(scales)])
     options = {"maxfev": 2000, "xatol": 1e-5, "fatol": 1e-3, "initial_simplex": corners}
@@ -141,9 +142,9 @@ def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
     """Return the maximum of a likelihood.
 
     Args:
-        likelihood: Its logarithm, from coordinates of shape (n,).
-        start: Where the search begins, shape (n,).
-        scales: The size of a step that changes something, by coordinate, shape (n,).
+        likelihood: Log-likelihood as a function of coordinates, shape (n,).
+        start: Start of the search, shape (n,).
+        scales: Typical step of each coordinate, shape (n,).
     """
     cost = _finite(likelihood)
 
@@ -164,7 +165,7 @@ def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
 
 
 def _steps(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
-    """Return steps that change a cost enough to stand out from rounding, and little enough for it to be quadratic."""
+    """Return steps that change a cost by more than rounding, but little enough for it to be quadratic."""
     here, found = cost(x), steps.copy()
     low, high = BEND
     for k in range(len(x)):
@@ -178,10 +179,10 @@ def _steps(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
 
 
 def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tuple[Vector, float]:
-    """Go down by the quadratic that a metric, the inverse of the second derivatives, makes of a cost.
+    """Descend by Newton steps with a fixed metric, the inverse of the second derivatives.
 
     Returns:
-        Where that led, and how much lower the quadratic puts the minimum still.
+        The point reached, and how much lower the quadratic model puts the minimum.
     """
     here, expected, slope_of = cost(x), math.inf, _gradient(cost, steps)
     for _ in range(DESCENTS):
@@ -206,20 +207,20 @@ class Interval(NamedTuple):
     low: float
     high: float
     is_profile: bool
-    """Whether it comes from the profile likelihood."""
+    """Whether the interval comes from the profile likelihood."""
 
 
 def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> Interval:
-    """Return the interval of a coordinate, infinite to a side to which the log sets no bound.
+    """Return the interval of a coordinate; infinite on a side where the log sets no bound.
 
-    The quadratic one stands if the deviance at its ends, with the other coordinates where the quadratic puts them, is the
-    one that it promises.
+    The quadratic interval holds if the deviance at its ends is as predicted, with the other coordinates at the
+    quadratic's optimum.
 
     Args:
-        likelihood: Logarithm of the likelihood.
+        likelihood: The log-likelihood.
         fit: Its maximum.
-        at: Which coordinate.
-        least: Coordinates below this mean nothing else: where the log does not exclude it, the interval begins there.
+        at: Index of the coordinate.
+        least: Lower bound of the coordinate; the interval begins there if the log does not exclude it.
     """
     deviation = fit.deviations[at]
     direction = fit.covariance[at] / fit.covariance[at, at]
@@ -241,7 +242,7 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
 
 
 def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: float) -> float:
-    """Return where the profile's deviance reaches that of the interval, to a side."""
+    """Return where the profile's deviance reaches that of the interval, on one side."""
     others = np.arange(len(fit.x)) != at
     deviation = fit.deviations[at]
     direction = fit.covariance[at] / fit.covariance[at, at]
@@ -253,7 +254,7 @@ def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: 
     best = {0.0: fit.x}
 
     def root_at(distance: float) -> float:
-        """Return the root of the deviance of the profile so many standard deviations off."""
+        """Return the root of the profile's deviance at a distance from the maximum, in standard deviations."""
         value = fit.x[at] + side * distance * deviation
         nearest = min(best, key=lambda known: abs(known - distance))
         x = best[nearest] + side * (distance - nearest) * deviation * direction

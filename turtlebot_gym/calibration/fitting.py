@@ -1,4 +1,4 @@
-"""Fitting the noise model to an aligned log: to the truth, or to the innovations alone."""
+"""Fit the noise model to an aligned log: to the truth, or to the innovations alone."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 
 SEGMENTS = (0.25, 0.5, 1.0)
-"""Lengths of the segments where errors are correlated from row to row, m: errors in time show over short ways, drift over long
-ones. All together count as many as those of the last length: what is correlated is no further evidence."""
+"""Segment lengths for errors that are correlated from row to row, m: timing errors show over short distances, drift
+over long ones. All lengths together count as much as the last one alone, since correlated errors are no further
+evidence."""
 EXACT = (1e-6) ** 2
 """Variance of the truth row by row, m^2 and rad^2 ..."""
 CAPTURED = (1e-3) ** 2
-"""... and over segments: motion capture's, a millimetre and a milliradian."""
+"""... and over segments: that of motion capture, a millimetre and a milliradian."""
 FEWEST = 6
-"""Segments or poses below which nothing is fitted to them."""
+"""Fewest segments or poses to which anything is fitted."""
 FALSE_ALARM = 1e-4
-"""Of the test whether errors are correlated from row to row."""
+"""Level of the test for errors that are correlated from row to row."""
 
 
 class Found(NamedTuple):
-    """What was fitted."""
+    """Result of a fit."""
 
     estimates: dict[str, Estimate]
     likeliest: Noise
@@ -46,7 +47,7 @@ class Found(NamedTuple):
 def by_truth(
     log: Log, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
 ) -> Found:
-    """Fit to a log whose true poses are known: the execution and the measurements apart."""
+    """Fit to a log with truth: execution noise and measurement noise separately."""
     told: dict[str, Estimate] = {}
     noise = start
     every = segment_rows(log, 0.0)
@@ -91,10 +92,10 @@ def by_truth(
 
 
 def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
-    """Return the likelihood of a noise model over segments of some lengths, which count as many as those of the last one.
+    """Return the likelihood of a noise model over segments of several lengths, weighted as if there were only the last length.
 
-    They count less the parameters that are fitted to them: of few errors, three for each segment, the likeliest variances are
-    too small by that share.
+    The count is reduced by the number of fitted parameters: with few errors, three for each segment, maximum likelihood
+    makes variances too small by that share.
     """
     counts = [count(rows) for rows in sets]
     errors = 3.0 * counts[-1]
@@ -109,7 +110,7 @@ def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikeliho
 
 
 def by_innovations(log: Log, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> Found:
-    """Fit to a log without truth: execution and measurements at once, by the innovations of a filter that knows both."""
+    """Fit to a log without truth: execution and measurement noise together, by the innovations of a filter matched to both."""
     rows = measured_rows(log)
     step = difference(log.odometry[rows.due][1:], log.odometry[rows.due][:-1])
     spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
@@ -127,12 +128,12 @@ def by_innovations(log: Log, start: Noise, integrator: str | None, progress: Cal
 
 
 def _better(likelihood: Callable[[float], float]) -> str:
-    """Return the name of the likelier integrator."""
+    """Return the name of the integrator with the higher likelihood."""
     return max(INTEGRATORS, key=lambda name: likelihood(INTEGRATORS[name]))
 
 
 def _exactly(noise: Noise, variance: float) -> Noise:
-    """Return a noise model of poses that are as good as true."""
+    """Return a noise model of poses that are all but exact."""
     return Noise(process=noise.process, odometry=OdometryNoise(R=(variance,) * 3))
 
 
@@ -144,7 +145,7 @@ def measured_rows(log: Log) -> Rows:
 
 
 def lost(log: Log) -> tuple[int, int]:
-    """Return how many measured poses were lost, among how many, at the rate at which they usually come."""
+    """Return how many measured poses were lost, and out of how many, given their usual rate."""
     gaps = np.diff(log.time[known(log.odometry)])
     among = np.rint(gaps / np.median(gaps))
     return int((among - 1.0).clip(0.0).sum()), int(among.sum())

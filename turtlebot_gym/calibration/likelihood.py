@@ -1,9 +1,10 @@
-"""How likely a noise model makes a recorded drive: the core's own filter, run over the rows in compiled loops.
+"""Likelihood of a recorded drive under a noise model: the core's own filter, run over the rows in compiled loops.
 
 Two views of the same equations, those of `estimation.mixture`:
 
-* `innovations`: each pose given all before it. Of measured poses it needs no truth. Of true poses at the ends of segments,
-  begun anew at each, it says how far the wheels are off after each segment, given the true pose at its start.
+* `innovations`: each pose given all before it. With measured poses it needs no truth. With true poses at the ends of
+  segments, and a restart at each, it measures the error of the wheels after each segment, given the true pose at its
+  start.
 * `measurements`: each measured pose given the true one.
 
 References:
@@ -29,22 +30,22 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 CERTAIN = 1.0 - 1e-13
-"""Probability of a hypothesis from which on the others are forgotten."""
+"""Probability of a hypothesis above which the others are dropped."""
 
 
 class Rows(NamedTuple):
-    """A drive as the loops take it; T rows."""
+    """A drive of T rows, in the form that the loops take."""
 
     time: NDArray[np.float64]
     """Shape (T,), s."""
     twist: NDArray[np.float64]
     """Shape (T, 2); row k's covers the interval from row k-1 to row k."""
     poses: NDArray[np.float64]
-    """What the filter is given, shape (T, 3); m, m, rad."""
+    """Poses that the filter receives, shape (T, 3); m, m, rad."""
     due: NDArray[np.bool_]
-    """Whether it is given a pose, shape (T,)."""
+    """Whether the filter receives a pose, shape (T,)."""
     begins: NDArray[np.bool_]
-    """Whether it begins anew at a row's pose, after that has been weighed; shape (T,)."""
+    """Whether the filter restarts at a row's pose, after its likelihood has been counted; shape (T,)."""
     joined: NDArray[np.bool_]
     """Whether a row continues the one before it, shape (T,)."""
 
@@ -149,7 +150,7 @@ def _loops() -> tuple[Callable[..., float], Callable[..., float]]:
 
 
 def tuning_of(noise: Noise) -> FilterTuning:
-    """Return what the likelihood assumes: the noise as it is, without floors; bias and scale are arguments of their own."""
+    """Return the tuning that the likelihood assumes: the noise without floors; bias and scale are separate arguments."""
     odometry = noise.odometry
     return FilterTuning(
         Q=(0.0,) * 5,
@@ -161,11 +162,11 @@ def tuning_of(noise: Noise) -> FilterTuning:
 
 
 def innovations(rows: Rows, noise: Noise, *, middle: float) -> float:
-    """Return the logarithm of the likelihood of poses, each given those before it, but for a constant.
+    """Return the log-likelihood of poses, each given those before it, up to a constant.
 
     Args:
         rows: The drive.
-        noise: Noise of the execution, and of the poses. Where these are true ones, its R is how well they are known.
+        noise: Noise of the execution and of the poses. For true poses, its R says how well they are known.
         middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
     """
     bias, scale = noise.odometry.bias, noise.process.scale
@@ -173,11 +174,11 @@ def innovations(rows: Rows, noise: Noise, *, middle: float) -> float:
 
 
 def measurements(rows: Rows, truth: NDArray[np.float64], noise: Noise) -> float:
-    """Return the logarithm of the likelihood of measured poses, each given the true one, but for a constant.
+    """Return the log-likelihood of measured poses, each given the true one, up to a constant.
 
     Args:
         rows: The drive.
-        truth: True poses, shape (T, 3); finite where a pose was measured.
+        truth: True poses, shape (T, 3), finite at every measured pose.
         noise: Noise of the poses.
     """
     return _loops()[1](rows.poses, truth, rows.due, as_tuple(tuning_of(noise)), noise.odometry.bias)

@@ -1,4 +1,4 @@
-"""A recorded drive as arrays: what readers make of files, and what the likelihoods take."""
+"""A recorded drive as arrays: the output of the file readers and the input of the likelihoods."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 POSE, WHEELS = "pose", "wheel"
 """Odometry that measures the pose, and odometry that integrates the wheels."""
 GAP = 5.0
-"""An interval that is so many times the usual one interrupts a drive."""
+"""Ratio to the usual interval at which a gap interrupts a drive."""
 
 FRESH = 0.3
 """Longest gap between true poses over which they are interpolated, s."""
@@ -22,16 +22,16 @@ class Log(NamedTuple):
     time: NDArray[np.float64]
     """Shape (T,), s."""
     twist: NDArray[np.float64]
-    """Speed and turning rate by the wheels, or commanded, shape (T, 2); m/s, rad/s. Row k's covers the interval from row k-1
-    to row k."""
+    """Speed and turning rate, measured by the wheels or commanded, shape (T, 2); m/s, rad/s. The twist of row k covers
+    the interval from row k-1 to row k."""
     odometry: NDArray[np.float64]
     """Measured poses, shape (T, 3); m, m, rad; NaN where none arrived."""
     truth: NDArray[np.float64]
     """True poses, shape (T, 3); m, m, rad; NaN where they are not known."""
     joined: NDArray[np.bool_]
-    """Whether a row continues the one before it: what lies between them was recorded; shape (T,), false in row 0."""
+    """Whether a row continues the one before it, with no gap between them; shape (T,), false in row 0."""
     remarks: tuple[str, ...] = ()
-    """What was wrong with the file, and what was made of it."""
+    """Problems found in the file, and how each was handled."""
 
     @property
     def period(self) -> float:
@@ -58,15 +58,15 @@ def make_log(
     joined: NDArray[np.bool_] | None = None,
     remarks: tuple[str, ...] = (),
 ) -> Log:
-    """Return a log of arrays; rows that are far apart in time do not continue each other.
+    """Make a log from arrays; rows that are far apart in time do not continue each other.
 
     Args:
         time: Shape (T,), s; increasing.
-        twist: Shape (T, 2); row k's covers the interval from row k-1 to row k.
+        twist: Shape (T, 2); the twist of row k covers the interval from row k-1 to row k.
         odometry: Shape (T, 3), None for none.
         truth: Shape (T, 3), None for none.
-        joined: Whether nothing is known to lack between a row and the one before it, shape (T,); None for everywhere.
-        remarks: What was found in the file.
+        joined: Whether a row continues the one before it, as far as the reader knows, shape (T,); None if every row does.
+        remarks: Problems found in the file.
 
     Raises:
         ValueError: If there are fewer than two rows, or time does not increase.
@@ -90,12 +90,12 @@ def make_log(
 
 
 def known(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which poses, shape (T, 3), are known, shape (T,)."""
+    """Return whether each pose of shape (T, 3) is known, shape (T,)."""
     return np.asarray(np.isfinite(poses).all(axis=1))
 
 
 def path_of(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distance driven up to each row, shape (T,), m; where a pose is not known, that up to the last one.
+    """Return the distance driven up to each row, shape (T,), m; at an unknown pose, that up to the last known one.
 
     Args:
         poses: Shape (T, 3).
@@ -109,11 +109,11 @@ def path_of(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def interpolated(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return poses at other times, between two known ones that are not far apart, shape (n, 3); NaN elsewhere.
+    """Interpolate poses at other times, shape (n, 3); NaN where the known poses on either side are too far apart.
 
     Args:
         time: Shape (T,), s; increasing.
-        poses: Known ones, shape (T, 3); m, m, rad.
+        poses: Known poses, shape (T, 3); m, m, rad.
         wanted: The other times, shape (n,), s.
     """
     heading = np.unwrap(poses[:, 2])

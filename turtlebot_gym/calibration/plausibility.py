@@ -1,4 +1,4 @@
-"""Whether a log's numbers can be in metres, seconds and radians, and whether there is anything in it to fit to."""
+"""Checks that a log is in metres, seconds and radians, and that it holds enough motion to fit."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from turtlebot_gym.robots import Robot
 
 DEGREES = 180.0 / math.pi
 FASTER, TURNING_FASTER = 20.0, 3.0
-"""Times a robot's limits of speed and of turning rate that no robot of its kind reaches: robots differ in speed more than in
-turning, and degrees are but 57 times radians."""
+"""Multiples of a robot's limits of speed and turning rate that no robot of its kind reaches. Robots differ more in
+speed than in turning rate, and degrees are only 57 times radians."""
 STILL = (0.5, 1.0)
-"""Way, m, and turn, rad, below which there is nothing to fit to."""
+"""Distance, m, and turn, rad, below which there is nothing to fit."""
 TURN = 2.0 * math.pi
 
 
@@ -24,7 +24,7 @@ def check(log: Log, robot: Robot, where: str) -> None:
 
     Args:
         log: The drive.
-        robot: Its speed limits say which speeds are possible.
+        robot: Robot whose speed limits say which speeds are possible.
         where: The file, for messages.
 
     Raises:
@@ -44,7 +44,7 @@ def require_units(log: Log, robot: Robot, where: str) -> None:
 
     Args:
         log: The drive.
-        robot: Its speed limits say which speeds are possible.
+        robot: Robot whose speed limits say which speeds are possible.
         where: The file, for messages.
 
     Raises:

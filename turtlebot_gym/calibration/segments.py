@@ -1,7 +1,8 @@
-"""Segments of a drive whose true poses are known: where the wheels are begun anew at the truth, and then held against it.
+"""Segments of a drive with truth: wheel odometry restarts at the true pose of each start, and is compared with it at the end.
 
-Row by row the likelihood is the environment's own. Real wheels' errors are alike from row to row, and add up faster than white
-noise does: over longer segments, from end to end, white noise stands for what is left of them after that distance.
+Row by row, the likelihood is the environment's own. Errors of real wheels are correlated from row to row and add up
+faster than white noise. Over longer segments, from end to end, white noise represents the error that is left after that
+distance.
 """
 
 from __future__ import annotations
@@ -12,19 +13,19 @@ from turtlebot_gym.calibration.likelihood import Rows
 from turtlebot_gym.calibration.log import Log, known
 
 LEVER = 0.2
-"""Distance that turning by 1 rad counts as, m: segments end when a robot turns on the spot, too."""
+"""Distance as which a turn by 1 rad counts, m, so that segments also end while a robot turns on the spot."""
 
 
 def segment_rows(log: Log, length: float) -> Rows:
-    """Return a log's true poses at the ends of segments, at each of which the wheels are begun anew.
+    """Return a log's true poses at the ends of segments; wheel odometry restarts at each.
 
     Args:
         log: With truth.
-        length: Of the segments, m by the twist, of which a turn by 1 rad counts `LEVER`; 0 for every row.
+        length: Length of the segments by the twist, m, where a turn by 1 rad counts as `LEVER`; 0 for every row.
     """
     there = known(log.truth)
     truth = np.where(there[:, None], log.truth, 0.0)
-    # by the twist: where segments end must not depend on the errors
+    # by the twist: the ends of segments must not depend on the errors
     motion = np.abs(log.twist[1:]) @ np.array([1.0, LEVER]) * np.diff(log.time)
     driven = np.concatenate([[0.0], np.cumsum(motion)])
     ends = there.copy()
@@ -39,7 +40,7 @@ def segment_rows(log: Log, length: float) -> Rows:
 
 
 def count(rows: Rows) -> int:
-    """Return how many segments there are."""
+    """Return the number of segments."""
     running, found = False, 0
     for due, joined in zip(rows.due.tolist(), rows.joined.tolist(), strict=True):
         running = running and joined

@@ -1,4 +1,4 @@
-"""Measured against fitted: what a figure of a calibration shows."""
+"""Measured against fitted errors: the data for a calibration's figure."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise
 from turtlebot_gym.values import STOP, Command, Pose
 
 LENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Lengths over which the drift is looked at, m."""
+"""Segment lengths for which the drift is shown, m."""
 FEWEST = 3
-"""Segments below which none is shown."""
+"""Fewest segments for which the drift is shown."""
 
 
 class Residuals(NamedTuple):
     """Errors of measured poses, n of them."""
 
     values: NDArray[np.float64]
-    """Measured minus true pose, or minus the predicted one; shape (n, 3); m, m, rad; the bias taken off."""
+    """Measured minus true pose, or minus the predicted one, without the bias; shape (n, 3); m, m, rad."""
     deviations: NDArray[np.float64]
-    """Standard deviations that the fit gives them, spikes apart, shape (n, 3)."""
+    """Their standard deviations by the fit, without spikes, shape (n, 3)."""
 
 
 class Drift(NamedTuple):
-    """How far the wheels are off at the end of segments, by length."""
+    """Error of wheel odometry at the end of segments, by length."""
 
     length: NDArray[np.float64]
-    """Shape (m,), m."""
+    """Segment lengths, shape (m,), m."""
     segments: NDArray[np.intp]
-    """How many, shape (m,)."""
+    """Number of segments, shape (m,)."""
     measured: NDArray[np.float64]
     """Root mean square of the position's error and of the heading's, shape (m, 2); m, rad."""
     fitted: NDArray[np.float64]
-    """What the noise model makes of them, shape (m, 2)."""
+    """The same as predicted by the noise model, shape (m, 2)."""
 
 
 def residuals(found: Calibration) -> Residuals:
-    """Return the errors of the measured poses, from the truth where it was used, else the innovations."""
+    """Return the errors of the measured poses against the truth if it was used; the innovations otherwise."""
     log, odometry = found.log, found.likeliest.odometry
     if found.has_truth:
         both = known(log.odometry) & known(log.truth)
@@ -57,7 +57,7 @@ def residuals(found: Calibration) -> Residuals:
 
 
 def _innovations(log: Log, noise: Noise, middle: float) -> Residuals:
-    """Return the innovations of a filter that is matched to the noise, spikes counted into R."""
+    """Return the innovations of a filter matched to the noise, with spikes counted into R."""
     spiky = noise.odometry.spike_probability * noise.odometry.spike**2
     R = (*noise.odometry.R[:2], noise.odometry.R[2] + spiky)
     tuning = tuning_of(Noise(process=noise.process, odometry=OdometryNoise(R=R)))
@@ -84,12 +84,12 @@ def _innovations(log: Log, noise: Noise, middle: float) -> Residuals:
 
 
 def drift(found: Calibration, noise: Noise | None = None, *, lengths: Sequence[float] = LENGTHS) -> Drift:
-    """Return how far the wheels are off after some ways, and what a noise model makes of it.
+    """Return the error of wheel odometry after some distances, and its prediction by a noise model.
 
     Args:
         found: The calibration, with truth.
         noise: The noise model; None for the one that was fitted.
-        lengths: The ways, m.
+        lengths: The distances, m.
     """
     model = (noise or found.likeliest).process
     tuning, middle = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3, process=model), INTEGRATORS[found.integrator]
@@ -104,7 +104,7 @@ def drift(found: Calibration, noise: Noise | None = None, *, lengths: Sequence[f
 
 
 def _squares(log: Log, ends: NDArray[np.bool_], tuning: FilterTuning, scale: float, middle: float) -> NDArray[np.float64]:
-    """Return squared errors of position and heading at the ends of segments, and their variances, shape (n, 4)."""
+    """Return the squared errors of position and heading at the ends of segments, and their variances, shape (n, 4)."""
     squares, belief = [], None
     twists, truth = (log.twist * scale).tolist(), log.truth.tolist()
     for row in range(len(log.time)):

@@ -1,6 +1,6 @@
-"""Reading a recorded drive from a table: named columns, separated by commas, semicolons or blanks.
+"""Read a recorded drive from a table with named columns, separated by commas, semicolons or blanks.
 
-What is wrong with a row costs that row, and is counted; what is wrong with the table is refused, in one line with its place.
+A bad row is left out and counted; a bad table is refused, in one line that names the place.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ NAMES: dict[str, tuple[str, ...]] = {
     "true_y": ("true_y", "py", "true_state_y", "truth_y"),
     "true_theta": ("true_theta", "true_state_theta", "truth_theta", "theta"),
 }
-"""What columns are called, by what they hold: the first that a table has. ``theta`` is the true heading in a table with
-``px`` and ``py``, as in those that `turtlebot-gym replay` reads; the measured one beside ``x`` and ``y``."""
+"""Known column names of each quantity; the first one that a table has is used. ``theta`` is the true heading in a table
+with ``px`` and ``py``, as `turtlebot-gym replay` reads, and the measured one beside ``x`` and ``y``."""
 _TWIST, _MEASURED, _TRUE = ("v", "omega"), ("x", "y", "theta"), ("true_x", "true_y", "true_theta")
 MOST = 0.5
-"""Share of rows that must be good."""
+"""Least share of good rows."""
 FEWEST = 20
-"""Rows that a drive must have."""
+"""Fewest rows of a drive."""
 
 
 def read_table(path: str | Path, *, columns: Mapping[str, str] | None = None) -> Log:
     """Read a drive from a table.
 
-    Rows that are not finite in time or twist, or whose time does not go on, are left out; a measured or true pose that is not
-    finite is taken as missing. Each is counted among the log's remarks.
+    Rows whose time or twist is not finite, or whose time does not increase, are left out. A measured or true pose that
+    is not finite counts as missing. The log's remarks count both.
 
     Args:
         path: The file.
-        columns: What columns are called where it is none of `NAMES`, by what they hold, a key of `NAMES`.
+        columns: Column names other than those in `NAMES`, by quantity, a key of `NAMES`.
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If it is no text, a column is missing or there twice, a number is not one, or too few rows are good; the
-            message names file and row.
+        ValueError: If the file is not text, a column is missing or duplicated, a cell is not a number, or too few rows
+            are good; the message names file and row.
     """
     table = read_text_table(path)
     chosen = _choose(path, table.names, columns or {})
@@ -69,7 +69,7 @@ def read_table(path: str | Path, *, columns: Mapping[str, str] | None = None) ->
 
 
 def _choose(path: str | Path, found: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
-    """Return the column of each quantity that a table has."""
+    """Return the column of each quantity in a table."""
     unknown = [name for name in columns if name not in NAMES]
     if unknown:
         raise ValueError(f"columns must name {', '.join(NAMES)}, got {', '.join(unknown)}.")
@@ -99,7 +99,7 @@ def _choose(path: str | Path, found: Sequence[str], columns: Mapping[str, str]) 
 def _good(
     path: str, time: NDArray[np.float64], twist: NDArray[np.float64], lines: Sequence[int]
 ) -> tuple[NDArray[np.bool_], list[str]]:
-    """Return which rows are good, and what the others were."""
+    """Return which rows are good, and remarks on the others."""
     remarks = []
     finite = np.isfinite(time) & np.isfinite(twist).all(axis=1)
     if not finite.all():
@@ -138,7 +138,7 @@ def _holes(what: str, poses: NDArray[np.float64]) -> list[str]:
 
 
 def _lost(path: str, poses: NDArray[np.float64], twist: NDArray[np.float64]) -> list[str]:
-    """Take a pose that stands still while the robot moves as lost, in place: what a driver repeats is no measurement."""
+    """Mark, in place, poses that stand still while the robot moves as lost: a pose that a driver repeats is no measurement."""
     same = np.concatenate([[False], (poses[1:] == poses[:-1]).all(axis=1) & (np.abs(twist[1:]).max(axis=1) > 1e-3)])
     if not same.any():
         return []
@@ -147,15 +147,15 @@ def _lost(path: str, poses: NDArray[np.float64], twist: NDArray[np.float64]) -> 
 
 
 def with_truth(log: Log, path: str | Path) -> Log:
-    """Return a log with true poses from a table of their own, by the log's clock or one that is a constant apart.
+    """Return a log with true poses from a separate table, whose clock may differ from the log's by a constant.
 
     Args:
         log: The drive.
-        path: A table with the columns t, x, y and theta, or of the other names in `NAMES`.
+        path: A table with the columns t, x, y and theta, or other names listed in `NAMES`.
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If a column is missing, or the two share less than a second.
+        ValueError: If a column is missing, or table and log overlap by less than a second.
     """
     table = read_text_table(path)
     names = []

@@ -1,4 +1,4 @@
-"""A test of native vector environments against Gymnasium's contract; it knows no robot and serves any of them."""
+"""Test native vector environments against Gymnasium's contract; it knows nothing of robots and works for any of them."""
 
 from turtlebot_gym.checker.contract import ContractError, Violation, check_vector_env
 

@@ -1,7 +1,8 @@
-"""A test of native vector environments: does one keep Gymnasium's contract?
+"""Test whether a native vector environment keeps Gymnasium's contract.
 
-Gymnasium tests scalar environments with ``check_env`` and has nothing for `VectorEnv`. `check_vector_env` makes a few small
-environments, drives them, and compares: with themselves, with batches of one, with the other autoreset modes.
+Gymnasium tests scalar environments with ``check_env`` and offers no such test for `VectorEnv`. `check_vector_env` makes
+a few small environments, steps them, and compares them with themselves, with batches of one, and across autoreset
+modes.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ class Violation(NamedTuple):
     """A rule that an environment breaks."""
 
     rule: str
-    """Its name."""
+    """Name of the rule."""
     mode: AutoresetMode
-    """The mode in which it was seen."""
+    """Autoreset mode in which it was broken."""
     text: str
-    """What the rule is."""
+    """Text of the rule."""
     seen: str
-    """What was seen instead."""
+    """What the environment did instead."""
 
 
 class ContractError(AssertionError):
@@ -50,17 +51,17 @@ def check_vector_env(
     Args:
         make: Called as ``make(num_envs=..., autoreset_mode=...)``, and with ``max_episode_steps`` where it has a parameter of
             that name or ``**kwargs``, as ``functools.partial(gymnasium.make_vec, "turtlebot_gym/TurtleBotNav-v0")``.
-        modes: The autoreset modes that it must support; None for those with which ``make`` raises no error (TypeError,
-            ValueError, NotImplementedError or one of Gymnasium's).
+        modes: The autoreset modes that the environment must support; None for those for which ``make`` raises no error
+            (TypeError, ValueError, NotImplementedError or one of Gymnasium's).
         num_envs: Size of the batches, at least 2.
-        steps: Length of the runs. Without ``max_episode_steps`` they must be long enough for an episode to end.
+        steps: Length of the runs. Without ``max_episode_steps`` an episode must end within it.
 
     Returns:
-        The modes that were tested.
+        The tested modes.
 
     Raises:
-        ContractError: If a rule is broken; it lists all that are.
-        ValueError: If no mode is left to be tested, or there are fewer than 2 environments.
+        ContractError: If rules are broken; it lists all of them.
+        ValueError: If no mode is left to test, or ``num_envs`` is below 2.
     """
     if num_envs < 2:
         raise ValueError(f"num_envs must be at least 2, got {num_envs!r}.")
@@ -77,7 +78,7 @@ def check_vector_env(
         for rule in (*RULES[None], *RULES[case.mode]):
             try:
                 seen = next(rule(case), None)
-            except Exception as error:  # whatever it is, the environment has not kept the rule
+            except Exception as error:  # any error at all breaks the rule
                 seen = f"it raised {error!r}."
             if seen is not None:
                 violations.append(Violation(rule.__name__, case.mode, " ".join((rule.__doc__ or "").split()), seen))

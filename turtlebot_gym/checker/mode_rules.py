@@ -1,4 +1,4 @@
-"""The rules of a single autoreset mode. Each is a generator of what it saw against the rule; its docstring is the rule."""
+"""Rules of a single autoreset mode. Each is a generator of the violations it sees; its docstring is the rule."""
 
 from __future__ import annotations
 

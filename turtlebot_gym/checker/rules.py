@@ -1,4 +1,4 @@
-"""The rules that `checker` tests. Each is a generator of what it saw against the rule; its docstring is the rule."""
+"""Rules that `checker` tests. Each is a generator of the violations it sees; its docstring is the rule."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def info_masks(case: Case) -> Iterator[str]:
             elif isinstance(infos[key], dict):
                 yield from wrong(infos[key])
             elif key == "final_obs":
-                continue  # of a composite space it need not be an array
+                continue  # for a composite space it need not be an array
             elif not isinstance(infos[key], np.ndarray) or len(infos[key]) != case.num_envs:
                 yield f"the key {key!r} with {infos[key]!r}."
 
@@ -123,7 +123,7 @@ def seeding(case: Case) -> Iterator[str]:
 
 
 def seed_none(case: Case) -> Iterator[str]:
-    """reset() without a seed goes on with the random numbers in use, so it too can be repeated; so does None in a list."""
+    """reset() without a seed continues the random numbers in use and so is repeatable too; so does None in a list of seeds."""
 
     def again(seed: Any) -> list[list[Event]]:
         with closing(case.open()) as env:
@@ -145,7 +145,7 @@ def seed_none(case: Case) -> Iterator[str]:
 
 
 def rows_alone(case: Case) -> Iterator[str]:
-    """Environment i of a batch, seeded with s, goes through the episodes of a batch of one, seeded with s + i."""
+    """Environment i of a batch with seed s has the same episodes as a batch of one with seed s + i."""
     together = case.play(1)
     for i in range(case.num_envs):
         alone = case.play(1 + i, rows=[i])
@@ -155,7 +155,7 @@ def rows_alone(case: Case) -> Iterator[str]:
 
 
 def fresh_arrays(case: Case) -> Iterator[str]:
-    """What reset and step return does not change afterwards, nor do the actions that they are given."""
+    """Arrays that reset and step return do not change afterwards, nor do the actions passed to step."""
     with closing(case.open()) as env:
         source = actions_of(env, 1)
         returned: list[Any] = [env.reset(seed=1)]
@@ -178,7 +178,7 @@ def fresh_arrays(case: Case) -> Iterator[str]:
 
 
 def own_arrays(case: Case) -> Iterator[str]:
-    """Writing into what reset and step have returned changes nothing in the environment."""
+    """Writing into arrays that reset and step returned changes nothing in the environment."""
     seen = difference(case.play(1), case.play(1, scribble=True))
     if seen is not None:
         yield seen
@@ -211,7 +211,7 @@ def options_kept(case: Case) -> Iterator[str]:
 def reset_mask_rows(case: Case) -> Iterator[str]:
     """reset_mask begins new episodes where it is true, seeded if asked, and leaves the other environments as they are."""
     first = np.arange(case.num_envs) == 0
-    for when in (2, LIMIT):  # amid the episodes, and where all of them have just ended
+    for when in (2, LIMIT):  # in the middle of the episodes, and when all of them have just ended
         with closing(case.open()) as env, closing(case.open()) as twin, closing(case.open(1)) as new:
             runs = [Run(case, one, stagger=False) for one in (env, twin)]
             last: Any = None
@@ -239,7 +239,7 @@ def reset_mask_rows(case: Case) -> Iterator[str]:
 
 
 def first_reset_whole(case: Case) -> Iterator[str]:
-    """A first reset whose reset_mask leaves an environment out is an error: there is no observation of that one."""
+    """A first reset whose reset_mask leaves an environment out is an error: that environment has no observation yet."""
     with closing(case.open()) as env:
         try:
             env.reset(seed=1, options={"reset_mask": np.arange(case.num_envs) == 0})
@@ -249,7 +249,7 @@ def first_reset_whole(case: Case) -> Iterator[str]:
 
 
 def reset_mask_infos(case: Case) -> Iterator[str]:
-    """The infos of a reset tell of the environments in its reset_mask, and their masks are false for the others."""
+    """The infos of a reset cover the environments in its reset_mask; their masks are false for the others."""
     with closing(case.open()) as env:
         env.reset(seed=1)
         mask = np.arange(case.num_envs) == 0
@@ -260,7 +260,7 @@ def reset_mask_infos(case: Case) -> Iterator[str]:
 
 
 def truncation(case: Case) -> Iterator[str]:
-    """With max_episode_steps=n an episode that has not terminated before is truncated at its n-th step."""
+    """With max_episode_steps=n an episode that has not terminated earlier is truncated at its n-th step."""
     for i, events in enumerate(case.play(1, stagger=False) if case.limit else []):
         count = 0
         for event in events:

@@ -1,4 +1,4 @@
-"""How `checker` drives a vector environment, and notes what happens to each row in a form that is the same in every mode."""
+"""Step a vector environment for `checker`, and record what happens to each row in a form that is the same in every mode."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
 FINAL = ("final_obs", "final_info")
-"""Keys of what SAME_STEP tells of an ended episode."""
+"""Keys under which SAME_STEP reports an ended episode."""
 LIMIT = 7
-"""Steps per episode, where the environment takes ``max_episode_steps``: ends come soon, and at known times."""
+"""Steps per episode if the environment takes ``max_episode_steps``, so that ends come soon and at known times."""
 
 
 class Event(NamedTuple):
@@ -35,7 +35,7 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """An environment in one mode, and how to drive it."""
+    """An environment in one mode, and how to step it."""
 
     make: Callable[..., VectorEnv]
     mode: AutoresetMode
@@ -57,7 +57,7 @@ class Case:
         return self.make(num_envs=num_envs or self.num_envs, autoreset_mode=self.mode, **limit)
 
     def play(self, seed: Any, *, rows: Iterable[int] | None = None, **options: Any) -> list[list[Event]]:
-        """Return what happens to each row of a fresh environment: see `Run`."""
+        """Return what happens to each row of a new environment; see `Run`."""
         indices = list(range(self.num_envs) if rows is None else rows)
         with closing(self.open(len(indices))) as env:
             run = Run(self, env, indices, **options)
@@ -68,18 +68,18 @@ class Case:
 
 
 class Run:
-    """Drives an environment, and notes what happens to each of its rows in a form that is the same in every mode.
+    """Steps an environment, and records what happens to each row in a form that is the same in every mode.
 
-    Each row takes its actions from a queue of its own, only as it uses them; an action that is to be ignored is junk. After its
-    third step row 0 is reset on its own, so that the rows' episodes end at different times.
+    Each row takes an action from its own queue only when it uses one; actions that must be ignored are junk. Row 0 is
+    reset alone after its third step, so that the rows' episodes end at different times.
 
     Args:
-        case: What is driven.
+        case: The environment's mode and how to make it.
         env: The environment.
-        rows: Which queue of actions each of its rows takes; None for the one of its own number.
-        stagger: Whether row 0 is reset on its own.
-        junk: Seed of the actions that are to be ignored.
-        scribble: Whether to write over all that the environment returns.
+        rows: Which queue of actions each row takes; None for the queue of its own number.
+        stagger: Whether row 0 is reset alone.
+        junk: Seed of the actions that must be ignored.
+        scribble: Whether to overwrite everything that the environment returns.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class Run:
         return self._give(returned)
 
     def step(self) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step, reset what has ended where the mode leaves that to the caller, and return what the step returned."""
+        """Step, reset ended episodes where the mode leaves that to the caller, and return what the step returned."""
         ignored = self.ended & (self.case.mode is NEXT_STEP)
         actions = [self.junk.sample() if ignored[i] else queue.sample() for i, queue in enumerate(self.queues)]
         returned = self.env.step(together(self.env, actions))
@@ -147,7 +147,7 @@ class Run:
 
 
 def actions_of(env: VectorEnv, seed: int) -> Any:
-    """Return an action space to sample from, with random numbers of its own."""
+    """Return an action space to sample from, with its own random numbers."""
     space = deepcopy(env.single_action_space)
     space.seed(seed)
     return space
@@ -164,7 +164,7 @@ def each(env: VectorEnv, observations: Any) -> list[Any]:
 
 
 def _pair(env: VectorEnv, returned: Any) -> tuple[Any, list[Any]]:
-    """Return the last observations (of ended rows) and the current ones."""
+    """Return the final observations (of ended rows) and the current ones."""
     final = returned[4]["final_obs"]
     return final if isinstance(final, np.ndarray) else each(env, final), each(env, returned[0])
 
@@ -188,7 +188,7 @@ def _arrays(value: Any) -> Iterator[NDArray[Any]]:
 
 
 def difference(expected: list[list[Event]], seen: list[list[Event]], rows: Iterable[int] | None = None) -> str | None:
-    """Say where two notes of the same rows first differ, as far as both go."""
+    """Say where two records of the same rows first differ, up to the end of the shorter one."""
     for i in range(len(seen)) if rows is None else rows:
         for at, (one, other) in enumerate(zip(expected[i], seen[i], strict=False)):
             for name, a, b in zip(Event._fields, one, other, strict=True):

@@ -1,4 +1,4 @@
-"""A batch of environments: its buffers, and the compiled loops that work on them."""
+"""A batch of environments: its buffers, and the compiled loops over them."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 64 * TILE
-"""Batches below this run on one thread: sharing out a quarter of a millisecond would cost more than it saves."""
+"""Batches below this size run on one thread: splitting a quarter of a millisecond costs more than it saves."""
 ROOMS_PARALLEL_FROM = 8 * TILE
 """The same in rooms, where a step takes about ten times as long."""
 
 
 def _references() -> int:
-    """Return how many references to an array `Batch.empty` sees if only the batch holds it: as many as this loop does.
+    """Return the reference count that `Batch.empty` sees for an array that only the batch holds; this loop sees the same.
 
-    Versions of Python count them in other ways; one without a global lock may see too few, so that nothing is used again there.
+    The count depends on the version of Python; one without a global lock may see too few, and then no array is reused.
     """
     if not getattr(sys, "_is_gil_enabled", lambda: True)():
         return -1
@@ -40,14 +40,14 @@ _UNHELD = _references()
 
 
 class Batch:
-    """Environments that are stepped together; one or ten thousand.
+    """Environments that are stepped together, from one to many thousands.
 
     Args:
-        num_envs: How many.
-        parameters: One for all of them, or one for each.
-        waypoints: The poses to visit, the same for all; where the task draws its goal, it takes the place of the first.
-        system: The kernels of a step; None for the system that the parameters are for.
-        plan: The floor plan of a room that is given, the same for all.
+        num_envs: Number of environments.
+        parameters: One for all environments, or one for each.
+        waypoints: The poses to visit, the same for all; a goal that the task draws replaces the first.
+        system: The kernels of a step; None for the system that belongs to the parameters.
+        plan: The floor plan of a given room, the same for all.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Batch:
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each.
 
-        Rooms of other sizes are drawn anew at the next reset, before which there is none to be driven in.
+        Rooms of other sizes are drawn at the next reset; the environments must be reset before the next step.
         """
         same = isinstance(parameters, Parameters)
         rows = [parameters] if same else list(parameters)
@@ -107,7 +107,7 @@ class Batch:
         self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
 
     def _choose_loops(self, shared: Parameters | None) -> None:
-        """Use the loops of the special case that parameters belong to, if all share them and it was so from the start."""
+        """Use the loops of the parameters' special case, if all environments have shared them from the start."""
         special = GENERAL
         if shared is not None and self._by_parameters and self._special != GENERAL:
             numbers = dict(zip(self.layout.parameters.names, flatten(as_tuple(shared)), strict=True))
@@ -124,17 +124,17 @@ class Batch:
         self._first_places = np.array(self._loops.layout.world.places) * TILE
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
-        """Use another world from the next reset on, before which there is none to be driven in.
+        """Use another world; the environments must be reset before the next step.
 
         Args:
             parameters: For all environments, with the rules of the world.
-            plan: Its floor plan, if it is one.
+            plan: Its floor plan, if it has one.
         """
         self._plan, self.scenes = plan, None
         self.set_parameters(parameters)
 
     def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
-        """Make scenes for parameters, unless those that there are have the same sizes."""
+        """Allocate scenes for parameters, unless the existing ones have the same sizes."""
         scenes = around.make(parameters)
         if self._plan and self._plan.map:
             scenes = self._plan.map.share(scenes)
@@ -150,12 +150,12 @@ class Batch:
         Args:
             mask: Shape (N,).
             observations: Shape (N, K); rows outside the mask are left as they are.
-            outcomes: Shape (6, N); likewise.
+            outcomes: Shape (6, N); columns outside the mask are left as they are.
         """
         self._visit(mask, True, observations, outcomes)
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return observations of where the environments are, and outcomes as of a reset, in the shapes of `step`."""
+        """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""
         observations, outcomes = self.empty()
         self._visit(np.ones(self.num_envs, np.bool_), False, observations, outcomes)
         return observations, outcomes
@@ -167,7 +167,7 @@ class Batch:
         observations: NDArray[np.float32],
         outcomes: NDArray[np.float64],
     ) -> None:
-        """Write what there is to see in some environments, after their episodes' begin if it is to be."""
+        """Write the observations of some environments, and begin their episodes first if asked."""
         state = self._tiles, self._keys, self._parameters, self.waypoints
         parallel = self._around is not None and self._parallel and Threads.acquire()
         loop = self._loops.reset_parallel if parallel else self._loops.reset
@@ -178,9 +178,9 @@ class Batch:
                 Threads.release()
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return uninitialized observations and outcomes, in the shapes of `step`: new ones, or such as nobody holds any more.
+        """Return uninitialized observations and outcomes, in the shapes of `step`: new, or old ones without other references.
 
-        The memory of large arrays goes back to the system with them, and a step would spend up to a third of its time on that.
+        Freeing a large array returns its memory to the operating system, which would take up to a third of a step's time.
         """
         for observations, outcomes in self._given:
             if sys.getrefcount(observations) == _UNHELD == sys.getrefcount(outcomes):
@@ -197,7 +197,7 @@ class Batch:
             actions: Shape (N, 2), finite; clipped to [-1, 1].
 
         Returns:
-            Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are fresh.
+            Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are new arrays.
         """
         observations, outcomes = self.empty()
         if not self._parallel:
@@ -217,21 +217,21 @@ class Batch:
         return observations, outcomes
 
     def numbers(self, path: str) -> NDArray[np.float64]:
-        """Return a copy of a part of all worlds, by its dotted path, such as "body.true_state"; (N, k), of a number (N,)."""
+        """Return a copy of one part of all worlds by dotted path, such as "body.true_state": (N, k), or (N,) for a number."""
         world = self._loops.layout.world
         if path in world.names:
             return self._rows([world.places[world.names.index(path)]])[:, 0]
         return self._rows(world.places[world.slices[path]])
 
     def first_world(self) -> NDArray[np.float64]:
-        """Return a copy of the first environment's world, one number after the other, as the layout has them."""
+        """Return a copy of the first environment's world as a flat array, in the order of the layout."""
         return self._first[self._first_places]
 
     def world(self, index: int) -> World:
-        """Return one environment's world, in Python's own numbers."""
+        """Return one environment's world in Python numbers."""
         return self._loops.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
 
     def _rows(self, places: Sequence[int]) -> NDArray[np.float64]:
-        """Return the numbers of each environment that lie in some places of the tiles; (N, number of places)."""
+        """Return the numbers at some places of the tiles for each environment, shape (N, number of places)."""
         part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, places]
         return part.transpose(0, 2, 1).reshape(-1, len(places))[: self.num_envs].copy()

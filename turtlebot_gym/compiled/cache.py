@@ -1,7 +1,7 @@
-"""Compiling a function once per machine: numba's cache, keyed on all that the function is made of.
+"""Compile a function once per machine: numba's cache, keyed on everything the function consists of.
 
-numba keys its cache on a function's own code and what it closes over, but neither on the helpers that it calls nor on the flags
-that it is compiled with. So a function that is compiled here closes over a string that stands for those.
+numba keys its cache on a function's own code and closure, but not on the helpers it calls or its compiler flags. So
+each function compiled here closes over a string that identifies those.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from turtlebot_gym import kernel
 from turtlebot_gym.kernel import HAS_NUMBA
 
 _LLVM_OPTIONS = ("-memory-check-merge-threshold=4000",)
-"""LLVM proves that a tile does not overlap the parameters by one check for each group of addresses, but stops grouping after
-100 comparisons, fewer than a step has numbers. It then counts too many checks and gives up vectorizing, and a step takes four
-times as long."""
+"""LLVM proves with one check per group of addresses that a tile does not overlap the parameters, but stops grouping
+after 100 comparisons, and a step has more numbers than that. It then counts too many checks and gives up vectorizing,
+and a step takes four times as long."""
 
 if HAS_NUMBA:
     from llvmlite import binding as llvm
@@ -51,8 +51,8 @@ else:  # the functions run as plain Python
 
 
 def fingerprint(*functions: Callable[..., Any]) -> str:
-    """Return a hash of functions, of all that they call, and of the numbers that they use; comments do not count."""
-    digest = hashlib.sha256(Path(kernel.__file__).read_bytes())  # intrinsics are reached by no call
+    """Return a hash of functions, of everything they call, and of the numbers they use; comments do not count."""
+    digest = hashlib.sha256(Path(kernel.__file__).read_bytes())  # intrinsics are not reached by following calls
     digest.update(" ".join(_LLVM_OPTIONS).encode())
     seen: set[int] = set()
     for function in functions:
@@ -62,7 +62,7 @@ def fingerprint(*functions: Callable[..., Any]) -> str:
 
 
 def _parts(value: Any, seen: set[int]) -> Iterator[str]:
-    """Yield what a value contributes to a fingerprint."""
+    """Yield a value's contributions to a fingerprint."""
     if isinstance(value, FunctionType):
         if id(value) in seen:
             return
@@ -90,10 +90,10 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
 
 
 def bind(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
-    """Return a function that finds other values under some of its global names.
+    """Return a function with some of its globals replaced.
 
-    numba compiles globals as constants, and unlike what a function closes over they are not part of its cache's key, into which
-    functions would enter by their address in memory.
+    numba compiles globals as constants. Unlike a closure they are not part of its cache key, where functions would
+    count by their memory address.
     """
     assert isinstance(function, FunctionType)
     scope = {**function.__globals__, **names}
@@ -103,10 +103,10 @@ def bind(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
 
 
 def compiled(function: Callable[..., Any], *, parallel: bool) -> Callable[..., Any]:
-    """Compile a function at its first call, with numba's cache where a folder for it is writable.
+    """Compile a function at its first call, with numba's cache if its folder is writable.
 
     Args:
-        function: Closes over a string that tells it from all others: its `fingerprint`, and ``parallel``.
+        function: A function that closes over a string that identifies it: its `fingerprint` and ``parallel``.
         parallel: Whether its ``prange`` runs on all threads.
     """
     try:

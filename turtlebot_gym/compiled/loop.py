@@ -1,10 +1,10 @@
-"""The compiled loops of a system: many environments in one buffer, each advanced by the kernels that plain Python runs.
+"""The compiled loops of a system: many environments in one buffer, advanced by the same kernels that plain Python runs.
 
-Why it is fast: a tile's numbers lie environment by environment (see `packing`), the kernels have no branches and call no
-library, so LLVM turns the loop over a tile into eight environments per instruction; tiles are shared out among threads. What
-is rare and has branches, a new waypoint or a reset, is done between those loops. Parameters that are most common have a loop
-of their own, see `systems.special`. Why it is exact: nothing is reordered or contracted (see `kernel.algebra` for what is left
-out), so neither the vector width nor the number of threads nor the batch changes a bit of any result.
+Why it is fast: each number of a tile is stored environment by environment (see `packing`), and the kernels have no
+branches and call no library, so LLVM vectorizes the loop over a tile, with eight environments per instruction; threads
+share the tiles. Rare work with branches, such as a new waypoint or a reset, runs between those loops. The most common
+parameters have their own loop, see `systems.special`. Why it is exact: nothing is reordered or contracted
+(`kernel.algebra` says what is left out), so no bit of a result depends on the vector width, the number of threads or the batch.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ else:
 
 
 class Layout(NamedTuple):
-    """How a system's values lie in a tile, and in a thread's scratch: observation, outcome, action, one after the other."""
+    """Layout of a system's values in a tile, and in a thread's scratch: observation, outcome and action in sequence."""
 
     parameters: Packing
-    """In a tile of their own."""
+    """In a separate tile."""
     world: Packing
-    """The tile; nothing else is kept from step to step."""
+    """The tile: the only state that is kept between steps."""
     outcome: Packing
     observation: Packing
     at_outcome: int
-    """Where the outcome begins in the scratch."""
+    """Offset of the outcome in the scratch."""
     at_action: int
     scratch: int
     """Numbers in the scratch."""
@@ -56,13 +56,13 @@ class Loops(NamedTuple):
     step_parallel: Callable[..., None]
     """The same, on all threads."""
     reset: Callable[..., None]
-    """Begins the episodes of some environments, or writes down again where they are."""
+    """Begins episodes of some environments, or writes their current observations again."""
     reset_parallel: Callable[..., None]
-    """The same, on all threads: worth it where a room is drawn for each."""
+    """The same, on all threads: worth it if each episode draws a room."""
 
 
 def layout_of(system: System, special: Special = GENERAL) -> Layout:
-    """Return how a system's values lie in a tile, from an example of each."""
+    """Return the layout of a system's values in a tile, from an example of each."""
     return _layout_of(system, special)
 
 
@@ -120,17 +120,17 @@ def _show_of(system: System, special: Special) -> Callable[..., None]:
 
 @kernel
 def _show_later(scratch: Any, lane: int, world: Any, p: Any) -> None:
-    """Leave it to `_look_tile_of`'s kernel, which comes after."""
+    """Do nothing: the kernel of `_look_tile_of` writes the observation later."""
 
 
 def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel that looks round for a tile of environments, one after the other, and writes their observations."""
+    """Return the kernel that senses the surroundings of each environment in a tile and writes the observations."""
     around = system.surroundings
     if around is None:
 
         @kernel
         def look_at_nothing(first, count, tile, scratch, keys, row, observations, scenes):
-            """There is nothing around, and the observations are written."""
+            """Do nothing: there are no surroundings, and the observations are already written."""
 
         return look_at_nothing
     look_round, scene_at, show_ranges = step_of(system).look_round, around.at, _show_ranges_of(system)
@@ -170,11 +170,11 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
     at_reached = at_outcome + outcome.names.index("reached") * TILE
     is_compiled = HAS_NUMBA and system.compiled
     widen, scratch_of = (prefer_wide, compiled_scratch) if is_compiled else (_do_nothing, scratch)
-    own = 1 if special == GENERAL else 0  # in a special case all share the parameters of a tile's first lane
+    own = 1 if special == GENERAL else 0  # in a special case all lanes share the first one's parameters
 
     @kernel
     def step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes, scenes):
-        """Advance the ``count`` environments of a tile, which begins with environment ``first``."""
+        """Advance the ``count`` environments of a tile whose first environment is ``first``."""
         widen()
         scratch = scratch_of(size)
         asked, shown = actions[first : first + count], observations[first : first + count]
@@ -209,7 +209,7 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
 
 
 def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
-    """Return the kernel that begins an episode of one environment, or tells where it is."""
+    """Return the kernel that begins an episode of one environment, or writes its current observation."""
     begin, lay_out, around = step_of(system).begin, system.lay_out, system.surroundings
     scene_at, seen = (around.at, around.seen) if around else (_no_scene, 0)
     show, show_ranges = _show_of(system, special), _show_ranges_of(system)
@@ -247,7 +247,7 @@ def _step_rows(identity: str) -> Callable[..., None]:
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
         for index in prange(len(tiles)):
-            at = np.int64(index)  # prange counts in unsigned integers, which mix badly with signed ones
+            at = np.int64(index)  # prange counts in unsigned integers; mixed with signed ones they become floats
             first = at * TILE
             row = parameters[at if len(parameters) > 1 else 0]
             count = min(TILE, len(actions) - first)
@@ -267,7 +267,7 @@ def _reset_rows(identity: str) -> Callable[..., None]:
                     lane, visited = environment % TILE, waypoints[environment]
                     if begins:
                         keys[at, lane] = episode_key(int(seeds[environment]), int(episodes[environment]))
-                    key = int(keys[at, lane])  # signed: unsigned and signed integers would meet in floats
+                    key = int(keys[at, lane])  # signed: a mix of unsigned and signed integers becomes a float
                     _work(environment, lane, begins, tiles[at], key, row, visited, observations, outcomes, scenes)
 
     return reset_rows
@@ -284,7 +284,7 @@ def _loop(
 
 
 def loops_of(system: System, special: Special = GENERAL) -> Loops:
-    """Return the compiled loops of a system, for all parameters or a special case; processes share them by numba's cache."""
+    """Return the compiled loops of a system, general or for a special case; processes share them through numba's cache."""
     return _loops_of(system, special)
 
 

@@ -1,8 +1,8 @@
-"""Values in a flat buffer: from a value's own structure, functions that load it from an array and store it there.
+"""Values in a flat buffer: generate functions that load a value from an array and store it there, from its structure.
 
-The buffer is cut into tiles of `TILE` environments; in a tile each number of a value has a run of `TILE` places, one per
-environment. So the compiled loop reads and writes whole vector registers, at distances that the compiler knows, and needs no
-proof that two arrays do not overlap.
+The buffer is divided into tiles of `TILE` environments; in a tile each number of a value has a run of `TILE` places,
+one per environment. So the compiled loop reads and writes whole vector registers at offsets that the compiler knows,
+and needs no proof that two arrays do not overlap.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TILE = 32
 
 @cache
 def _tuple_type(dataclass_type: type) -> type:
-    """Return the NamedTuple with a dataclass's fields: compiled code knows no dataclasses."""
+    """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses."""
     return namedtuple(dataclass_type.__name__, [item.name for item in dataclasses.fields(dataclass_type)])  # type: ignore[return-value]  # noqa: PYI024
 
 
@@ -46,7 +46,7 @@ def flatten(value: Any) -> Iterator[float]:
 
 
 def _in_floats(value: Any) -> Any:
-    """Return a nested tuple with its whole numbers as floats, which is what a buffer holds."""
+    """Return a nested tuple with integers converted to floats, as a buffer holds them."""
     if isinstance(value, tuple):
         items = [_in_floats(item) for item in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
@@ -54,7 +54,7 @@ def _in_floats(value: Any) -> Any:
 
 
 class Packing(NamedTuple):
-    """How a type of value lies in a buffer."""
+    """Layout of a type of value in a buffer."""
 
     size: int
     """Numbers in a value."""
@@ -65,18 +65,18 @@ class Packing(NamedTuple):
     names: tuple[str, ...]
     """The dotted path of each number."""
     slices: dict[str, slice]
-    """Where each tuple in the value is among its numbers, by its dotted path."""
+    """Range of numbers of each tuple in the value, by its dotted path."""
     places: tuple[int, ...]
-    """Where each number is read: at its own place, or at that of a number that equals it."""
+    """Place from which each number is read: its own, or that of a number equal to it."""
 
 
 def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Mapping[str, str] | None = None) -> Packing:
-    """Write the load and store functions of a value's type.
+    """Generate the load and store functions of a value's type.
 
     Args:
-        example: A (nested) NamedTuple of numbers, with the structure and the types (float, bool) of all of its kind.
-        known: Numbers that are known beforehand, by dotted path: they are neither loaded nor stored.
-        same: Numbers that equal one that comes before them, by dotted path: they are read there, and not stored.
+        example: A (nested) NamedTuple of numbers with the structure and the types (float, bool) of all such values.
+        known: Constants by dotted path: they are neither loaded nor stored.
+        same: Numbers that equal an earlier one, by dotted path: they are read from that one's place and not stored.
     """
     known, same = known or {}, same or {}
     types: dict[str, type] = {}
@@ -87,7 +87,7 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
     slices: dict[str, slice] = {}
 
     def read(value: Any, path: str) -> str:
-        """Return the expression that reads a value, and note how to write it."""
+        """Return the expression that reads a value, and record how to write it."""
         if not isinstance(value, tuple):
             name = path.partition(".")[2]
             places.append(places[names.index(same[name])] if name in same else len(places))
@@ -95,7 +95,7 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
             if name in known:
                 leaves.append(bool(known[name]) if isinstance(value, bool) else float(known[name]))
                 return repr(leaves[-1])
-            leaves.append(~(places[-1] * TILE) if name in same else places[-1] * TILE)  # inverted: not to be stored
+            leaves.append(~(places[-1] * TILE) if name in same else places[-1] * TILE)  # inverted: not stored
             place = f"buffer[at + {places[-1] * TILE}]"
             if name not in same:
                 writes.append(f"    {place} = {path}")

@@ -1,4 +1,4 @@
-"""How many threads a parallel loop uses, who may run one, and how its threads wait."""
+"""Threads of parallel loops: how many, which Python thread may use them, and how they wait."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ from contextlib import contextmanager
 from turtlebot_gym.kernel import HAS_NUMBA
 
 VARIABLE = "TURTLEBOT_GYM_THREADS"
-"""Environment variable with the greatest number of threads of a parallel loop; without it, numba's own: one for each core."""
+"""Environment variable that limits the threads of a parallel loop; without it, numba uses one for each core."""
 
-# Threads that spin at the end of each step burn a core while they wait for a thread that a busy machine does not run: with the
-# default spin a step of 512 environments took 5 ms of CPU instead of 0.06. Without a spin it costs 5 microseconds more than one
-# thread at worst. OpenMP reads this when it is loaded: where torch has loaded it before, `Pace` notices what that costs.
+# Threads that spin at the end of each step burn a core while they wait for a thread that a busy machine has not
+# scheduled: with the default spin a step of 512 environments took 5 ms of CPU instead of 0.06. Without spinning it
+# costs at worst 5 microseconds more than one thread. OpenMP reads this when it is loaded; if torch has loaded it
+# earlier, `Pace` notices what that costs.
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
 
 TRIAL = 8
 """Steps for which the other number of threads is tried."""
 FIRST_TRIAL, LAST_TRIAL = 32, 8192
-"""Fewest and most steps from one trial to the next: each trial that changes nothing doubles them. Steps that have come to take
-twice the usual time are a reason for the next one."""
+"""Fewest and most steps between trials. Each trial that changes nothing doubles the wait; steps that take twice the usual time
+end it."""
 
 
 class Threads:
-    """Lets one Python thread at a time run a parallel loop, and no child that was forked after its parent ran one.
+    """Lets one Python thread at a time run a parallel loop, and none in a child forked after its parent ran one.
 
-    numba's work queue aborts under two Python threads, and OpenMP would kill such a child. All others run the serial loop,
-    which gives the same bits.
+    numba's work queue aborts if two Python threads use it, and OpenMP would kill such a child. All others run the
+    serial loop, which gives bit-identical results.
     """
 
     lock = threading.Lock()
     limit: int | None = None
-    """The most threads of a parallel loop; None for numba's own number."""
+    """Most threads of a parallel loop; None for numba's default."""
     used = False
     lost = False
     _numbas = 0
 
     @classmethod
     def acquire(cls, most: int | None = None) -> bool:
-        """Return whether the caller may run a parallel loop, on at most so many threads; it then has to call `release`."""
+        """Return whether the caller may run a parallel loop, on at most ``most`` threads; if so, it must call `release` afterwards."""
         allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
         if allowed:
             cls.used = True
@@ -55,7 +56,7 @@ class Threads:
 
     @classmethod
     def release(cls) -> None:
-        """Let the next one run a parallel loop."""
+        """Let the next caller run a parallel loop."""
         if cls._numbas:
             import numba
 
@@ -65,21 +66,21 @@ class Threads:
 
     @classmethod
     def after_fork(cls) -> None:
-        """Forget the parent's lock, in a child."""
+        """Drop the parent's lock in a forked child."""
         cls.lock = threading.Lock()
         cls.lost = cls.used
 
 
 class Pace:
-    """Chooses between one thread and all of them by the time that steps take, and tries the other choice now and then.
+    """Chooses one thread or all of them by the measured time of steps, and tries the other choice from time to time.
 
-    All threads are faster on a machine that has cores to spare, and many times slower on one that has not, above all where they
-    spin. Which of the two holds changes while a program runs. The results are the same to the bit.
+    All threads are faster on a machine with idle cores, and many times slower on a busy one, above all if they spin. The load
+    changes while a program runs. The results are bit-identical.
     """
 
     def __init__(self) -> None:
         self.parallel = True
-        """Whether the next step is to run on all threads."""
+        """Whether the next step should run on all threads."""
         self._chosen = True
         self._cost = {True: 0.0, False: 0.0}
         self._usual = math.inf
@@ -87,7 +88,7 @@ class Pace:
         self._wait = FIRST_TRIAL
 
     def tell(self, seconds: float) -> None:
-        """Take note of the wall time of a step, s, that was made as `parallel` says."""
+        """Record the wall time, s, of a step that ran as `parallel` says."""
         cost, self._steps = self._cost, self._steps + 1
         if self.parallel == self._chosen:
             cost[self._chosen] += (seconds - cost[self._chosen]) / min(self._steps, TRIAL)
@@ -106,16 +107,16 @@ class Pace:
 
 @contextmanager
 def limited(threads: int | None) -> Iterator[None]:
-    """Let parallel loops use at most so many threads within this block, in the whole process.
+    """Limit the threads of parallel loops within this block, in the whole process.
 
-    The results are the same to the bit for every number. One thread is best where other work shares the cores, such as a
-    network's updates: more of them cost CPU time there, and gain no wall time.
+    Results are bit-identical for every number of threads. One thread is best if other work, such as a network's
+    updates, shares the cores: more threads then cost CPU time and gain no wall time.
 
     Args:
-        threads: At least 1; None for numba's own number.
+        threads: At least 1; None for numba's default.
 
     Raises:
-        ValueError: If it is not.
+        ValueError: If ``threads`` is below 1.
     """
     before, Threads.limit = Threads.limit, _checked("threads", threads)
     try:
@@ -131,7 +132,7 @@ def _checked(name: str, threads: int | None) -> int | None:
 
 
 def _told() -> int | None:
-    """Return the limit that the environment variable sets, if it does."""
+    """Return the limit set by the environment variable, if any."""
     text = os.environ.get(VARIABLE, "")
     if not text:
         return None

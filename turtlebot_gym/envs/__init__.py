@@ -1,1 +1,1 @@
-"""Gymnasium environments over the compiled loop: a scalar one, a native vector one, and a picture of what goes on."""
+"""Gymnasium environments over the compiled loop: scalar, native vector, and their rendering."""

@@ -1,4 +1,4 @@
-"""What the scalar and the vector environment share: their spaces, their arguments and what they tell in ``info``."""
+"""Shared by the scalar and the vector environment: spaces, arguments and the contents of ``info``."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ PARTS = {
 """Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
 
 NUMBERS = {"nis": "estimate.nis", "measured": "senses.measured", "slipping": "body.slipping"}
-"""Those that are single numbers, which the vector environment tells: the normalized innovation squared of the last measurement,
-which the policy sees clipped; whether a measurement arrived; and whether the wheels slip."""
+"""Single numbers that the vector environment reports: the normalized innovation squared of the last measurement, which
+the policy sees clipped; whether a measurement arrived; and whether the wheels slip."""
 
 ROOM_PARTS = {
     "clearance": "room.clearance",
@@ -38,21 +38,21 @@ ROOM_PARTS = {
     "way_left": "room.way",
     "collision": "room.collided",
 }
-"""And in a room."""
+"""Further ones in a room."""
 
 
 class Room(NamedTuple):
-    """What a room's environments are made with besides the others' arguments."""
+    """Arguments of environments with rooms, beyond those of the others."""
 
     world: RoomRules | FloorPlan
     lidar: Lidar
 
 
 FLAGS = ("measured", "slipping", "collision")
-"""Those of the single numbers that say yes or no."""
+"""Single numbers that are booleans."""
 
 SYMMETRIC = np.zeros((5, 5), np.intp)
-"""Which of the 15 independent entries of a covariance stands in each place of the matrix."""
+"""Index of the independent entry, of 15, at each place of a covariance matrix."""
 SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
@@ -63,7 +63,7 @@ def action_space() -> spaces.Space[NDArray[np.float32]]:
 
 
 def observation_space(system: System) -> spaces.Space[NDArray[np.float32]]:
-    """Return a new space of what a system shows the policy."""
+    """Return a new space of a system's observations."""
     return spaces.Box(np.array(system.low, np.float32), np.array(system.high, np.float32))
 
 
@@ -79,10 +79,10 @@ def make_batch(
     room: Room | None = None,
     **options: Any,
 ) -> Batch:
-    """Return the environments that an environment's keyword arguments ask for.
+    """Make the batch for an environment's keyword arguments.
 
     Args:
-        num_envs: How many.
+        num_envs: Number of environments.
         task: Passed to `turtlebot_gym.tasks.make_task`, as are waypoints, arrival, switch, laps and max_steps.
         waypoints: See there.
         arrival: See there.
@@ -109,10 +109,10 @@ def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def reset_mask(options: dict[str, Any] | None, num_envs: int) -> NDArray[np.bool_]:
-    """Return which environments a reset's option ``reset_mask`` names; all where there is none.
+    """Return the environments that a reset's option ``reset_mask`` selects; all if it is missing.
 
     Raises:
-        ValueError: If it is no boolean array of shape (num_envs,), true somewhere.
+        ValueError: If it is not a boolean array of shape (num_envs,) with at least one true entry.
     """
     if options is None or "reset_mask" not in options:
         return np.ones(num_envs, np.bool_)

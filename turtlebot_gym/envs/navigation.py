@@ -1,4 +1,4 @@
-"""The scalar environment: one TurtleBot that navigates on what its filter believes."""
+"""The scalar environment: one TurtleBot that navigates on its filter's estimate."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Description
 
-    A unicycle executes velocity commands, with slip and process noise; its odometry is noisy, spiky, biased or drifting; a
-    Kalman filter makes an estimate of it. The policy sees what the filter believes, and drives to a goal.
+    A unicycle executes velocity commands with slip and process noise; its odometry is noisy, spiky, biased or drifting;
+    a Kalman filter estimates its state. The policy sees the filter's estimate and drives to a goal.
 
     ## Action Space
 
@@ -47,8 +47,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Observation Space
 
-    ``Box((13,), float32)`` with finite bounds, to which observations are clipped. All of it follows from the believed pose
-    (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true one).
+    ``Box((13,), float32)`` with finite bounds, to which observations are clipped. All entries follow from the estimated
+    pose (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true one).
 
     | # | Observation | Unit | Min | Max |
     |---|---|---|---|---|
@@ -65,14 +65,16 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
 
-    Progress on the way to the waypoint and on to the ones after it, as a share of what full speed allows in a step; minus 0.1
-    a step; minus 0.01 times the squared speed and turning rate as shares of their limits; plus 10 at success. The progress of a
-    whole course is its length, whichever way it was driven. Distances are true ones. The weights are `turtlebot_gym.Reward`.
+    Progress along the path through the waypoints, as a share of what full speed allows in a step; minus 0.1 per step;
+    minus 0.01 times the squared speed and turning rate as shares of their limits; plus 10 at success. The total
+    progress over a course is its length, whichever way it is driven. Distances are true ones. The weights are
+    `turtlebot_gym.Reward`.
 
     ## Starting State
 
-    Nav and Pose: start pose and goal are drawn in a square of 4 m, at least 0.5 m apart. Square: the origin. At rest. The
-    belief is the first measurement with its variances; with ``filter="tutorial"`` it is the origin with the tutorial's P0.
+    The robot is at rest. Nav and Pose: start pose and goal are drawn in a square of 4 m, at least 0.5 m apart. Square:
+    the start is the origin. The initial belief is the first measurement with its variances; with ``filter="tutorial"``
+    it is the origin with the tutorial's P0.
 
     ## Episode End
 
@@ -96,16 +98,17 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation: "ekf", "odometry" or "truth".
         reward: Weights, a `turtlebot_gym.Reward`.
         arrival: "truth" or "belief".
-        switch: "arrival" or "time"; for tasks with given waypoints, as are the next two.
-        laps: How often the waypoints are visited in turn.
+        switch: "arrival" or "time"; like the next two arguments, for tasks with given waypoints.
+        laps: Number of rounds through the waypoints.
         waypoints: Poses to visit instead of the square.
         dt: Control interval, s.
-        delay: Steps by which a command comes late, 0 to 3.
-        fix: What measures the pose from outside, now and then, for the filter: "beacons", "late", "localization", "markers",
-            "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for nothing.
-        plant: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`: what moves the robot. In MuJoCo its wheels creep
-            and slip by themselves, instead of the noise of execution, and odometry comes from their angles; it needs the
-            extra [mujoco], and a step takes a hundred times as long.
+        delay: Delay of commands in steps, 0 to 3.
+        fix: An external pose sensor that gives the filter a measurement now and then: "beacons", "late",
+            "localization", "markers", "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for
+            none.
+        plant: Model of the motion: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels creep and
+            slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the extra
+            [mujoco], and a step takes a hundred times as long.
         render_mode: None, "human" or "rgb_array".
 
     Raises:
@@ -147,7 +150,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             arrival=arrival,
             switch=switch,
             laps=laps,
-            max_steps=math.inf,  # truncating is Gymnasium's TimeLimit's
+            max_steps=math.inf,  # Gymnasium's TimeLimit truncates
             robot=robot,
             noise=noise,
             filter=filter,
@@ -177,7 +180,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def parameters(self) -> Parameters:
-        """All that the environment's transition depends on."""
+        """Everything that the environment's transition depends on."""
         parameters = self._batch.parameters
         assert isinstance(parameters, Parameters)
         return parameters
@@ -185,11 +188,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start an episode: the first one of a seed, or the next one.
+        """Start an episode: the first one of a seed, or the next.
 
         Args:
-            seed: Where it is None the next episode of the seed in use begins.
-            options: There are none.
+            seed: Seed of the episodes; None begins the next episode of the seed in use.
+            options: Ignored; there are none.
         """
         super().reset(seed=seed)
         batch = self._batch
@@ -216,7 +219,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Raises:
             InvalidAction: If the action has another shape or is not finite.
-            ResetNeeded: If no episode was begun.
+            ResetNeeded: If no episode has begun.
         """
         if not self._started:
             raise ResetNeeded("Call reset() before step().")
@@ -250,7 +253,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Return a picture of the world, (height, width, 3), in mode "rgb_array"; the mode "human" draws by itself.
 
         Raises:
-            ResetNeeded: If no episode was begun.
+            ResetNeeded: If no episode has begun.
         """
         if self.render_mode is None:
             gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")

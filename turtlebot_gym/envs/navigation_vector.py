@@ -43,25 +43,26 @@ _REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = (
 class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
     """Many `NavigationEnv`s at once; row *i* has the trajectory of the scalar environment with seed ``seed + i``.
 
-    Observations, actions, rewards and episode ends are those of `NavigationEnv`, stacked. All arrays that `reset` and `step`
-    return are fresh.
+    Observations, actions, rewards and episode ends are those of `NavigationEnv`, stacked. `reset` and `step` return new
+    arrays each time.
 
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
     ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
-    ``measured`` and ``slipping``, shape (N,); each key has its mask, as Gymnasium wants it; it is false for what a reset
-    left out. In the mode SAME_STEP, ``final_obs`` (objects, as in `SyncVectorEnv`: an observation, or None where nothing ended)
-    and ``final_info`` hold what the finished episodes ended with.
+    ``measured`` and ``slipping``, shape (N,). Each key has a mask, as Gymnasium requires, which is false for
+    environments that a reset left out. In the mode SAME_STEP, ``final_obs`` (an array of objects, as in
+    `SyncVectorEnv`: an observation, or None where no episode ended) and ``final_info`` hold the last observation and
+    info of the finished episodes.
 
     Args:
-        num_envs: How many.
+        num_envs: Number of environments.
         max_episode_steps: Steps after which an episode is truncated; None for the task's own.
         autoreset_mode: What happens after an episode's end, `gymnasium.vector.AutoresetMode` or its name: NEXT_STEP (the
             default; the next step ignores the action and returns the new episode's first observation with reward 0),
-            SAME_STEP (the same step returns it), or DISABLED (whoever steps a finished environment gets an error).
+            SAME_STEP (the same step returns it), or DISABLED (stepping a finished environment is an error).
         info: "default" or "full".
         render_mode: None or "rgb_array".
-        render_rows: How many environments, the first ones, are drawn.
-        task: And all further arguments: see `NavigationEnv`.
+        render_rows: Number of environments to draw, from the first.
+        task: See `NavigationEnv`, as for all further arguments.
         robot: See there.
         noise: See there.
         filter: See there.
@@ -75,7 +76,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         dt: See there.
         delay: See there.
         fix: See there.
-        plant: See there. With "mujoco" the rows are advanced one after the other, in plain Python.
+        plant: See there. With "mujoco" the rows advance one after the other, in plain Python.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
@@ -151,18 +152,18 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     @property
     def autoreset_mode(self) -> AutoresetMode:
-        """What happens after an episode's end: ``metadata["autoreset_mode"]``, where `SyncVectorEnv` has it too."""
+        """What happens after an episode's end, as in ``metadata["autoreset_mode"]``; `SyncVectorEnv` has this attribute too."""
         return self._mode
 
     @property
     def parameters(self) -> Parameters | Sequence[Parameters]:
-        """All that the environments' transitions depend on: one for all of them, or one for each."""
+        """Everything that the environments' transitions depend on: one for all environments, or one for each."""
         return self._batch.parameters
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each."""
         self._batch.set_parameters(parameters)
-        self._pictures.close()  # they show the robots and the rooms of before
+        self._pictures.close()  # they show the old robots and rooms
 
     def reset(
         self,
@@ -173,16 +174,16 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         """Start episodes.
 
         Args:
-            seed: An int gives environment *i* the seed ``seed + i``; a list has one for each; None, or None in the list,
-                begins the next episode of the seed in use.
-            options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state, and have no infos.
+            seed: An int gives environment *i* the seed ``seed + i``; a list has one seed for each; None, also in the
+                list, begins the next episode of the seed in use.
+            options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state and have no infos.
 
         Returns:
-            All environments' observations, and infos.
+            Observations of all environments, and infos.
 
         Raises:
             ValueError: If the list of seeds or the mask has the wrong form.
-            ResetNeeded: If the mask leaves out an environment that was never reset: there would be no observation of it.
+            ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
         mask = self._reset_mask(options)
         batch = self._batch
@@ -260,17 +261,17 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return observations, rewards, terminated, truncated, self._info(outcomes) | final
 
     def _begin_next(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
-        """Begin the next episode of some environments, and write over what is returned for them."""
+        """Begin the next episode of some environments, and overwrite the values to be returned for them."""
         self._batch.episodes[mask] += 1
         self._begin(mask, observations, outcomes)
 
     def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
-        """Begin the episodes of some environments, whose numbers are set."""
+        """Begin the episodes of some environments; their episode numbers are already set."""
         self._batch.reset(mask, observations, outcomes)
         self._pictures.begin(mask)
 
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
-        """Return infos of all environments, or of those in the mask; zeros stand for the others."""
+        """Return infos of all environments, or of those in the mask, with zeros for the others."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": outcomes[_SUCCESS] != 0.0}
         for key, path in self._told.items():
             numbers = self._batch.numbers(path)
@@ -286,7 +287,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, once they were reset."""
+        """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, after a reset."""
         if self.render_mode is None:
             gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
             return None
@@ -295,5 +296,5 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return self._pictures.draw()
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Forget the pictures."""
+        """Release the renderers."""
         self._pictures.close()

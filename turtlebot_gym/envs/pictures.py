@@ -1,4 +1,4 @@
-"""Pictures of environments of a batch: of the scalar one, and of the first rows of a vector environment."""
+"""Pictures of a batch: of the scalar environment, and of the first rows of a vector environment."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from turtlebot_gym.envs.rendering import Renderer
 
 _LARGE = 4
-"""So many pictures at most are of full size; where there are more, each has half the height and width."""
+"""Most pictures at full size; if there are more, each has half the height and width."""
 
 
 def make_renderer(batch: Batch, row: int, mode: Literal["human", "rgb_array"], *, fps: float) -> Renderer:
-    """Return what draws one environment of a batch, and the room around it where there is one.
+    """Return the renderer of one environment of a batch, including its room if it has one.
 
     Args:
-        batch: The environments; as long as they are drawn, they keep their parameters.
-        row: Which one.
+        batch: The environments; their parameters must not change while they are drawn.
+        row: Index of the environment.
         mode: See `turtlebot_gym.envs.rendering.Renderer`.
         fps: See there.
 
@@ -48,7 +48,7 @@ class Pictures:
 
     Args:
         batch: The environments.
-        rows: How many of them are drawn.
+        rows: Number of environments to draw.
         fps: Pictures per second.
     """
 
@@ -57,13 +57,13 @@ class Pictures:
         self._renderers: list[Renderer] = []
 
     def begin(self, mask: NDArray[np.bool_]) -> None:
-        """Forget the trails where the mask, shape (N,), is true: an episode begins."""
+        """Clear the trails where the mask, shape (N,), is true, because an episode begins there."""
         for renderer, begins in zip(self._renderers, mask.tolist() if self._renderers else (), strict=False):
             if begins:
                 renderer.reset()
 
     def draw(self) -> tuple[NDArray[np.uint8], ...]:
-        """Return a picture of each, (height, width, 3).
+        """Return a picture of each environment, (height, width, 3).
 
         Raises:
             DependencyNotInstalled: If pygame is missing.
@@ -74,12 +74,12 @@ class Pictures:
         return tuple(self._sized(picture) for picture in pictures if picture is not None)
 
     def _sized(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return a picture, by averages of 2 x 2 pixels where there are many."""
+        """Return a picture, averaged over 2 x 2 pixels if there are many."""
         if self._rows <= _LARGE:
             return picture
         height, width, colours = picture.shape
         return picture.reshape(height // 2, 2, width // 2, 2, colours).mean(axis=(1, 3)).round().astype(np.uint8)
 
     def close(self) -> None:
-        """Forget what there is to draw with."""
+        """Release the renderers."""
         self._renderers = []

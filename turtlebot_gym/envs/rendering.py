@@ -1,4 +1,4 @@
-"""The picture of the scalar environment: where the robot is, where it believes to be, and where it is to go."""
+"""The picture of the scalar environment: where the robot is, where it believes it is, and its goal."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 SIDE, HEADER = 640, 64
 """Side of the map, and height of the strip above it with the legend; pixels."""
 _FINE = 2
-"""The picture is drawn so many times larger and then scaled down, which smooths every edge."""
+"""Supersampling factor: the picture is drawn larger and scaled down, which smooths every edge."""
 _EDGE = 20 * _FINE
-"""Nearer to an edge no coordinate is written, so that none is cut off or written over another."""
+"""Distance from an edge within which no coordinate is written, so that none is cut off or overlaps another."""
 _MARGIN = 0.5
-"""Room round what is to be seen, m: for circles of arrival, noisy odometry and the scale."""
+"""Margin around the visible points, m: for circles of arrival, noisy odometry and the scale."""
 _GROWTH = 1.25
 """A robot that leaves the view widens it by this factor."""
 _WHITE, _GRID, _GREY, _PALE_GREEN, _BODY = "#ffffff", "#ebebeb", "#666666", "#99d8c7", "#c8c8c8"
@@ -35,7 +35,7 @@ _WHITE, _GRID, _GREY, _PALE_GREEN, _BODY = "#ffffff", "#ebebeb", "#666666", "#99
 class Renderer:
     """Draws the world of one environment.
 
-    The arena, or the waypoints that are given, fill the map. A robot that drives out of it widens the view until the reset.
+    The arena, or the given waypoints, fill the map. A robot that leaves the map widens the view until the reset.
     """
 
     def __init__(
@@ -52,10 +52,10 @@ class Renderer:
 
         Args:
             mode: "human" for a window, "rgb_array" for arrays, which need no display.
-            robot: Its size is drawn.
-            task: Its arena and the radius of arrival are drawn.
-            waypoints: The given ones, which fill the map together with the origin; None where the arena does.
-            dt: Control interval, s; for the time.
+            robot: Robot whose size is drawn.
+            task: Task whose arena and arrival radius are drawn.
+            waypoints: The given waypoints, which fill the map together with the origin; None if the arena does.
+            dt: Control interval, s, for the displayed time.
             fps: Pictures per second in the window.
 
         Raises:
@@ -76,7 +76,7 @@ class Renderer:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the trails, and return to the view of the start."""
+        """Clear the trails, and return to the initial view."""
         seen = self._to_be_seen()
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
         self._centre = (low + high) / 2.0
@@ -85,16 +85,16 @@ class Renderer:
         self._paper = self._make_paper()
 
     def _to_be_seen(self) -> list[tuple[float, float]]:
-        """Return the points that the view is to hold."""
+        """Return the points that must be visible."""
         arena = self._task.arena
         corners = [(0.0, 0.0)] if self._waypoints else [(-arena, -arena), (arena, arena)]
         return [*corners, *((x, y) for x, y, _ in self._waypoints)]
 
     def draw(self, world: World) -> NDArray[np.uint8] | None:
-        """Draw a world, and add it to the trails.
+        """Draw a world and add it to the trails.
 
         Returns:
-            In mode "rgb_array" the picture, shape (HEADER + SIDE, SIDE, 3); the mode "human" shows it instead.
+            The picture, shape (HEADER + SIDE, SIDE, 3), in mode "rgb_array"; None in mode "human", which shows it.
         """
         self._history.append(world)
         if self._widen(world):
@@ -132,7 +132,7 @@ class Renderer:
         self._clock.tick(self._fps)
 
     def _widen(self, world: World) -> bool:
-        """Widen the view until the robot is in it, and return whether that was necessary."""
+        """Widen the view until it contains the robot, and return whether that was necessary."""
         x, y = world.body.true_state.x - self._centre[0], world.body.true_state.y - self._centre[1]
         needed = max(abs(x), abs(y)) + self._robot.radius
         if needed <= self._half:
@@ -141,7 +141,7 @@ class Renderer:
         return True
 
     def _at(self, x: float, y: float) -> tuple[float, float]:
-        """Return column and row of a point of the world on the map, in fine pixels as all that follows."""
+        """Return column and row of a world point on the map, in supersampled pixels like everything below."""
         left, top = self._centre[0] - self._half, self._centre[1] + self._half
         return self._length(x - left), self._length(top - y)
 
@@ -160,17 +160,17 @@ class Renderer:
         self._pygame.draw.circle(surface, color, centre, radius, round(width * _FINE))
 
     def _draw_heading(self, surface: Surface, color: str, foot: tuple, theta: float, length: float, width: float) -> None:
-        """Draw a line from a foot towards a heading."""
+        """Draw a line from a point in the direction of a heading."""
         tip = foot[0] + length * math.cos(theta), foot[1] - length * math.sin(theta)
         self._line(surface, color, foot, tip, width)
 
     def _write(self, surface: Surface, text: str, color: str, **anchor: tuple) -> None:
-        """Write, with an anchor of pygame's rectangles: ``midleft=(column, row)``."""
+        """Write text at an anchor of pygame's rectangles, such as ``midleft=(column, row)``."""
         written = self._font.render(text, True, color, _WHITE)
         surface.blit(written, written.get_rect(**anchor))
 
     def _make_paper(self) -> Surface:
-        """Return the map without a robot: what stays behind the trails."""
+        """Return the map without a robot: the background of the trails."""
         paper = self._surface(SIDE)
         self._draw_grid(paper)
         for waypoint in self._waypoints:
@@ -179,7 +179,7 @@ class Renderer:
         return paper
 
     def _draw_around(self, paper: Surface) -> None:
-        """Draw the arena, where a task has one."""
+        """Draw the arena, if the task has one."""
         if not self._waypoints:
             arena = self._task.arena
             side = self._length(2.0 * arena)
@@ -200,7 +200,7 @@ class Renderer:
                 else:
                     column, row = self._at(left, metres)
                     self._line(paper, _GRID, (column, row), (_FINE * SIDE, row), 1.0)
-                    if _EDGE < row < _FINE * SIDE - 1.5 * _EDGE:  # not where the others stand
+                    if _EDGE < row < _FINE * SIDE - 1.5 * _EDGE:  # not over the column labels
                         self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
 
     def _make_legend(self) -> Surface:
@@ -237,7 +237,7 @@ class Renderer:
         self._line(self._paper, VERMILLION, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
 
     def _draw_present(self, surface: Surface, world: World) -> None:
-        """Draw what moves."""
+        """Draw everything that moves."""
         self._draw_waypoint(surface, world.course.reference, GREEN, 3.0)
         truth = world.body.true_state
         size = self._length(self._robot.radius)
@@ -259,12 +259,12 @@ class Renderer:
         self._draw_heading(surface, BLACK, centre, theta, size, 4.0)
 
     def _draw_measurement(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
-        """Draw the latest pose of the odometry, larger than those before it."""
+        """Draw the latest odometry pose, larger than the earlier ones."""
         self._disc(surface, SKY_BLUE, centre, 4.5 * _FINE)
         self._draw_heading(surface, SKY_BLUE, centre, theta, size, 2.5)
 
     def _draw_belief(self, surface: Surface, belief: Belief, size: float) -> None:
-        """Draw the ellipse and the heading of what the filter believes."""
+        """Draw the ellipse and the heading of the filter's belief."""
         mean, P = belief
         outline = ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy)))
         self._pygame.draw.lines(surface, VERMILLION, True, [self._at(x, y) for x, y in outline], 2 * _FINE)

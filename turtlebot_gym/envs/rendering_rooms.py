@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 _SOLID, _UNKNOWN, _BEAM = "#555555", "#dddddd", "#f0d9e6"
 _LINES = 36
-"""So many beams, at most, are drawn as lines; of the others only the ends."""
+"""Most beams drawn as lines; only the end points of the others are drawn."""
 
 
 class RoomRenderer(Renderer):
-    """Draws a room as well. What stands is part of the paper; what walks, and the beams, are drawn anew.
+    """Also draws a room. Static obstacles are part of the background; walkers and beams are drawn in each picture.
 
     Args:
-        scene: The room, whose arrays the environment changes.
-        lidar: The LiDAR; beams of the newest scan are drawn from where the robot is.
+        scene: The room; the environment updates its arrays.
+        lidar: The LiDAR; beams of the newest scan are drawn from the robot's position.
         options: See `Renderer`.
     """
 
@@ -40,7 +40,7 @@ class RoomRenderer(Renderer):
         return [(x - half_length, y - half_width), (x + half_length, y + half_width)]
 
     def _draw_around(self, paper: Surface) -> None:
-        """Draw the walls and what stands still."""
+        """Draw the walls and the static obstacles."""
         self._draw_map(paper)
         x, y, half_length, half_width = self._scene.walls.tolist()
         corner, size = (
@@ -54,7 +54,7 @@ class RoomRenderer(Renderer):
         self._draw_circles(paper, walking=False)
 
     def _draw_map(self, paper: Surface) -> None:
-        """Colour what is occupied, outside of the map or not known, pixel by pixel."""
+        """Colour pixels that are occupied, outside of the map or unknown."""
         squares = self._scene.squares
         if squares.shape[1] == 0:
             return
@@ -79,7 +79,7 @@ class RoomRenderer(Renderer):
             self._disc(surface, PURPLE, end, 4.0)
 
     def _beams(self, world: World) -> tuple[tuple[float, float], dict[int, tuple[float, float]]]:
-        """Return where on the map the LiDAR is, and where each beam that returned something ends."""
+        """Return the LiDAR's position on the map, and the end of each beam that returned."""
         truth, lidar = world.body.true_state, self._lidar
         cosine, sine = math.cos(truth.theta), math.sin(truth.theta)
         x = truth.x + lidar.x * cosine - lidar.y * sine

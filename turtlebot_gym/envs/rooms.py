@@ -20,12 +20,12 @@ from turtlebot_gym.tasks import ROOM
 
 
 class RoomsEnv(NavigationEnv):
-    """A differential-drive robot that finds its way through a room, on a filter's estimate and a LiDAR's ranges.
+    """A differential-drive robot that finds its way through a room, on a filter's estimate and LiDAR ranges.
 
     ## Description
 
-    `NavigationEnv` with walls and obstacles, which differ from episode to episode, and through which a way always leads. The
-    robot knows its goal only in the frame of its odometry, and the room only by the beams of a LiDAR, which turns as it drives.
+    `NavigationEnv` with walls and obstacles that differ from episode to episode; a path to the goal always exists. The robot
+    knows its goal only in the frame of its odometry, and the room only through a LiDAR that turns as the robot drives.
 
     ## Action Space
 
@@ -37,29 +37,30 @@ class RoomsEnv(NavigationEnv):
 
     | # | Observation | Unit | Min | Max |
     |---|---|---|---|---|
-    | 0 to 12 | the belief and the goal: see `NavigationEnv` | | | |
+    | 0 to 12 | belief and goal, see `NavigationEnv` | | | |
     | 13 to 48 | shortest range of the newest scan in 36 sectors, from ahead to the left, as shares of 3.5 m | | 0 | 1 |
     | 49 | age of that scan, by its stamp | s | 0 | 1 |
 
     ## Rewards
 
-    Progress on the *shortest way* through the room instead of the straight line; minus 50 for a collision; minus 0.5 a step
-    times the share of 0.15 m by which the clearance falls short of it. The rest is that of `NavigationEnv`.
+    Progress along the *shortest path* through the room instead of the straight line; minus 50 for a collision; minus 0.5 per
+    step times the share of 0.15 m that the clearance lacks. The rest is as in `NavigationEnv`.
 
     ## Starting State
 
-    At rest in a room that was drawn, at least 1.5 m away from the goal. The first scan is a whole one. The options ``world``,
-    ``start`` and ``goal`` of `reset` give them for an episode.
+    At rest in a randomly drawn room, at least 1.5 m away from the goal. The first scan is complete. The options ``world``,
+    ``start`` and ``goal`` of `reset` set them for an episode.
 
     ## Episode End
 
-    Termination: the goal is reached, within 0.2 m, or the footprint touches something, by the true pose. Truncation: after 600
+    Termination: by the true pose, the robot is within 0.2 m of the goal, or its footprint touches something. Truncation: after
+        600
     steps, by Gymnasium's ``TimeLimit``.
 
     ## Info
 
-    That of `NavigationEnv`, and ``clearance`` (between the footprint and what is nearest, m), ``path_length`` (driven since the
-    start, m), ``way_left`` (length of the shortest way to the goal on a grid, at most 8 % too long, m) and ``collision``.
+    That of `NavigationEnv`, and ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the
+    start, m), ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
 
     ## Arguments
 
@@ -67,7 +68,7 @@ class RoomsEnv(NavigationEnv):
         world: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``, ``.sdf``)
             or of a map (``.yaml``), a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`.
         lidar: "lds01", "lds02", "a1", "ideal", or a `turtlebot_gym.rooms.lidar.Lidar`.
-        robot: And all further arguments: see `NavigationEnv`.
+        robot: See `NavigationEnv`, as for all further arguments.
         noise: See there.
         filter: See there.
         integrator: See there.
@@ -80,7 +81,7 @@ class RoomsEnv(NavigationEnv):
         render_mode: See there.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
+        ValueError: If an argument is unknown or out of its range, or a given world has no path from start to goal.
 
     ## Version History
 
@@ -124,14 +125,14 @@ class RoomsEnv(NavigationEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start an episode: the first one of a seed, or the next one.
+        """Start an episode: the first one of a seed, or the next.
 
         Args:
-            seed: Where it is None the next episode of the seed in use begins.
+            seed: Seed of the episodes; None begins the next episode of the seed in use.
             options: For this episode only: ``world``, as the environment takes it; ``start`` and ``goal``, poses (x, y, theta).
 
         Raises:
-            ValueError: If an option is unknown or cannot be, or no way leads from start to goal.
+            ValueError: If an option is unknown or invalid, or there is no path from start to goal.
         """
         self._enter(options or {})
         observation, info = super().reset(seed=seed)
@@ -141,14 +142,14 @@ class RoomsEnv(NavigationEnv):
         return observation, info
 
     def _enter(self, options: dict[str, Any]) -> None:
-        """Use the world of some options, or again the environment's own."""
+        """Use the world in a reset's options, or else the environment's own."""
         world = with_options(self._own.world, options)
         if world is not self._world:
             parameters = self.parameters
             room = make_room(world, self._own.lidar, parameters.dt)
             self._batch.set_world(parameters._replace(room=room), world if isinstance(world, FloorPlan) else None)
             self._world = world
-            self.close()  # a picture shows the arrays of the world before
+            self.close()  # the renderer holds the arrays of the old world
 
 
 def no_way(parameters: Parameters) -> str:

@@ -24,18 +24,18 @@ from turtlebot_gym.tasks import ROOM
 
 
 class RoomsVectorEnv(NavigationVectorEnv):
-    """Many `RoomsEnv`s at once, a room of its own for each; as `NavigationVectorEnv`.
+    """Many `RoomsEnv`s at once, each with its own room; otherwise like `NavigationVectorEnv`.
 
     ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision``, shape (N,).
 
     Args:
-        num_envs: How many.
-        max_episode_steps: See `NavigationVectorEnv`, as for the next four.
+        num_envs: Number of environments.
+        max_episode_steps: See `NavigationVectorEnv`, as for the next four arguments.
         autoreset_mode: See there.
         info: See there.
         render_mode: See there.
         render_rows: See there.
-        world: And all further arguments: see `RoomsEnv`.
+        world: See `RoomsEnv`, as for all further arguments.
         lidar: See there.
         robot: See there.
         noise: See there.
@@ -49,7 +49,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         fix: See there.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
+        ValueError: If an argument is unknown or out of its range, or a given world has no path from start to goal.
     """
 
     def __init__(
@@ -109,11 +109,11 @@ class RoomsVectorEnv(NavigationVectorEnv):
 
         Args:
             seed: See `NavigationVectorEnv.reset`.
-            options: ``reset_mask``, see there; ``start`` and ``goal``, for the episodes that begin now and not for those after
-                them: a pose (x, y, theta) for all, or one for each environment, shape (N, 3).
+            options: ``reset_mask``, see there; ``start`` and ``goal``, for the episodes that begin now only: a pose (x, y,
+                theta) for all environments, or one for each, shape (N, 3).
 
         Raises:
-            ValueError: If an option is unknown or cannot be, or no way leads from start to goal.
+            ValueError: If an option is unknown or invalid, or there is no path from start to goal.
         """
         self._asked = asked = self._with_poses(options)
         try:
@@ -127,7 +127,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         return observations, infos
 
     def _with_poses(self, options: dict[str, Any] | None) -> dict[int, Parameters]:
-        """Return the parameters of the environments that options give a start or a goal."""
+        """Return new parameters, by environment, where options set a start or a goal."""
         mask = self._reset_mask(options)
         given = {name: value for name, value in (options or {}).items() if name != "reset_mask"}
         if "world" in given:
@@ -163,5 +163,5 @@ class RoomsVectorEnv(NavigationVectorEnv):
         super()._begin(mask, observations, outcomes)
 
     def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:
-        """Return what no robot knows: the rooms, the true states (N, 5), and the goals' poses (N, 3)."""
+        """Return the ground truth: the rooms, the true states (N, 5), and the goals' poses (N, 3)."""
         return self._batch.scenes, self._batch.numbers(PARTS["true_state"]), self._batch.numbers(PARTS["reference"])

@@ -1,1 +1,1 @@
-"""The extended Kalman filter, and the statistics that say whether a filter's stated uncertainty is true."""
+"""The extended Kalman filter and its variants, and statistics of a filter's consistency."""

@@ -1,4 +1,4 @@
-"""Whether a filter's stated uncertainty is true, and how good any filter could be.
+"""Consistency of a filter's stated uncertainty, and the best accuracy that any filter could reach.
 
 References:
     Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4: NEES, NIS.
@@ -24,7 +24,7 @@ from turtlebot_gym.values import Command, Pose
 
 
 def difference(one: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
-    """Return poses or states minus others, with the headings' difference wrapped.
+    """Return the difference of poses or states, with that of the headings wrapped.
 
     Args:
         one: Shape (..., 3) or (..., 5); m, m, rad, m/s, rad/s.
@@ -38,14 +38,14 @@ def difference(one: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
 def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, components: int = 5) -> NDArray[np.float64]:
     """Return the normalized estimation error squared, ``e' P^-1 e``, with the heading's error wrapped.
 
-    Of a consistent filter it is chi-square distributed, with as many degrees of freedom as components.
+    For a consistent filter it is chi-square distributed, with one degree of freedom per component.
 
     Args:
-        estimate: Believed states, shape (..., 5); m, m, rad, m/s, rad/s.
+        estimate: Estimated states, shape (..., 5); m, m, rad, m/s, rad/s.
         truth: True states, shape (..., 5).
         covariance: Shape (..., 5, 5).
-        components: How many of the state's components to judge: 5; 3 for the pose (at rest a filter may be certain of the
-            twist, and P singular); 2 for the position.
+        components: Number of components of the state to judge: 5; 3 for the pose (at rest a filter may be certain of the twist,
+            so that P is singular); 2 for the position.
 
     Returns:
         Shape (...).
@@ -55,7 +55,7 @@ def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, compon
 
 
 def normalized(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
-    """Return ``e' P^-1 e``; of an innovation and its covariance this is the NIS, with 3 degrees of freedom.
+    """Return ``e' P^-1 e``; for an innovation and its covariance this is the NIS, with 3 degrees of freedom.
 
     Args:
         error: Shape (..., n).
@@ -69,11 +69,11 @@ def normalized(error: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
 
 
 def mean_bounds(degrees: int, runs: int, *, false_alarm: float) -> tuple[float, float]:
-    """Return the interval in which the mean of independent NEES or NIS lies, but for a stated rate of false alarms.
+    """Return the interval that contains the mean of independent NEES or NIS values, except for a stated rate of false alarms.
 
     Args:
         degrees: Degrees of freedom of each: 5 for the NEES, 3 for the NIS.
-        runs: How many independent ones the mean is over. Along one run they are correlated: take runs, not steps.
+        runs: Number of independent values in the mean. Values along one run are correlated: count runs, not steps.
         false_alarm: Probability that a consistent filter falls outside.
 
     Raises:
@@ -88,14 +88,14 @@ def mean_bounds(degrees: int, runs: int, *, false_alarm: float) -> tuple[float, 
 
 
 def heading_information(noise: OdometryNoise) -> float:
-    """Return the Fisher information of a measured heading, 1/rad^2; without spikes it is one over the variance.
+    """Return the Fisher information of a measured heading, 1/rad^2; without spikes, the inverse of the variance.
 
     With spikes the noise is the mixture ``(1 - e) N(0, s^2) + e/2 N(a, s^2) + e/2 N(-a, s^2)``, and the information is the
-    integral of ``p'^2 / p``. A filter that knew the mixture could use it all; one that takes the noise for Gaussian gets
-    ``1 / (s^2 + e a^2)`` at most.
+    integral of ``p'^2 / p``. A filter that models the mixture can use all of it; one that assumes Gaussian noise gets at most
+    ``1 / (s^2 + e a^2)``.
 
     Raises:
-        ValueError: If the heading is measured without white noise: its information is then infinite.
+        ValueError: If the heading is measured without white noise, which makes its information infinite.
     """
     variance, share, spike = noise.R[2], noise.spike_probability, noise.spike
     if not variance > 0.0:
@@ -113,8 +113,8 @@ def heading_information(noise: OdometryNoise) -> float:
 
 
 def true_tuning(noise: Noise) -> FilterTuning:
-    """Return the noise as it is, for `cramer_rao_bound`: no floors, spikes by the information that they leave, no bias and no
-    slip, which the bound takes for known.
+    """Return the true noise as a tuning for `cramer_rao_bound`: without floors, with spikes counted by the information that
+    they leave. Bias and slip are omitted, because the bound assumes that they are known.
 
     Raises:
         ValueError: If there are spikes on a heading without white noise.
@@ -137,19 +137,19 @@ def cramer_rao_bound(
     dt: float = 0.1,
     integrator: str = "euler",
 ) -> NDArray[np.float64]:
-    """Return the posterior Cramer-Rao bound: no filter's mean squared error is below it.
+    """Return the posterior Cramer-Rao bound, a lower bound on the mean squared error of any filter.
 
-    The process noise enters v and omega only, so Q is singular, and the bound is taken in covariance form: the filter's Riccati
-    equation along the true trajectories, averaged over them.
+    The process noise enters v and omega only, so Q is singular. The bound is therefore computed in covariance form: the
+    filter's Riccati equation along the true trajectories, averaged over them.
 
     Args:
         true_states: Shape (T + 1, 5), or (N, T + 1, 5) for N runs; m, m, rad, m/s, rad/s.
-        commands: Executed from each state on, but for what is random in their execution (limited ones; where slip is taken for
-            known, what it leaves of them), shape (T, 2) or (N, T, 2); m/s, rad/s.
-        tuning: The *true* noise, as from `true_tuning`: its Q and ``process`` the execution's; its R the measurement's, with
-            ``1 / heading_information(noise)`` for the heading where there are spikes. With ``odometry_input`` nothing is
-            measured after the start.
-        measured: Whether a measurement arrived, shape (T,) or (N, T); None for always.
+        commands: Limited commands executed from each state on, without the noise of their execution (reduced by slip if that is
+            assumed known), shape (T, 2) or (N, T, 2); m/s, rad/s.
+        tuning: The *true* noise, as from `true_tuning`: Q and ``process`` of the execution; R of the measurement, with ``1 /
+            heading_information(noise)`` for the heading if there are spikes. With ``odometry_input`` nothing is measured after
+            the start.
+        measured: Whether a measurement arrived, shape (T,) or (N, T); None if one always did.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
 

@@ -1,4 +1,4 @@
-"""Dead reckoning: the odometry drives the belief and corrects nothing, which is all that a robot with wheel odometry can do."""
+"""Dead reckoning: odometry moves the belief and corrects nothing, the best that a robot with wheel odometry alone can do."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from turtlebot_gym.values import Belief, Pose, Senses, State
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
-    """Move the belief as the odometry moved; its covariance grows with the distance: see `interface.Filter`."""
+    """Move the belief as the odometry moved; its covariance grows with the distance. See `interface.Filter`."""
     x, y, theta, _, _ = estimate.belief.mean
     twist = senses.twist
     prior = predict(estimate.belief, twist, tuning, dt, middle)

@@ -1,8 +1,8 @@
 """An extended Kalman filter for a unicycle whose pose is measured.
 
 State ``[x, y, theta, v, omega]``, input the executed twist, measurement ``[x, y, theta]``. The measured components are
-independent, so the update takes them one after the other: three scalar updates, which equal the joint one, need no inverse,
-and leave a covariance that is symmetric by construction.
+independent, so the update processes them in turn: three scalar updates equal the joint one, need no matrix inverse, and keep
+the covariance symmetric by construction.
 
 References:
     Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 10.3 (EKF).
@@ -22,18 +22,18 @@ from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, Stat
 
 
 class Estimate(NamedTuple):
-    """All that the filter remembers from step to step."""
+    """State that the filter keeps between steps."""
 
     belief: Belief
     nis: float
     """Normalized innovation squared of the last measurement."""
     rejections: float
-    """Measurements refused in a row."""
+    """Number of measurements refused in a row."""
 
 
 @kernel
 def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
-    """Start from the first measurement, or at the origin where the tuning says so."""
+    """Start from the first measurement, or at the origin if the tuning says so."""
     R, P0 = tuning.R, tuning.P0
     x, y, theta = (0.0, 0.0, 0.0) if tuning.from_origin else (odometry.x, odometry.y, odometry.theta)
     xx, yy, tt = (P0[0], P0[1], P0[2]) if tuning.from_origin else (R[0], R[1], R[2])
@@ -44,11 +44,11 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
 
 @algebra
 def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> Belief:
-    """Move the belief by one control interval: the pose with the believed twist, and then the twist to the executed one.
+    """Move the belief by one control interval: the pose with the believed twist, then the twist to the executed one.
 
     Args:
         belief: Mean and covariance at the start of the interval.
-        twist: What the robot executes from now on, as far as it is known: what its odometry states, or the command.
+        twist: Best knowledge of the twist executed from now on: the one that odometry reports, or the command.
         tuning: Process noise.
         dt: Interval, s.
         middle: The integrator, a value of `INTEGRATORS`.
@@ -104,7 +104,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
 
 @kernel
 def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float, float]:
-    """Condition the belief on the position of a measured pose.
+    """Condition the belief on the position part of a measured pose.
 
     Args:
         belief: Prior mean and covariance.
@@ -113,9 +113,9 @@ def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tupl
         turn: The heading's innovation, rad.
 
     Returns:
-        The posterior, whose heading is not wrapped yet; the normalized innovation squared; the inverse of its covariance's
-        determinant; and what is left of the heading's innovation: what x and y have already explained of the turn is taken off
-        it, instead of wrapping a second time.
+        The posterior, with its heading not wrapped yet; the normalized innovation squared; the inverse determinant of the
+        innovation covariance; and the rest of the heading's innovation, reduced by the turn that x and y already explain, which
+        avoids wrapping twice.
     """
     prior = belief.mean.theta
     h_x = of_x(belief.covariance)
@@ -151,7 +151,7 @@ def correct(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, floa
 
 @kernel
 def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float]:
-    """Condition the belief on a pose, whose heading may have an infinite variance: it was then not measured.
+    """Condition the belief on a pose; an infinite variance means that the heading was not measured.
 
     Args:
         belief: Prior mean and covariance.
@@ -160,8 +160,8 @@ def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Be
         turn: The heading's innovation, rad.
 
     Returns:
-        The posterior, the normalized innovation squared, and the inverse of the determinant of its covariance, without the
-        heading's where that was not measured.
+        The posterior, the normalized innovation squared, and the inverse determinant of the innovation covariance; both without
+        the heading if that was not measured.
     """
     belief, nis, precision, turn = correct_position(belief, z, R, turn)
     h = of_heading(belief.covariance)
@@ -179,7 +179,7 @@ def innovation(mean: State, z: Pose, tuning: FilterTuning) -> Pose:
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
-    """Predict with the executed twist, and correct by the measured pose where one arrived: see `interface.Filter`."""
+    """Predict with the executed twist, and correct by the measured pose if one arrived; see `interface.Filter`."""
     prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
     posterior, nis = correct(prior, senses.odometry, tuning)
     return settle(estimate, prior, posterior, prior, nis, nis > tuning.gate, senses, tuning)
@@ -187,7 +187,7 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
 
 @kernel
 def fix(estimate: Estimate, z: Pose, R: Variances) -> Estimate:
-    """Condition the belief on a pose that was measured from outside: see `interface.Filter`."""
+    """Condition the belief on an external pose measurement; see `interface.Filter`."""
     belief, _, _ = correct_pose(estimate.belief, z, R, wrap(z.theta - estimate.belief.mean.theta))
     return Estimate(belief, estimate.nis, estimate.rejections)
 
@@ -209,11 +209,11 @@ def settle(
         estimate: Before the step.
         prior: After the prediction.
         posterior: After the correction.
-        spared: Instead, where the measurement is an outlier.
+        spared: Used instead of the posterior if the measurement is an outlier.
         nis: Normalized innovation squared of the measurement.
-        is_outlier: Whether it is refused.
-        senses: What the odometry says.
-        tuning: After how many refusals in a row the filter is lost.
+        is_outlier: Whether the measurement is refused.
+        senses: The odometry.
+        tuning: Its ``max_rejections`` says after how many refusals in a row the filter is lost.
     """
     measured = senses.measured
     refused = measured and is_outlier
@@ -226,7 +226,7 @@ def settle(
 
 @kernel
 def _restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
-    """Forget the believed pose and take the measured one; the twist stays as executed."""
+    """Replace the believed pose by the measured one; the twist stays as executed."""
     R, P = tuning.R, prior.covariance
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, P.vv, P.vw, P.ww)
     return Belief(State(z.x, z.y, z.theta, prior.mean.v, prior.mean.omega), covariance)

@@ -1,6 +1,6 @@
-"""Filters as objects, to look into: ours, and filterpy's as the reference beside it.
+"""Filters as objects with inspectable state: this package's own, and filterpy's as a reference.
 
-Environments and nodes call the functions of `estimation.ekf`; these objects are for people, notebooks and tests.
+Environments and nodes call the functions of `estimation.ekf`; these objects are for interactive use, notebooks and tests.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ def entries(P: ArrayLike, *, name: str = "covariance") -> Covariance:
 
     Args:
         P: Shape (5, 5).
-        name: What the error messages call it.
+        name: Name of the matrix in error messages.
 
     Raises:
-        ValueError: If it is not finite, not symmetric, not positive semidefinite or of another shape.
+        ValueError: If the matrix is not finite, not symmetric, not positive semidefinite or of another shape.
     """
     P = np.asarray(P, np.float64)
     if P.shape != (5, 5) or not np.isfinite(P).all():
         raise ValueError(f"{name} must be a finite 5 x 5 matrix, got {P.tolist()!r}.")
     scale = np.abs(P).max()
-    if np.abs(P - P.T).max() > 1e-12 * scale:  # rounding of F P F' is not the caller's mistake
+    if np.abs(P - P.T).max() > 1e-12 * scale:  # tolerate rounding of F P F'
         raise ValueError(f"{name} must be symmetric, got {P.tolist()!r}.")
     least = np.linalg.eigvalsh(P)[0]
     if least < -1e-12 * scale or np.diag(P).min() < 0.0:
@@ -55,15 +55,15 @@ def entries(P: ArrayLike, *, name: str = "covariance") -> Covariance:
 
 
 class KalmanFilter:
-    """A filter of whatever kind, with its state, covariance and innovation to look at.
+    """A filter of any kind, with access to its state, covariance and innovation.
 
-    ``step`` does what environments and nodes do in a control interval; ``predict`` and ``update`` are the two halves of the
-    extended Kalman filter, for those who want to see between them (there is then no gate, and the odometry corrects even where
-    the tuning makes it the filter's input).
+    ``step`` does what environments and nodes do in a control interval. ``predict`` and ``update`` are the two halves of the
+    extended Kalman filter, for a look in between; they apply no gate, and the odometry corrects even if the tuning makes it the
+    filter's input.
 
     Args:
-        tuning: Noise, gate and kind. Of kinds that remember more than a belief, state and covariance cannot be given: they
-            begin at the origin, or with `start`.
+        tuning: Noise, gate and kind. Kinds that keep more than a belief accept no state and no
+            covariance; they begin at the origin, or with `start`.
         state: Mean of the initial belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s.
         covariance: Its covariance, shape (5, 5), symmetric and positive semidefinite; None for the tuning's P0.
         dt: Control interval, s.
@@ -90,7 +90,7 @@ class KalmanFilter:
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._filter = filter_of(tuning)
         self._estimate: Any = self._filter.start(Pose(0.0, 0.0, 0.0), tuning)
-        self._is_simple = isinstance(self._estimate, Estimate)  # else it remembers more than a belief
+        self._is_simple = isinstance(self._estimate, Estimate)  # other kinds keep more than a belief
         if self._is_simple:
             self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
         elif covariance is not None or mean.any():
@@ -101,7 +101,7 @@ class KalmanFilter:
 
     @property
     def belief(self) -> Belief:
-        """What the filter holds true, as the functions of `estimation.ekf` take it."""
+        """The filter's belief, as the functions of `estimation.ekf` take it."""
         return self._estimate.belief
 
     @property
@@ -121,26 +121,26 @@ class KalmanFilter:
 
     @property
     def innovation_covariance(self) -> NDArray[np.float64]:
-        """Covariance that the filter expected the last innovation to have, shape (3, 3). NaN before a measurement."""
+        """Covariance that the filter predicted for the last innovation, shape (3, 3). NaN before a measurement."""
         return self._innovation_covariance.copy()
 
     @property
     def nis(self) -> float:
-        """Normalized innovation squared of the last measurement; of a correct filter chi-square with 3 degrees of freedom."""
+        """Normalized innovation squared of the last measurement; for a correct filter, chi-square with 3 degrees of freedom."""
         return self._estimate.nis
 
     @property
     def rejections(self) -> int:
-        """How many measurements in a row the gate has refused; 0 of a filter that has none."""
+        """Number of measurements in a row that the gate has refused; 0 for a filter without a gate."""
         return int(getattr(self._estimate, "rejections", 0))
 
     def start(self, odometry: Pose) -> None:
-        """Begin anew from a first measurement, as an episode does (or from the origin, where the tuning says so)."""
+        """Restart from a first measurement, as an episode does (or from the origin, if the tuning says so)."""
         self._odometry = Pose(*odometry)
         self._estimate = self._filter.start(self._odometry, self.tuning)
 
     def predict(self, command: Command) -> None:
-        """Move the belief by one control interval, with the twist that is commanded from now on.
+        """Move the belief by one control interval, with the command that holds from now on.
 
         Raises:
             ValueError: If the filter is of a kind that has no such halves.
@@ -162,7 +162,7 @@ class KalmanFilter:
         self._estimate = Estimate(belief, nis, self._estimate.rejections)
 
     def step(self, command: Command, odometry: Pose | None = None) -> None:
-        """Predict with the command and correct by the odometry, gate included; None means that none arrived."""
+        """Predict with the command and correct by the odometry, gate included; None if no odometry arrived."""
         command = Command(*command)
         measured = odometry is not None
         mean = self.belief.mean
@@ -180,20 +180,20 @@ class KalmanFilter:
             )
 
     def _note(self, prior: Belief, z: Pose) -> None:
-        """Keep what a measurement says against the prior: nu, and S = H P H' + R."""
+        """Store the innovation nu of a measurement against the prior, and S = H P H' + R."""
         self._innovation = np.array(ekf.innovation(prior.mean, z, self.tuning))
         self._innovation_covariance = matrix(prior.covariance)[:3, :3] + np.diag(self.tuning.R)
 
 
 def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str = "euler") -> ExtendedKalmanFilter:
-    """Return filterpy's extended Kalman filter of the same robot, as an oracle and for notebooks.
+    """Return filterpy's extended Kalman filter for the same robot, as an oracle and for notebooks.
 
-    It has our motion, the Jacobian as a matrix, ``H = [I 0]`` and our innovation; the algebra is filterpy's. Call
-    ``predict((v, omega))`` and ``update((x, y, theta))``, or ``update(None)`` where a measurement is lost; not
-    ``predict_update``, which knows neither our motion nor the wrapped heading. It has no gate.
+    It uses this package's motion and innovation, the Jacobian as a matrix and ``H = [I 0]``; the algebra is filterpy's. Call
+    ``predict((v, omega))`` and ``update((x, y, theta))``, or ``update(None)`` for a lost measurement. Do not call
+    ``predict_update``, which has neither this motion nor the wrapped heading. It has no gate.
 
     Args:
-        tuning: Its Q, R, P0, ``process``, ``remember_velocity`` and ``wrap_innovation`` count.
+        tuning: Its Q, R, P0, ``process``, ``remember_velocity`` and ``wrap_innovation`` are used.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
 
@@ -225,7 +225,8 @@ def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str =
             mean = State(*self.x.tolist())
             self.F = jacobian(mean, dt=dt, integrator=integrator)
             self.F[3, 3] = self.F[4, 4] = float(tuning.remember_velocity)
-            # Prediction of a belief without uncertainty: f as the mean, and Q, which depends on the command, as covariance.
+            # Predicting a belief without uncertainty gives f as the mean, and Q, which depends on the command, as the
+            # covariance.
             moved = ekf.predict(Belief(mean, certain), Command(*u), tuning, dt, middle)
             self.x, self.Q = np.array(moved.mean), matrix(moved.covariance)
 
@@ -242,13 +243,13 @@ def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str =
 def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[np.float64]:
     """Return the derivative F (5, 5) of the motion with respect to the state.
 
-    Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` has the products with it written out.
+    Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` writes out the products with it.
     """
     return jacobians(np.array([state]), dt=dt, middle=choose("integrator", integrator, INTEGRATORS))[0]
 
 
 def jacobians(states: ArrayLike, *, dt: float, middle: float) -> NDArray[np.float64]:
-    """Return `jacobian` of many states (n, 5), shape (n, 5, 5); the integrator is a value of `models.unicycle.INTEGRATORS`."""
+    """Return `jacobian` for many states (n, 5), shape (n, 5, 5); the integrator is a value of `models.unicycle.INTEGRATORS`."""
     twists = np.asarray(states, np.float64)[:, 2:].tolist()
     moved = np.array([motion(theta, v, omega, dt, middle)[3:] for theta, v, omega in twists])
     F = np.zeros((len(twists), 5, 5))

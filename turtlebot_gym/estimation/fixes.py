@@ -1,12 +1,12 @@
-"""Absolute fixes for any filter: a pose measured from outside is put in at its stamp, however late it comes.
+"""Absolute fixes for any filter: an external pose measurement is applied at its stamp, however late it arrives.
 
-A filter that took a late fix for one of now would pull the belief back to where the robot was. This one keeps what it was told
-in the last steps, and its estimate from before them; a fix is put into the step to which it belongs, and the filter is told all
-that came since once more. What comes of it is, to the bit, what a fix in time would have led to.
+A filter that treated a late fix as current would pull the belief back to where the robot was. This one keeps the inputs of the
+last steps and its estimate from before them. It inserts a fix into the step to which it belongs, and replays the inputs since
+then. The result is bit-identical to that of a fix in time.
 
 References:
     Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution", *IEEE Transactions on Aerospace and
-    Electronic Systems* 38 (2002), for the problem; over so short a history telling all again is exact, and simple.
+    Electronic Systems* 38 (2002), for the problem; over such a short history a replay is exact and simple.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from turtlebot_gym.values import Belief, Command, Fix, Pose, Senses
 
 
 class FixedSenses(NamedTuple):
-    """What the robot's odometry says, and a fix where one has come."""
+    """The robot's odometry, and a fix if one has arrived."""
 
     odometry: Pose
     twist: Command
@@ -31,17 +31,17 @@ class FixedSenses(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What a filter was told in a step."""
+    """Inputs of a filter in one step."""
 
     senses: Senses
     fix: Fix
-    """The one that was measured at the end of the step, whenever it came."""
+    """Fix that was measured at the end of the step, whenever it arrived."""
     dt: float
-    """The step's length, s."""
+    """Length of the step, s."""
 
 
 class Remembered(NamedTuple):
-    """All that the filter remembers from step to step."""
+    """State that the filter keeps between steps."""
 
     belief: Belief
     nis: float
@@ -49,21 +49,21 @@ class Remembered(NamedTuple):
     newest: Any
     """The filter's own estimate."""
     oldest: Any
-    """The one from before what is remembered, and before that step's own fix."""
+    """Estimate from before the stored steps, before that step's own fix."""
     told: tuple[Told, ...]
-    """What was told in the last steps, the newest first."""
+    """Inputs of the last steps, newest first."""
     steps: float
-    """Steps from the oldest estimate to the newest."""
+    """Number of steps from the oldest estimate to the newest."""
 
 
 def depth_of(dt: float, age: float = MAX_FIX_AGE) -> int:
-    """Return the number of steps of dt, s, that are to be remembered for fixes of an age, s."""
+    """Return the number of steps of dt, s, to store for fixes up to an age, s."""
     return max(1, round(age / dt))
 
 
 @kernel
 def no_fix() -> Fix:
-    """Return what stands where there is no fix."""
+    """Return the placeholder for no fix."""
     return Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False)
 
 
@@ -73,15 +73,15 @@ def _with_fix(told: Told, fix: Fix, here: bool) -> Told:
 
 
 def filled(count: int) -> Callable[[Any], Any]:
-    """Return the kernel that makes a tuple of so many times the same."""
+    """Return the kernel that makes a tuple of ``count`` equal values."""
     if count == 1:
         return kernel(lambda value: (value,))
     rest = filled(count - 1)
-    return kernel(lambda value: (value,) + rest(value))  # noqa: RUF005  # compiled code knows no stars
+    return kernel(lambda value: (value,) + rest(value))  # noqa: RUF005  # compiled code has no star expressions
 
 
 def _put(count: int) -> Callable[[Any, int, Fix], Any]:
-    """Return the kernel that puts a fix into one of so many steps."""
+    """Return the kernel that puts a fix into one of ``count`` steps."""
     if count == 1:
         return kernel(lambda told, at, fix: (_with_fix(told[0], fix, at == 0),))
     rest = _put(count - 1)
@@ -90,7 +90,7 @@ def _put(count: int) -> Callable[[Any, int, Fix], Any]:
 
 @kernel
 def _step_at(told: Any, count: float, age: float) -> int:
-    """Return how many steps ago was what is so old, s: the nearest step's end; -1 where that is no longer remembered."""
+    """Return how many steps ago an age, s, is: that of the nearest step end; -1 if that step is no longer stored."""
     nearest, off, passed = 0, abs(age), 0.0
     for steps in range(int(count)):
         passed += told[steps].dt
@@ -102,11 +102,11 @@ def _step_at(told: Any, count: float, age: float) -> int:
 
 @cache
 def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that takes fixes besides, in the senses that it is told; see `FixedSenses`.
+    """Return a filter that also takes fixes, in its senses; see `FixedSenses`.
 
     Args:
-        filter: Any.
-        depth: How many steps are remembered.
+        filter: Any filter.
+        depth: Number of stored steps.
     """
     begin, step, fix_in = filter
     fill, put, last = filled(depth + 1), _put(depth + 1), depth

@@ -1,4 +1,4 @@
-"""The extended Kalman filter with a gate on the heading alone: a heading that cannot be true does not cost the position."""
+"""The extended Kalman filter with a gate on the heading alone: an implausible heading does not cost the position."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from turtlebot_gym.values import Senses
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
-    """Predict, and correct by the position, and by the heading where it may be true: see `interface.Filter`."""
+    """Predict, and correct by the position, and by the heading if it is plausible; see `interface.Filter`."""
     prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
     turn = innovation(prior.mean, senses.odometry, tuning).theta
     placed, nis, _, turn = correct_position(prior, senses.odometry, tuning.R, turn)

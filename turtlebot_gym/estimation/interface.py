@@ -1,4 +1,4 @@
-"""What a filter is: three functions of one shape, chosen once from its tuning."""
+"""Interface of a filter: three functions with fixed signatures, chosen once from its tuning."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from turtlebot_gym.values import Pose
 
 
 class Filter(NamedTuple):
-    """A filter as kernels: they run in plain Python and inside a compiled loop."""
+    """A filter as kernels, which run in plain Python and inside a compiled loop."""
 
     start: Callable[[Pose, FilterTuning], Any]
-    """``start(odometry, tuning)`` returns the estimate at the first measurement: all that the filter remembers, a NamedTuple
-    with the belief and the NIS of the last measurement among it."""
+    """``start(odometry, tuning)`` returns the estimate at the first measurement: the filter's whole state, a NamedTuple that
+    includes the belief and the NIS of the last measurement."""
     step: Callable[[Any, Any, Any, FilterTuning, float, float], Any]
     """``step(estimate, before, senses, tuning, dt, middle)`` returns the estimate after a control interval of dt, s.
 
-    ``before`` is what the odometry said at the start of the interval, `values.Senses`, ``senses`` what it says at its end;
-    ``middle`` is the integrator, a value of `models.unicycle.INTEGRATORS`.
+    ``before`` and ``senses`` are the odometry at the start and at the end of the interval, `values.Senses`; ``middle`` is the
+    integrator, a value of `models.unicycle.INTEGRATORS`.
     """
     fix: Callable[[Any, Pose, tuple[float, ...]], Any]
-    """``fix(estimate, z, R)`` returns the estimate once a pose from outside is taken in, which was measured at its very time.
+    """``fix(estimate, z, R)`` returns the estimate after an external pose measurement of the same time.
 
-    R are the variances of x, y and heading; m^2, m^2, rad^2; infinite for a heading that was not measured.
+    R holds the variances of x, y and heading; m^2, m^2, rad^2; infinite for a heading that was not measured.
     """
 
 
@@ -40,9 +40,9 @@ FILTERS = {
     SLIP: Filter(slip.initialize, slip.step, slip.fix),
     SCALE: Filter(scale.initialize, scale.step, scale.fix),
 }
-"""Those that are corrected by a measured pose, by kind."""
+"""Filters that correct by a measured pose, by kind."""
 
 
 def filter_of(tuning: FilterTuning) -> Filter:
-    """Return the filter that a tuning is for."""
+    """Return the filter for a tuning."""
     return DEAD_RECKONING if tuning.odometry_input else FILTERS[tuning.kind]

@@ -1,8 +1,8 @@
-"""A filter that knows of heading spikes: a measured heading is the true one, or it is too great or too small by a spike.
+"""A filter that models heading spikes: a measured heading is true, or too large or too small by a spike.
 
-A measurement is taken as a mixture of the three, and what comes of it as a Gaussian with the mixture's mean and covariance. The
-first measurement cannot be weighed against anything, and a filter that believed a spike there would take all that follows for
-spikes: three beliefs begin, one for each explanation, and later measurements say which of them is true.
+A measurement is a mixture of the three, and the posterior is approximated by a Gaussian with the mixture's mean and covariance.
+The first measurement has no prior to be weighed against, and a filter that believed a spike there would take all later
+measurements for spikes. So three beliefs start, one for each explanation, and later measurements decide between them.
 
 References:
     Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", *IEEE Transactions on Automatic
@@ -22,13 +22,14 @@ from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
 
 _LEAST = 1e-100
-"""Least density of a measurement, but for its exponent: one that was certain before says nothing, and is not impossible."""
+"""Least density of a measurement, without its exponent, so that one that was certain beforehand does not count as
+impossible."""
 
 Three = tuple[float, float, float]
 
 
 class Hypotheses(NamedTuple):
-    """Beliefs by what the first heading was: true, too great by a spike, too small by one."""
+    """Beliefs for each explanation of the first heading: true, too large by a spike, too small by one."""
 
     true: Belief
     high: Belief
@@ -36,19 +37,19 @@ class Hypotheses(NamedTuple):
 
 
 class MixtureEstimate(NamedTuple):
-    """All that the filter remembers from step to step."""
+    """State that the filter keeps between steps."""
 
     belief: Belief
     """The hypotheses, merged."""
     nis: float
-    """Normalized innovation squared of the last measurement, in the mean over its explanations."""
+    """Normalized innovation squared of the last measurement, averaged over its explanations."""
     hypotheses: Hypotheses
     weights: Three
-    """Their probabilities."""
+    """Probabilities of the hypotheses."""
 
 
 class Tracked(NamedTuple):
-    """A hypothesis after a step, and how likely it makes the measurement: ``factor e^-exponent``, but for a constant."""
+    """A hypothesis after a step, and the measurement's likelihood under it, ``factor e^-exponent`` up to a constant."""
 
     belief: Belief
     nis: float
@@ -66,7 +67,7 @@ class Tracks(NamedTuple):
 
 @kernel
 def exp_minus(q: float) -> float:
-    """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; for more than 60, which is nothing, as for 60."""
+    """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; above 60, where it is negligible, as for 60."""
     x = min(q, 60.0) * (1.0 / 128.0)
     y = 2.505210838544172e-08 - x * 2.08767569878681e-09
     y = 2.48015873015873e-05 - x * (2.7557319223985893e-06 - x * (2.755731922398589e-07 - x * y))
@@ -83,7 +84,7 @@ def exp_minus(q: float) -> float:
 
 @kernel
 def merge(one: Belief, other: Belief, share: float) -> Belief:
-    """Return the Gaussian with the mean and the covariance of a mixture, in which ``share`` is the other's."""
+    """Return the Gaussian with the mean and the covariance of a mixture in which ``other`` has the weight ``share``."""
     a, b, P, Q = one.mean, other.mean, one.covariance, other.covariance
     x, y, t, v, w = b.x - a.x, b.y - a.y, wrap(b.theta - a.theta), b.v - a.v, b.omega - a.omega
     rest, both = 1.0 - share, share * (1.0 - share)
@@ -110,7 +111,7 @@ def merge(one: Belief, other: Belief, share: float) -> Belief:
 
 @kernel
 def share_of(part: float, rest: float) -> float:
-    """Return a weight's share in two, 0 where both are 0."""
+    """Return the share of one weight in the sum of two; 0 if both are 0."""
     total = part + rest
     return part / (total if total > 0.0 else 1.0)
 
@@ -140,14 +141,14 @@ def begin(odometry: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
 
 @kernel
 def initialize(odometry: Pose, tuning: FilterTuning) -> MixtureEstimate:
-    """Start from the first measurement: see `interface.Filter`."""
+    """Start from the first measurement; see `interface.Filter`."""
     hypotheses, weights = begin(odometry, tuning)
     return MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
 
 
 @kernel
 def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Tracked:
-    """Predict a hypothesis, and weigh a measurement that arrived by its three explanations."""
+    """Predict a hypothesis, and correct it by a measurement that arrived, weighed by its three explanations."""
     R, share, spike, measured = tuning.R, tuning.spike_probability, tuning.spike, senses.measured
     prior = predict(belief, senses.twist, tuning, dt, middle)
     turn = innovation(prior.mean, senses.odometry, tuning).theta
@@ -188,32 +189,32 @@ def track_all(hypotheses: Hypotheses, senses: Senses, tuning: FilterTuning, dt: 
 
 @kernel
 def _fix_one(belief: Belief, z: Pose, R: Variances) -> Tracked:
-    """Condition a hypothesis on a pose that was measured from outside."""
+    """Condition a hypothesis on an external pose measurement."""
     posterior, nis, precision = correct_pose(belief, z, R, wrap(z.theta - belief.mean.theta))
     return Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
 
 
 @kernel
 def fix_all(hypotheses: Hypotheses, z: Pose, R: Variances) -> Tracks:
-    """Condition all hypotheses on a pose that was measured from outside."""
+    """Condition all hypotheses on an external pose measurement."""
     return Tracks(_fix_one(hypotheses.true, z, R), _fix_one(hypotheses.high, z, R), _fix_one(hypotheses.low, z, R))
 
 
 @kernel
 def beliefs(tracks: Tracks) -> Hypotheses:
-    """Return the hypotheses as they are after a measurement."""
+    """Return the hypotheses after a measurement."""
     return Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
 
 
 @kernel
 def least_exponent(tracks: Tracks) -> float:
-    """Return the exponent of the likeliest hypothesis, which is taken off all before they are weighed."""
+    """Return the exponent of the likeliest hypothesis, which is subtracted from all before weighing."""
     return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
 
 
 @kernel
 def weigh(weights: Three, tracks: Tracks, least: float) -> Three:
-    """Return the hypotheses' weights after a measurement, which do not sum to 1 yet."""
+    """Return the weights of the hypotheses after a measurement, not normalized yet."""
     true, high, low = tracks
     return (
         weights[0] * true.factor * exp_minus(true.exponent - least),
@@ -232,7 +233,7 @@ def scaled(weights: Three, factor: float) -> Three:
 def step(
     estimate: MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> MixtureEstimate:
-    """Predict and correct all hypotheses, and weigh them by what they made of the measurement: see `interface.Filter`."""
+    """Predict and correct all hypotheses, and weigh them by the measurement's likelihoods; see `interface.Filter`."""
     tracks = track_all(estimate.hypotheses, senses, tuning, dt, middle)
     true, high, low = tracks
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
@@ -244,7 +245,7 @@ def step(
 
 @kernel
 def fix(estimate: MixtureEstimate, z: Pose, R: Variances) -> MixtureEstimate:
-    """Condition all hypotheses on a pose that was measured from outside, and weigh them by it: see `interface.Filter`."""
+    """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
     tracks = fix_all(estimate.hypotheses, z, R)
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))

@@ -1,6 +1,6 @@
-"""A filter that also learns what the robot makes of a twist: wheels that are 2 % larger than stated drive 2 % farther.
+"""A filter that also estimates the executed share of a twist: wheels 2 % larger than stated drive 2 % farther.
 
-The extended Kalman filter of `ekf` with a sixth state, the share of the twist that is executed, which does not change.
+The extended Kalman filter of `ekf` with a sixth, constant state: the share of the twist that is executed.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, Stat
 
 
 class ScaleEstimate(NamedTuple):
-    """All that the filter remembers from step to step: a Gaussian over the state and the scale."""
+    """State that the filter keeps between steps: a Gaussian over the robot's state and the scale."""
 
     belief: Belief
     nis: float
     """Normalized innovation squared of the last measurement."""
     scale: float
-    """Mean of the executed share of a twist."""
+    """Mean of the scale, the executed share of a twist."""
     variance: float
-    """Its variance."""
+    """Variance of the scale."""
     column: State
-    """Its covariance with each component of the state."""
+    """Covariance of the scale with each component of the state."""
 
 
 @kernel
 def initialize(odometry: Pose, tuning: FilterTuning) -> ScaleEstimate:
-    """Start from the first measurement, with a scale of 1: see `interface.Filter`."""
+    """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
     belief = ekf.initialize(odometry, tuning).belief
     deviation = tuning.scale_deviation
     return ScaleEstimate(belief, 0.0, 1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
@@ -41,7 +41,7 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> ScaleEstimate:
 
 @kernel
 def _predict(estimate: ScaleEstimate, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> ScaleEstimate:
-    """Move by a control interval: the pose with the believed twist, and then the twist to the executed share of the new one."""
+    """Move by a control interval: the pose with the believed twist, then the twist to the executed share of the new one."""
     (_, _, theta, v, omega), _ = estimate.belief
     moved = motion(theta, v, omega, dt, middle)
     c, share, variance = estimate.column, estimate.scale, estimate.variance
@@ -88,7 +88,7 @@ def _correct(prior: ScaleEstimate, z: Pose, R: Variances, turn: float) -> ScaleE
 def step(
     estimate: ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> ScaleEstimate:
-    """Predict with the executed share of the twist, and correct by the measured pose: see `interface.Filter`."""
+    """Predict with the executed share of the twist, and correct by the measured pose; see `interface.Filter`."""
     prior = _predict(estimate, senses.twist, tuning, dt, middle)
     now = _correct(prior, senses.odometry, tuning.R, innovation(prior.belief.mean, senses.odometry, tuning).theta)
     return now if senses.measured else prior
@@ -96,6 +96,6 @@ def step(
 
 @kernel
 def fix(estimate: ScaleEstimate, z: Pose, R: Variances) -> ScaleEstimate:
-    """Condition on a pose that was measured from outside: see `interface.Filter`."""
+    """Condition on an external pose measurement; see `interface.Filter`."""
     now = _correct(estimate, z, R, wrap(z.theta - estimate.belief.mean.theta))
     return ScaleEstimate(now.belief, estimate.nis, now.scale, now.variance, now.column)

@@ -1,7 +1,7 @@
-"""A filter that knows of spikes and of slip: each hypothesis of `mixture` in two modes, wheels that grip and wheels that slip.
+"""A filter that models spikes and slip: each hypothesis of `mixture` in two modes, gripping and slipping wheels.
 
-Interacting multiple models: a measurement says in which of the modes the robot has moved, and the modes are mixed by the
-chances of a change before the next twist is executed.
+Interacting multiple models: a measurement updates the probabilities of the modes, and the modes are mixed by their transition
+probabilities before the next twist is executed.
 
 References:
     Blom, Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching coefficients", *IEEE
@@ -34,16 +34,16 @@ from turtlebot_gym.values import Belief, Command, Pose, Senses, State
 
 
 class SlipEstimate(NamedTuple):
-    """All that the filter remembers from step to step."""
+    """State that the filter keeps between steps."""
 
     belief: Belief
     """All hypotheses in both modes, merged."""
     nis: float
-    """Normalized innovation squared of the last measurement, in the mean over its explanations."""
+    """Normalized innovation squared of the last measurement, averaged over its explanations."""
     gripping: Hypotheses
-    """The twist is executed as the wheels turn ..."""
+    """Hypotheses for wheels that grip, so that the twist is fully executed ..."""
     slipping: Hypotheses
-    """... and but for the share that slip costs."""
+    """... and for wheels that slip, so that slip takes its share."""
     grip_weights: Three
     """Probability of each hypothesis with wheels that grip ..."""
     slip_weights: Three
@@ -52,14 +52,14 @@ class SlipEstimate(NamedTuple):
 
 @kernel
 def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -> Belief:
-    """Return everything as one Gaussian."""
+    """Return all hypotheses in both modes as one Gaussian."""
     share = slip[0] + slip[1] + slip[2]
     return merge(merged(gripping, grip), merged(slipping, slip), share)
 
 
 @kernel
 def initialize(odometry: Pose, tuning: FilterTuning) -> SlipEstimate:
-    """Start from the first measurement, with wheels that grip: see `interface.Filter`."""
+    """Start from the first measurement, with wheels that grip; see `interface.Filter`."""
     hypotheses, weights = begin(odometry, tuning)
     none = (0.0, 0.0, 0.0)
     return SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
@@ -76,7 +76,7 @@ def _moving(belief: Belief, twist: Command, share: float) -> Belief:
 def _mix(
     gripped: Belief, slipped: Belief, grip: float, slip: float, twist: Command, tuning: FilterTuning, dt: float
 ) -> tuple[Belief, Belief, float, float]:
-    """Return a hypothesis in both modes after the chance of a change, with its weights."""
+    """Return a hypothesis in both modes after a possible transition, with its weights."""
     process, scale = tuning.process, dt / REFERENCE_PERIOD
     start, end = process.slip_start * scale, process.slip_end * scale
     stays, ends, starts, goes_on = grip * (1.0 - start), slip * end, grip * start, slip * (1.0 - end)
@@ -96,7 +96,7 @@ def _weigh(estimate: SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Th
 
 @kernel
 def fix(estimate: SlipEstimate, z: Pose, R: Variances) -> SlipEstimate:
-    """Condition all on a pose that was measured from outside, and weigh them by it: see `interface.Filter`."""
+    """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
     gripped, slipped = fix_all(estimate.gripping, z, R), fix_all(estimate.slipping, z, R)
     grip, slip = _weigh(estimate, gripped, slipped)
     gripping, slipping = beliefs(gripped), beliefs(slipped)
@@ -107,7 +107,7 @@ def fix(estimate: SlipEstimate, z: Pose, R: Variances) -> SlipEstimate:
 def step(
     estimate: SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> SlipEstimate:
-    """Predict and correct all hypotheses in both modes, weigh them, and mix the modes: see `interface.Filter`."""
+    """Predict and correct all hypotheses in both modes, weigh them, and mix the modes; see `interface.Filter`."""
     twist = senses.twist
     gripped = track_all(estimate.gripping, senses, tuning, dt, middle)
     slipped = track_all(estimate.slipping, senses, tuning, dt, middle)

@@ -1,4 +1,4 @@
-"""Conditioning a belief on one scalar measurement, of whatever sensor: the only update that there is.
+"""Condition a belief on one scalar measurement of any sensor: the only update equation of the package.
 
 References:
     Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): processing scalar measurements in turn.
@@ -15,7 +15,7 @@ Variances = tuple[float, ...]
 
 
 class Projection(NamedTuple):
-    """What a scalar measurement ``h x`` sees of a covariance."""
+    """Projection of a covariance on a scalar measurement ``h x``."""
 
     column: State
     """``P h'``: its covariance with each component of the state."""
@@ -43,7 +43,7 @@ def of_heading(P: Covariance) -> Projection:
 
 @algebra
 def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
-    """Take out of P what a scalar measurement tells: ``P - column column' / S``, with ``inverse`` for 1 / S."""
+    """Reduce P by a scalar measurement: ``P - column column' / S``, with ``inverse`` for 1 / S."""
     x, y, t, v, w = column
     i, j, k, m, n = x * inverse, y * inverse, t * inverse, v * inverse, w * inverse
     return Covariance(
@@ -57,20 +57,20 @@ def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
 
 @kernel
 def inverse_of(S: float) -> float:
-    """Return 1 / S, and 0 for the S = 0 of a component that is known already and measured without noise."""
-    some = S > 1e-300  # the inverse of less may be infinite
+    """Return 1 / S, or 0 for S = 0: a component that is already known and measured without noise."""
+    some = S > 1e-300  # the inverse of a smaller number may be infinite
     return 1.0 / (S if some else 1.0) if some else 0.0
 
 
 @algebra
 def absorb(belief: Belief, column: State, gain: float, inverse: float) -> Belief:
-    """Move a belief by what a scalar measurement tells.
+    """Update a belief by a scalar measurement.
 
     Args:
         belief: Prior mean and covariance.
-        column: The measured quantity's covariance with each component of the state.
-        gain: What the mean moves along the column.
-        inverse: What the covariance loses along ``column column'``: 1 / S of a measurement that is taken for sure.
+        column: Covariance of the measured quantity with each component of the state.
+        gain: Step of the mean along the column.
+        inverse: Reduction of the covariance along ``column column'``: 1 / S for a measurement that is certainly accepted.
 
     Returns:
         The posterior, whose heading is not wrapped yet.
@@ -83,12 +83,12 @@ def absorb(belief: Belief, column: State, gain: float, inverse: float) -> Belief
 
 @kernel
 def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[Belief, float]:
-    """Condition a belief on one scalar measurement, of whatever sensor.
+    """Condition a belief on one scalar measurement of any sensor.
 
     Args:
         belief: Prior mean and covariance.
-        h: What the measurement sees of the covariance.
-        innovation: Measured minus predicted value, an angle's wrapped.
+        h: Projection of the covariance on the measurement.
+        innovation: Measured minus predicted value, wrapped for an angle.
         r: Variance of the measurement.
 
     Returns:

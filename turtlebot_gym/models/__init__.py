@@ -1,1 +1,1 @@
-"""The physics, as pure functions: motion, odometry, and the counter-based noise that both are given."""
+"""The physics as pure functions: motion, odometry, and the counter-based noise for both."""

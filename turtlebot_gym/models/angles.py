@@ -1,7 +1,7 @@
 """Angles: wrapping, and a sine and cosine that give the same bits in plain Python and in compiled code.
 
-Compiled ``math.sin`` is a call to the C library, which keeps LLVM from vectorizing the loop around it; a polynomial without
-branches is eight lanes wide and has no platform's rounding in it.
+Compiled ``math.sin`` is a call to the C library, which keeps LLVM from vectorizing the surrounding loop. A polynomial without
+branches runs eight lanes wide, and its rounding does not depend on the platform.
 """
 
 from __future__ import annotations
@@ -54,5 +54,5 @@ def sincos(angle: float) -> tuple[float, float]:
 
 
 def yaw_of_quaternion(w: float, x: float, y: float, z: float) -> float:
-    """Return the heading of a rotation that is given as a unit quaternion, rad, in [-pi, pi]."""
+    """Return the heading of a rotation given as a unit quaternion, rad, in [-pi, pi]."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

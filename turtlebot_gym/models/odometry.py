@@ -1,4 +1,4 @@
-"""Odometry: a measured pose, or the pose that the wheels have integrated."""
+"""Odometry: a measured pose, or a pose integrated from the wheels."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def measure(
 
     Args:
         pose: The true pose.
-        wheels: The pose that the wheels have integrated.
+        wheels: The pose integrated from the wheels.
         noise: The odometry's errors.
         position: Two standard normal numbers.
         heading: A standard normal number.
-        event: A uniform number in (0, 1), which decides on a heading spike and its sign.
+        event: A uniform number in (0, 1) that decides on a heading spike and its sign.
     """
     half = 0.5 * noise.spike_probability
     spike = noise.spike if event < half else (-noise.spike if event < noise.spike_probability else 0.0)
@@ -49,14 +49,14 @@ def measure(
 
 @kernel
 def sense(pose: Pose, wheels: Pose, twist: Command, before: Senses, noise: OdometryNoise, key: int, at: int) -> Senses:
-    """Return what the odometry says at a step: where a measurement is lost, the last pose that arrived stands.
+    """Return the odometry at a step; if a measurement is lost, the last pose that arrived is kept.
 
     Args:
         pose: The true pose.
         wheels: The pose that the wheels have integrated.
         twist: The executed twist.
-        before: What the odometry said a step before.
-        noise: Its errors.
+        before: The odometry one step earlier.
+        noise: The odometry's errors.
         key: The episode's key, from `models.random.episode_key`.
         at: The step's number; the measurement of step 0 always arrives.
     """

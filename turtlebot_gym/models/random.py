@@ -1,7 +1,7 @@
-"""Counter-based randomness: a draw is a function of the episode's key, the step and the stream, and of nothing else.
+"""Counter-based randomness: a draw depends on the episode's key, the step and the stream, and on nothing else.
 
-So environment *i* has the same trajectory alone and in any batch, in any order of stepping. Keys are 64-bit integers; the
-masks keep Python's unbounded integers in step with the machine's.
+So environment *i* has the same trajectory alone and in any batch, in any order of stepping. Keys are 64-bit integers; masks
+make Python's unbounded integers wrap like the machine's.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ _M37 = _M64 >> 27
 _M31 = _M64 >> 33
 _M32 = 0xFFFFFFFF
 MAX_SEED = 0x7FFFFFFFFFFFFFFF
-"""Seeds and keys are integers from 0 to this; larger seeds are cut to it."""
+"""Largest seed and key; larger seeds are masked to it."""
 _WEYL = 0x1E3779B97F4A7C15
 _STREAMS = 16
 
 # Streams of the draws. Each yields two uniform or two normal numbers.
 PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL = range(7)
 
-# Uses of an episode that draw more numbers in a step than there are streams: each has a key of its own, see `sub_key`.
+# Uses of an episode that draw more numbers in a step than there are streams: each has its own key, see `sub_key`.
 ROOM, SCAN, FIX, SENSOR = 1, 2, 3, 4
 
 
@@ -49,7 +49,7 @@ def episode_key(seed: int, episode: int) -> int:
 
 @kernel
 def sub_key(key: int, use: int) -> int:
-    """Return the key of one use of an episode, whose draws are then numbered from 0: the room, or the beams of its scans."""
+    """Return the key of one use of an episode, such as the room or the beams of its scans; its draws are numbered from 0."""
     return mix(key ^ times(use, _WEYL)) & MAX_SEED
 
 
@@ -62,7 +62,7 @@ def uniforms(key: int, step: int, stream: int) -> tuple[float, float]:
 
 @kernel
 def normals(key: int, step: int, stream: int) -> tuple[float, float]:
-    """Return two independent standard normal numbers, at most 6.8 in size (Box and Muller, 1958)."""
+    """Return two independent standard normal numbers, at most 6.8 in magnitude (Box and Muller, 1958)."""
     u1, u2 = uniforms(key, step, stream)
     radius = sqrt(-2.0 * log_unit(u1))
     sine, cosine = sincos(TWO_PI * u2 - PI)
@@ -73,7 +73,7 @@ def normals(key: int, step: int, stream: int) -> tuple[float, float]:
 def log_unit(x: float) -> float:
     """Return the natural logarithm of x in (2^-63, 1], to 1e-15 relative, without a branch.
 
-    A power of two, taken off exactly, brings x to [0.707, 1.414]; then the series of fdlibm's log.
+    An exact division by a power of two brings x to [0.707, 1.414]; then follows the series of fdlibm's log.
 
     References:
         Sun Microsystems, *fdlibm* (1993), e_log.c: the coefficients.

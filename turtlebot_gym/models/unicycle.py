@@ -15,36 +15,36 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import Command, Pose
 
 INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
-"""At which share of the interval the heading of the motion is taken: at its start (the tutorial's) or in its middle."""
+"""Share of the interval at which the motion's heading is taken: at its start (as in the tutorial) or in its middle."""
 
 
 @kernel
 def command_of(forward: float, turn: float, robot: Robot) -> Command:
-    """Return the command that an action asks for: shares of the speed limits, clipped to [-1, 1]."""
+    """Return the command of an action: shares of the speed limits, clipped to [-1, 1]."""
     return Command(min(max(forward, -1.0), 1.0) * robot.max_linear, min(max(turn, -1.0), 1.0) * robot.max_angular)
 
 
 ROUNDING = 1e-12
-"""Share of a limit below which an excess is rounding: a command that was limited is within its limits, to the bit."""
+"""Share of a limit below which an excess counts as rounding, so that limiting a command twice changes no bit."""
 
 
 @kernel
 def limit(command: Command, robot: Robot) -> Command:
-    """Scale a command into a robot's limits, per axis and per wheel, and keep the curvature of its path.
+    """Scale a command into a robot's limits per axis and per wheel, without changing the curvature of its path.
 
-    A robot that must not reverse stands, and turns, where it is asked to.
+    A robot that must not reverse only turns when it is commanded backwards.
     """
     forward = command.v if robot.reverse else max(command.v, 0.0)
     v, omega = abs(forward), abs(command.omega)
     wheel = v + omega * robot.wheel_separation * 0.5
     excess = max(max(v / robot.max_linear, omega / robot.max_angular), wheel / robot.max_wheel)
     excess = excess if excess > 1.0 + ROUNDING else 1.0
-    return Command(forward / excess + 0.0, command.omega / excess + 0.0)  # with 0 added, no zero is negative
+    return Command(forward / excess + 0.0, command.omega / excess + 0.0)  # adding 0 makes no zero negative
 
 
 @kernel
 def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Command:
-    """Return what of a command is reached within an interval, from the command that was in force before it."""
+    """Return the command as limited by acceleration within an interval, from the command in force before it."""
     dv, domega = robot.max_linear_acceleration * dt, robot.max_angular_acceleration * dt
     return Command(
         min(max(command.v, before.v - dv), before.v + dv), min(max(command.omega, before.omega - domega), before.omega + domega)
@@ -52,7 +52,7 @@ def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Co
 
 
 class Motion(NamedTuple):
-    """A displacement in one control interval, and its derivatives that are neither 0 nor 1."""
+    """A displacement in one control interval, and those of its derivatives that are neither 0 nor 1."""
 
     x: float
     """m"""
@@ -61,11 +61,11 @@ class Motion(NamedTuple):
     theta: float
     """rad"""
     x_theta: float
-    """Derivative of x by the heading."""
+    """Derivative of x with respect to the heading."""
     x_v: float
-    """Derivative of x by the speed."""
+    """Derivative of x with respect to the speed."""
     x_omega: float
-    """Derivative of x by the turning rate."""
+    """Derivative of x with respect to the turning rate."""
     y_theta: float
     y_v: float
     y_omega: float
@@ -94,7 +94,7 @@ def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> Mo
 
 @kernel
 def advance(pose: Pose, v: float, omega: float, dt: float, middle: float) -> Pose:
-    """Move a pose with a twist for one interval: see `motion`."""
+    """Move a pose with a twist for one interval; see `motion`."""
     moved = motion(pose.theta, v, omega, dt, middle)
     return Pose(pose.x + moved.x, pose.y + moved.y, wrap(pose.theta + moved.theta))
 
@@ -103,8 +103,8 @@ def advance(pose: Pose, v: float, omega: float, dt: float, middle: float) -> Pos
 def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tuple[float, float]:
     """Return the variances of the executed speed and turning rate around the command; m^2/s^2, rad^2/s^2.
 
-    White noise on a twist makes a displacement whose variance grows with the *number* of steps times dt^2. Its variance is
-    therefore scaled by 0.1 s / dt: the drift per metre is then the same at every control rate.
+    White noise on a twist causes a displacement whose variance grows with the *number* of steps times dt^2. The noise variance
+    is therefore scaled by 0.1 s / dt, which makes the drift per metre the same at every control rate.
     """
     v2, omega2 = command.v * command.v, command.omega * command.omega
     scale = REFERENCE_PERIOD / dt
@@ -113,12 +113,12 @@ def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tup
 
 @algebra
 def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[float, float], dt: float) -> Command:
-    """Return the twist that the robot really makes of a command.
+    """Return the twist that the robot actually executes for a command.
 
     Args:
-        command: What it is asked for, within its limits.
+        command: The command, within the robot's limits.
         noise: The velocity motion model.
-        slipping: Whether the wheels slip at present.
+        slipping: Whether the wheels slip now.
         draws: Two standard normal numbers, for the speed and the turning rate.
         dt: Control interval, s.
     """
@@ -132,8 +132,8 @@ def slips(slipping: bool, noise: ProcessNoise, draw: float, dt: float) -> bool:
     """Return whether the wheels slip in the next step: a two-state Markov chain.
 
     Args:
-        slipping: Whether they slip now.
-        noise: Its probabilities per 0.1 s.
+        slipping: Whether the wheels slip now.
+        noise: Model with the chain's probabilities per 0.1 s.
         draw: A uniform number in (0, 1).
         dt: Control interval, s.
     """

@@ -1,4 +1,4 @@
-"""Plants besides the unicycle: what moves the robot, in place of `models.unicycle`."""
+"""Plants, models that move the robot, as alternatives to `models.unicycle`."""
 
 from turtlebot_gym.plants.burger import PLANTS, MujocoBurger, make_plant
 

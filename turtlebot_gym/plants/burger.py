@@ -1,4 +1,4 @@
-"""What a TurtleBot3 Burger is made of, for a physics engine: the maker's masses and measures, and what had to be chosen.
+"""A TurtleBot3 Burger for a physics engine: the maker's masses and dimensions, and values that had to be chosen.
 
 References:
     ROBOTIS, *turtlebot3_description*, urdf/turtlebot3_burger.urdf (github.com/ROBOTIS-GIT/turtlebot3), below "the URDF";
@@ -15,59 +15,60 @@ from turtlebot_gym.validation import choose, require, typed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MujocoBurger:
-    """A TurtleBot3 Burger for MuJoCo: two driven wheels, a caster that slides, and a motor at each wheel.
+    """A TurtleBot3 Burger for MuJoCo: two driven wheels with a motor each, and a sliding caster.
 
-    Friction is Coulomb's as MuJoCo approximates it: a wheel that pulls also creeps, by a few per cent where it grips.
+    Friction is Coulomb friction as MuJoCo approximates it: a wheel under traction also creeps, by a few per cent while it
+    grips.
     """
 
     friction: float = 1.0
-    """Coefficient of friction between wheels and floor. Chosen: rubber on a dry floor; the SDF says that its own value is not
-    reliable. 0.5 makes a slippery floor."""
+    """Coefficient of friction between wheels and floor. Chosen: rubber on a dry floor, as the SDF calls its own value
+    unreliable. 0.5 makes a slippery floor."""
     caster_friction: float = 0.05
-    """Coefficient of friction between caster and floor. Chosen: a ball that rolls nearly freely, for which a sphere that slides
-    stands here. 0.3 is one that is clogged."""
+    """Coefficient of friction between caster and floor. Chosen: a sliding sphere that stands for a ball that rolls nearly
+    freely. 0.3 stands for a clogged ball."""
     wheel_radius: float = 0.033
     """m. The URDF's."""
     wheel_separation: float = 0.160
-    """Distance between the wheels' tracks, m. The URDF's."""
+    """Distance between the wheels' tracks, m. From the URDF."""
     wheel_width: float = 0.018
     """m. The URDF's."""
     cylinders: bool = False
     """Whether the wheels are cylinders, as in the URDF, instead of ellipsoids of the same radius and width. Chosen: a cylinder
-    touches the floor with both its rims, which scrub in every turn, so that it turns as if the track were wider by an unknown
-    amount; an ellipsoid touches at one point, in the middle of the track, as a rounded tyre does."""
+    touches the floor with both rims, which scrub in every turn, so that the robot turns as if its track were wider by an
+    unknown amount. An ellipsoid touches at one point in the middle of the track, like a rounded tyre."""
     base_mass: float = 0.825735
-    """kg. The URDF's, as all masses."""
+    """kg. From the URDF, like all masses."""
     base_inertia: tuple[float, ...] = (2.2124e-3, 2.1194e-3, 2.0064e-3)
-    """Moments of inertia of the base about x, y and z, kg m^2. The URDF's, without its products, which are below 2 %."""
+    """Moments of inertia of the base about x, y and z, kg m^2. From the URDF, without the products of inertia, below 2 %."""
     base_center: tuple[float, ...] = (-0.032, 0.0, 0.070)
-    """Centre of the base's mass in its frame, whose origin is 1 cm above the floor, below the middle of the axle; m. The SDF's,
-    which is the middle of the base's box; the URDF has it in the origin, outside of most of the base."""
+    """Centre of mass of the base in its frame, whose origin is 1 cm above the floor, below the middle of the axle; m. From the
+    SDF, the middle of the base's box; the URDF has it in the origin, outside of most of the base."""
     wheel_mass: float = 0.028499
     """kg."""
     wheel_inertia: tuple[float, ...] = (1.1176e-5, 2.0713e-5, 1.1192e-5)
-    """Moments of inertia of a wheel about x, y (its axle) and z, kg m^2. The URDF's."""
+    """Moments of inertia of a wheel about x, y (its axle) and z, kg m^2. From the URDF."""
     lidar_mass: float = 0.114
-    """kg; its inertia is that of the URDF's cylinder."""
+    """kg; the inertia is that of the URDF's cylinder."""
     caster_mass: float = 0.005
     """kg."""
     caster_radius: float = 0.005
-    """m. The SDF's; its centre is 1 mm lower than there, so that the caster touches the floor."""
+    """m. From the SDF; the centre is 1 mm lower than there, so that the caster touches the floor."""
     motor_gain: float = 0.3
-    """Torque per error of the wheel's speed, N m s. Chosen: a wheel follows its set speed within about 10 ms."""
+    """Torque per speed error of the wheel, N m s. Chosen: a wheel reaches its set speed within about 10 ms."""
     motor_torque: float = 1.4
-    """Greatest torque of a motor, N m. The e-Manual's stall torque at 11.1 V, the battery's voltage."""
+    """Greatest torque of a motor, N m: the stall torque in the e-Manual at 11.1 V, the battery voltage."""
     armature: float = 0.002
-    """Inertia of a rotor behind its gear, at the wheel, kg m^2. Chosen: the maker does not say."""
+    """Inertia of a rotor behind its gear, seen at the wheel, kg m^2. Chosen: the maker states none."""
     lead: float = 0.04
-    """Time before the end of a control interval at which the command that was asked for in it reaches the motors, s. Chosen:
-    late enough to be near the unicycle, whose commands act at the end; early enough for the wheels to have the new speed when
-    the odometry is read there, since filters take the twist that it tells for that of the next interval."""
+    """Time before the end of a control interval at which the interval's command reaches the motors, s. Chosen: late enough to
+    be close to the unicycle, whose commands act at the end; early enough for the wheels to reach the new speed when the
+    odometry is read at the end, since filters take its twist for that of the next interval."""
     reading: float = 0.02
-    """Time between readings of the wheels' angles, s, from which the odometry is integrated; the twist is that of the last one.
+    """Time between readings of the wheel angles from which odometry is integrated, s; its twist is that of the last reading.
     Chosen: 50 Hz."""
     step: float = 0.002
-    """The engine's time step, s. Chosen: at half of it a straight drive differs by less than 0.1 %."""
+    """Time step of the engine, s. Chosen: with half of it, a straight drive differs by less than 0.1 %."""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -83,10 +84,10 @@ class MujocoBurger:
         require(self, "finite", "base_center")
 
     def steps(self, dt: float) -> tuple[int, int]:
-        """Return the engine's steps in a control interval of dt, s, and how many of them follow the new command.
+        """Return the number of engine steps in a control interval of dt, s, and how many of them follow the new command.
 
         Raises:
-            ValueError: If they are not whole numbers, or the lead is not shorter than the interval.
+            ValueError: If the intervals are not multiples of the step, or the lead is not shorter than dt.
         """
         steps, lead, reading = (number / self.step for number in (dt, self.lead, self.reading))
         if any(abs(count - round(count)) > 1e-6 for count in (steps, lead, reading)):
@@ -100,21 +101,21 @@ class MujocoBurger:
 
 
 PLANTS: dict[str, MujocoBurger | tuple[()]] = {"unicycle": (), "mujoco": MujocoBurger()}
-"""Plants by name. The unicycle is the models' own, with no parameters besides the robot's and the noise's."""
+"""Plants by name. The unicycle of `models` has no parameters besides those of the robot and the noise."""
 
 
 def make_plant(
     plant: str | MujocoBurger = "unicycle", *, friction: float | None = None, caster_friction: float | None = None
 ) -> MujocoBurger | tuple[()]:
-    """Return a plant by its name in `PLANTS`, or as it is given.
+    """Return a plant by its name in `PLANTS`, or unchanged.
 
     Args:
         plant: The name, or a Burger.
-        friction: Of the wheels; for "mujoco" only. None is the default.
-        caster_friction: Likewise, of the caster.
+        friction: Friction of the wheels, for "mujoco" only; None for the default.
+        caster_friction: Friction of the caster, likewise.
 
     Raises:
-        ValueError: If there is none of that name, or a friction is given for the unicycle, or is not finite and >= 0.
+        ValueError: If the name is unknown, or a friction is given for the unicycle or is not finite and >= 0.
     """
     options = {"friction": friction, "caster_friction": caster_friction}
     given = {name: value for name, value in options.items() if value is not None}

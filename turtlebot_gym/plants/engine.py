@@ -1,7 +1,7 @@
-"""A TurtleBot3 Burger in MuJoCo, as a function: the state of the physics goes in, and comes out a control interval later.
+"""A TurtleBot3 Burger in MuJoCo, as a pure function from the physics state to that of one control interval later.
 
-All that the engine knows of a robot is a tuple of numbers, which an environment keeps like everything else that it remembers.
-So its results depend on the seed alone, whatever was driven before, and one engine serves any number of environments.
+The whole physics state of a robot is a tuple of numbers, which an environment keeps like the rest of its state. So results
+depend on the seed alone, not on earlier drives, and one engine serves any number of environments.
 
 References:
     Todorov, Erez, Tassa, "MuJoCo: A physics engine for model-based control", *IROS* (2012).
@@ -23,10 +23,10 @@ from turtlebot_gym.plants.burger import MujocoBurger
 from turtlebot_gym.values import Command, Pose, State
 
 SETTLING = 0.5
-"""Time in which the robot comes to rest on its springs when the engine is made, s."""
+"""Time for the robot to settle on its contacts when the engine is made, s."""
 _MIDDLE = INTEGRATORS["midpoint"]
 _POSE = slice(0, 7)
-"""Place of the base's position and quaternion in a state."""
+"""Range of the base's position and quaternion in a state."""
 
 _MODEL = """
 <mujoco model="turtlebot3_burger">
@@ -72,15 +72,15 @@ class Driven(NamedTuple):
 
     truth: State
     wheels: Pose
-    """The pose that the wheels' angles have integrated."""
+    """Pose integrated from the wheel angles."""
     twist: Command
-    """The twist that they tell, of the last reading."""
+    """Twist from the last reading of the wheel angles."""
     physics: tuple[float, ...]
-    """All that the engine knows of it."""
+    """Physics state of the robot."""
 
 
 class Engine:
-    """MuJoCo with a Burger's model.
+    """MuJoCo with the model of a Burger.
 
     Args:
         burger: The robot.
@@ -91,7 +91,7 @@ class Engine:
 
     def __init__(self, burger: MujocoBurger) -> None:
         try:
-            mujoco: Any = import_module("mujoco")  # large, and few need it
+            mujoco: Any = import_module("mujoco")  # large, and rarely needed
         except ImportError as error:
             raise ImportError("The plant 'mujoco' needs MuJoCo: pip install \"turtlebot-gym[mujoco]\".") from error
         self._burger, self._mujoco = burger, mujoco
@@ -99,14 +99,14 @@ class Engine:
         self._data = mujoco.MjData(self._model)
         self._kept = int(mujoco.mjtState.mjSTATE_PHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART)
         self._state = np.zeros(mujoco.mj_stateSize(self._model, self._kept))
-        self._lock = Lock()  # nodes of one process may have a thread each
+        self._lock = Lock()  # nodes in one process may each have a thread
         mujoco.mj_step(self._model, self._data, round(SETTLING / burger.step))
         self._data.qpos[:2] = 0.0
         self._data.qvel[:] = 0.0
         self._resting = self._read()
 
     def start(self, pose: Pose) -> tuple[float, ...]:
-        """Return the physics of a robot at rest in a pose."""
+        """Return the physics state of a robot at rest in a pose."""
         turn, lying = _about_z(pose.theta), self._resting[3:7]
         return (pose.x, pose.y, self._resting[2], *_product(turn, lying), *self._resting[7:])
 
@@ -114,13 +114,13 @@ class Engine:
         """Drive for a control interval.
 
         Args:
-            physics: The robot's, at the start of the interval.
-            wheels: The pose that its odometry has integrated.
-            commands: The twist that its motors are set to at first, and the one that is in force at the end.
+            physics: Physics state at the start of the interval.
+            wheels: The pose that odometry has integrated.
+            commands: The twist to which the motors are set at the start, and the one in force at the end.
             dt: The interval, s.
 
         Raises:
-            ValueError: If the engine's steps do not fit into it.
+            ValueError: If the interval is not a multiple of the engine's step.
         """
         steps, lead = self._burger.steps(dt)
         reading = max(1, round(self._burger.reading / self._burger.step))
@@ -149,7 +149,7 @@ class Engine:
         return left, right
 
     def _rolled(self, before: tuple[float, float], time: float) -> Command:
-        """Return the mean twist that the wheels' angles tell since they were read before."""
+        """Return the mean twist since an earlier reading of the wheel angles."""
         left, right = (after - at for after, at in zip(self._angles(), before, strict=True))
         per_time = self._burger.wheel_radius / time
         return Command(0.5 * (right + left) * per_time, (right - left) * per_time / self._burger.wheel_separation)
@@ -167,7 +167,7 @@ class Engine:
 
 @cache
 def engine_of(burger: MujocoBurger) -> Engine:
-    """Return the engine for a robot; there is one for each."""
+    """Return the engine for a robot; each robot has one."""
     return Engine(burger)
 
 

@@ -1,1 +1,1 @@
-"""Rooms with obstacles: what stands in them, the ways through them, and what a LiDAR sees of them."""
+"""Rooms: their obstacles, the shortest paths through them, and the ranges that a LiDAR measures in them."""

@@ -1,8 +1,8 @@
-"""Rays and distances in a map of square cells, which are occupied or not; all lengths here are in cells.
+"""Rays and distances in a map of square cells, which are occupied or free; all lengths here are in cells.
 
-A ray walks from cell to cell, as Amanatides and Woo have it, but in strides: for each cell and each quarter of the directions
-the map knows the largest square without an occupied cell that begins there, so a ray goes to the border of that square at once.
-Outside of the map all is occupied.
+A ray walks from cell to cell by the method of Amanatides and Woo, but in strides: for each cell and each quadrant of directions
+the map stores the largest square without an occupied cell that begins there, and a ray jumps to the border of that square.
+Everything outside of the map is occupied.
 
 References:
     Amanatides, Woo, "A fast voxel traversal algorithm for ray tracing", *Eurographics* (1987).
@@ -16,12 +16,12 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.rooms.rays import FAR, inverse
 
 LARGEST = 127
-"""Side of the largest square that a map knows of."""
+"""Side of the largest square that a map stores."""
 
 
 @kernel
 def to_cells(frame: Any, x: float, y: float) -> tuple[float, float]:
-    """Return the column and the row of a point, with fractions.
+    """Return the column and the row of a point, as fractional numbers.
 
     Args:
         frame: `scene.Scene.frame`.
@@ -34,21 +34,21 @@ def to_cells(frame: Any, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def is_on_map(squares: Any, column: float, row: float) -> bool:
-    """Return whether a point is on the map: not on the border of cells around it."""
+    """Return whether a point is on the map rather than on the border of cells around it."""
     return 1.0 <= column < squares.shape[2] - 1.0 and 1.0 <= row < squares.shape[1] - 1.0
 
 
 @kernel
 def ray_to_cells(squares: Any, column: float, row: float, dx: float, dy: float, reach: float) -> float:
-    """Return the length of a ray to the first occupied cell, `FAR` where it is farther than ``reach``; 0 inside of one.
+    """Return the length of a ray to the first occupied cell; `FAR` beyond ``reach``; 0 inside an occupied cell.
 
     Args:
         squares: `scene.Scene.squares`.
-        column: Origin of the ray.
-        row: And its other coordinate.
-        dx: Direction of the ray in the map's frame, a unit vector.
-        dy: And its other coordinate.
-        reach: How far to look.
+        column: Column of the ray's origin.
+        row: Row of the ray's origin.
+        dx: First component of the ray's direction in the map's frame, a unit vector.
+        dy: Second component.
+        reach: Distance at which the search stops.
     """
     if not is_on_map(squares, column, row):
         return 0.0
@@ -62,7 +62,7 @@ def ray_to_cells(squares: Any, column: float, row: float, dx: float, dy: float, 
         length_x, length_y = (border_x - column) * inverse_dx, (border_y - row) * inverse_dy
         if length_x < length_y:
             length, at = length_x, int(row + length_x * dy)
-            # Rounding must not lead out of the square, nor back: the ray could go in circles around a corner.
+            # Rounding must lead neither out of the square nor back, or the ray could circle around a corner forever.
             i = min(max(at, i), i + side - 1) if up else min(max(at, i - side + 1), i)
             j = border_x if right else border_x - 1
         else:
@@ -79,12 +79,13 @@ def distance_to_cells(squares: Any, column: float, row: float, reach: float) -> 
 
     Args:
         squares: `scene.Scene.squares`.
-        column: The point.
-        row: And its other coordinate.
-        reach: Distance beyond which it does not matter.
+        column: Column of the point.
+        row: Row of the point.
+        reach: Distance at which the search stops.
 
     Returns:
-        Minus the distance to the cell's own border inside of one, and to the map outside of it.
+        The distance; inside an occupied cell, minus the distance to its border; outside of the map, minus the distance to the
+        map.
     """
     rows, columns = squares.shape[1], squares.shape[2]
     border = min(min(column, columns - column), min(row, rows - row)) - 1.0
@@ -97,7 +98,7 @@ def distance_to_cells(squares: Any, column: float, row: float, reach: float) -> 
     nearest = min(border, reach)
     if free - 1.0 >= nearest:
         return nearest
-    for up in range(2):  # rows from the point's own up, and down from there
+    for up in range(2):  # rows from the point's row upwards, then downwards
         at = i if up == 1 else i - 1
         across = 0.0 if up == 1 else row - i
         while across < nearest and 0 <= at < rows:

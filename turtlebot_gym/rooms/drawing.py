@@ -1,4 +1,4 @@
-"""Rooms drawn by counter: the same key gives the same room, alone and in any batch, and a way leads through each of them."""
+"""Draw random rooms by counter: the same key gives the same room, alone and in any batch, and each room has a path."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from turtlebot_gym.rooms.scene import UNREACHED, Scene
 from turtlebot_gym.values import Pose
 
 ATTEMPTS = 64
-"""Rooms that are drawn before an empty one is taken, and places in a room before another is drawn."""
+"""Rooms tried before an empty one is used, and placements tried in a room before the next one is drawn."""
 _NUMBERS = 4096
-"""Draws that a room may take."""
-# Where among the draws of a room each of its parts begins.
+"""Most draws for a room."""
+# First draw of each part of a room.
 _COUNTS, _BOXES, _DOORS, _CIRCLES, _CELLS, _PLACES = 0, 16, 128, 256, 1024, 3968
 
 _DOOR = 0.9
@@ -27,11 +27,11 @@ _DOOR = 0.9
 _WALL = 0.05
 """Half the thickness of an inner wall, m."""
 _SHUT = 0.25
-"""Share of the doors that are walled up."""
+"""Share of walled-up doors."""
 OFFICE_ROOMS = (3, 2)
 """Rooms of an office along x and y."""
 OFFICE_WALLS = 14
-"""Most boxes that its walls are made of."""
+"""Most boxes in the walls of an office."""
 CELL = 0.15
 """Side of the automaton's cells, m, as in the BARN challenge."""
 
@@ -51,13 +51,13 @@ def _between(low: float, high: float, share: float) -> float:
 
 @kernel
 def _count(low: float, high: float, share: float) -> int:
-    """Return a whole number from ``low`` to ``high``, each with the same chance."""
+    """Return a whole number from ``low`` to ``high``, uniformly distributed."""
     return int(low) + int((high - low + 1.0) * share)
 
 
 @kernel
 def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before: int) -> None:
-    """Draw circles and boxes at random places, which may overlap each other."""
+    """Draw circles and boxes at random places; they may overlap."""
     walls = scene.walls
     few, many = uniforms(key, first + _COUNTS, 0)
     n_boxes = _count(rules.boxes[0], rules.boxes[1], few)
@@ -86,7 +86,7 @@ def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before:
 
 @kernel
 def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, top: float) -> int:
-    """Write an upright box, and return the number of boxes; nothing where it has no extent."""
+    """Write an axis-aligned box, and return the number of boxes written: none if the box has no extent."""
     if right <= left or top <= bottom:
         return at
     box = scene.boxes[at]
@@ -98,7 +98,7 @@ def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, to
 
 @kernel
 def _partition(scene: Scene, key: int, first: int) -> int:
-    """Draw the inner walls of an office with their doors, and return the number of boxes that they take."""
+    """Draw the inner walls of an office with their doors, and return their number of boxes."""
     walls = scene.walls
     across, along = OFFICE_ROOMS
     length, width = 2.0 * walls[2] / across, 2.0 * walls[3] / along
@@ -160,7 +160,7 @@ def _grow(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 
 @kernel
 def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
-    """Draw what stands and walks in a room."""
+    """Draw the obstacles and walkers of a room."""
     scene.walls[0], scene.walls[1] = 0.0, 0.0
     scene.walls[2], scene.walls[3] = rules.half_length, rules.half_width
     if rules.kind == CELLULAR:
@@ -171,7 +171,7 @@ def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 
 @kernel
 def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, key: int, at: int) -> Pose:
-    """Return a pose that is given, or drawn in the room: in a fifth of its length that begins at a share of it, or anywhere."""
+    """Return a given pose, or one drawn in a fifth of the room's length that begins at a share of it, or anywhere."""
     walls = scene.walls
     u1, u2 = uniforms(key, at, 0)
     u3, _ = uniforms(key, at, 1)
@@ -183,7 +183,7 @@ def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: floa
 
 @kernel
 def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -> Pose:
-    """Return a goal that is given, or drawn in the part of the room that is not too far from the start."""
+    """Return a given goal, or one drawn in the part of the room that is close enough to the start."""
     walls, far = scene.walls, rules.max_distance
     goal = _place(scene, rules, rules.goal, 0.8, key, at)
     if not math.isnan(rules.goal[0]) or far == math.inf:
@@ -196,7 +196,7 @@ def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -
 
 @kernel
 def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
-    """Return whether a circle that walks is less than ``reach`` away: the grid of ways does not know those."""
+    """Return whether a walker is less than ``reach`` away; the path grid does not contain walkers."""
     beside = False
     for k in range(scene.counts[0]):
         walks = scene.circles[k, 3] != 0.0 or scene.circles[k, 4] != 0.0
@@ -207,15 +207,15 @@ def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
 
 @kernel
 def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose, Pose]:
-    """Draw a room with a way through it, and return the robot's start and goal.
+    """Draw a room with a path through it, and return the robot's start and goal.
 
-    Rooms and places are drawn until the robot fits into the start and the goal, nobody walks beside a start that is drawn, and
-    a way leads from one to the other; a room that allows of none in all attempts loses what stands in it.
+    Rooms and placements are drawn until the robot fits at start and goal, no walker is close to a drawn start, and a path
+    connects the two. If all attempts fail, the room is emptied.
 
     Args:
-        scene: Where the room is written to. The kind "given" keeps what stands there.
-        rules: How it is drawn.
-        radius: The robot's, m.
+        scene: Scene to which the room is written. The kind "given" keeps its contents.
+        rules: Rules by which the room is drawn.
+        radius: Radius of the robot, m.
         key: The episode's key.
     """
     room_key = sub_key(key, ROOM)
@@ -244,5 +244,5 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
                 if scene.ways[row, column] < UNREACHED - 1:
                     return start, goal
                 break
-    block(scene, radius + MARGIN)  # there is no way: none is to be found either
+    block(scene, radius + MARGIN)  # there is no path, so the grid must show none
     return start, goal

@@ -13,7 +13,7 @@ from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.values import Pose
 
 APRON = 1.0
-"""Free space between what stands in a world and the walls that are put around it, m."""
+"""Free space between the contents of a world and the walls added around them, m."""
 
 
 class _Frame(NamedTuple):
@@ -24,7 +24,7 @@ class _Frame(NamedTuple):
     yaw: float
 
     def __add__(self, other: object) -> _Frame:
-        """Return the frame that another one, stated in this one, is in the world."""
+        """Return the world frame of another frame that is given relative to this one."""
         assert isinstance(other, _Frame)
         cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
         return _Frame(
@@ -35,15 +35,15 @@ class _Frame(NamedTuple):
 def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
     """Read the static cylinders and boxes of a Gazebo world.
 
-    What lies flat on the ground or hangs, and what has other shapes, is not looked at. Walls are put around it all.
+    Objects that lie flat on the ground or hang, and other shapes, are ignored. Walls are added around everything.
 
     Args:
         path: An SDF file, ``.world`` or ``.sdf``.
-        start: The pose in which the robot starts; drawn where it is None.
-        goal: The pose that it is to reach; drawn where it is None.
+        start: Start pose of the robot; None to draw it.
+        goal: Goal pose of the robot; None to draw it.
 
     Raises:
-        ValueError: If the file cannot be read, or holds nothing that stands still.
+        ValueError: If the file cannot be read, or holds no static cylinder or box.
     """
     try:
         root = ElementTree.parse(path).getroot()
@@ -75,7 +75,7 @@ def enclosed(
     start: Pose | None = None,
     goal: Pose | None = None,
 ) -> FloorPlan:
-    """Return a floor plan with walls `APRON` around all that is in it; the arguments are those of `FloorPlan`."""
+    """Return a floor plan with walls `APRON` away from its contents; the arguments are those of `FloorPlan`."""
     walls = _around(circles, boxes, start, goal)
     return FloorPlan(walls=walls, circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal)
 

@@ -1,8 +1,8 @@
-"""Shortest ways on a grid: which cells a robot's centre may be in, and how far each of them is from the goal.
+"""Shortest paths on a grid: the cells in which a robot's centre may be, and the distance from each to the goal.
 
-A cell is free where the robot keeps `MARGIN` to everything. Ways lead from a free cell to its eight neighbours; the margin is
-more than half a diagonal, so whoever follows a way keeps clear all along it. Lengths are whole numbers of `UNIT`: a straight
-step is 5 of them and a diagonal one 7, which is 1 % short of the square root of 2.
+A cell is free if the robot keeps `MARGIN` to everything there. Paths lead from a free cell to its eight neighbours; the margin
+is more than half a diagonal, so a robot that follows a path stays clear all along it. Lengths are integer multiples of `UNIT`:
+5 for a straight step and 7 for a diagonal one, which is 1 % short of the square root of 2.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from turtlebot_gym.rooms.rays import distance_to_circle, distance_to_turned_box,
 from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
 
 MARGIN = 0.1
-"""What a way keeps clear around the robot, m."""
+"""Clearance around the robot on a path, m."""
 _HERE, _STRAIGHT, _DIAGONAL, _NONE = np.float32(0.0), np.float32(5.0), np.float32(7.0), np.float32(1e6)
 UNIT = RESOLUTION / float(_STRAIGHT)
-"""What lengths of ways are counted in, m."""
+"""Unit of path lengths, m."""
 UNKNOWN = -1.0
-"""The way left where there is none."""
+"""Remaining path length if there is no path."""
 _BLOCKED = UNREACHED - 1
 
 
@@ -53,9 +53,9 @@ def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
 
 @kernel
 def block(scene: Scene, clearance: float) -> None:
-    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to what stands still in the room.
+    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to static obstacles.
 
-    On a map, those as well whose centres are not known to be free.
+    On a map, also mark those whose centres are not known to be free.
     """
     rows, columns = extent(scene)
     ways, walls = scene.ways, scene.walls
@@ -107,9 +107,9 @@ def is_free(scene: Scene, x: float, y: float) -> bool:
 
 @kernel
 def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
-    """Lengthen the ways to each row by a step to the next row, one row after the other, and return whether one became shorter.
+    """Extend the paths of each row by a step to the next, row by row, and return whether any length became shorter.
 
-    What lies in a row depends on the row before alone, so that LLVM turns the inner loop into vectors.
+    A row depends only on the row before it, so LLVM vectorizes the inner loop.
     """
     shorter = False
     for row in range(first, last, step):
@@ -124,17 +124,17 @@ def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
 
 @kernel
 def spread(scene: Scene, x: float, y: float) -> None:
-    """Find the shortest way from each cell to the one around (x, y), which must be free, after `block`.
+    """Find the shortest path from each cell to the one around (x, y), which must be free; call `block` first.
 
-    The grid is swept up, down, right and left, a row or column at a time, until nothing in it has changed four times in a row:
-    a way takes as many sweeps as it has stretches, which are few. Ways longer than 1.3 km count as none.
+    The grid is swept up, down, right and left, a row or column at a time, until four sweeps in a row change nothing. A path
+    takes as many sweeps as it has segments in one sweep direction, which are few. Paths longer than 1.3 km count as none.
 
     References:
         Zhao, "A fast sweeping method for eikonal equations", *Mathematics of Computation* 74 (2005).
     """
     rows, columns = extent(scene)
     ways = scene.ways
-    # With a blocked border around; of float32, whose whole numbers are exact up to 2^24 and whose vectors are long.
+    # With a blocked border; float32 holds integers exactly up to 2^24 and makes long vectors.
     lengths, least = np.full((rows + 2, columns + 2), _NONE), np.full((rows + 2, columns + 2), _NONE)
     for row in range(rows):
         for column in range(columns):
@@ -163,7 +163,7 @@ def spread(scene: Scene, x: float, y: float) -> None:
 
 @kernel
 def way_left(scene: Scene, x: float, y: float) -> float:
-    """Return the length of the shortest way to the goal from a point, m; `UNKNOWN` where no free cell is next to it."""
+    """Return the length of the shortest path from a point to the goal, m; `UNKNOWN` if no free cell is next to it."""
     rows, columns = extent(scene)
     row, column = cell_of(scene, x, y)
     shortest = 1e9

@@ -1,4 +1,4 @@
-"""A map of square cells: occupied, free, or not known."""
+"""A map of square cells: occupied, free or unknown."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from turtlebot_gym.rooms.scene import Scene, Walls
 from turtlebot_gym.values import Pose
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
-"""Values of a cell, as in ROS's ``nav_msgs/OccupancyGrid``; what is between free and occupied counts as unknown."""
+"""Values of a cell, as in ROS's ``nav_msgs/OccupancyGrid``; values between free and occupied count as unknown."""
 _AT_ZERO = Pose(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GridMap:
-    """A map of square cells; equal to itself only.
+    """A map of square cells, compared by identity.
 
-    Occupied cells stop rays and the robot. Unknown ones stop neither, but no way leads through them.
+    Occupied cells stop rays and the robot. Unknown ones stop neither, but no path leads through them.
     """
 
     cells: NDArray[np.int8]
-    """Shape (rows, columns): `FREE`, `OCCUPIED`, `UNKNOWN`, or what is between; the first row is the lowest."""
+    """Shape (rows, columns): `FREE`, `OCCUPIED`, `UNKNOWN`, or a value between; the first row is the lowest."""
     resolution: float
     """Side of a cell, m."""
     origin: Pose = _AT_ZERO
@@ -79,11 +79,11 @@ _BOTH_WAYS = slice(None), slice(None, None, -1)
 
 
 def _squares(is_open: NDArray[np.bool_]) -> NDArray[np.int8]:
-    """Return the side of the largest open square that begins at each cell and goes on to later rows and columns."""
+    """Return the side of the largest open square that begins at each cell and extends to later rows and columns."""
     sides, fits = np.zeros(is_open.shape, np.int8), is_open.copy()
     for _ in range(LARGEST):
         sides += fits
-        # A square of one more fits where four squares fit that overlap but for a row and a column.
+        # A square fits if four squares that are one cell smaller fit, shifted by a row, a column or both.
         fits[:-1, :-1] &= fits[1:, :-1] & fits[:-1, 1:] & fits[1:, 1:]
         fits[-1, :], fits[:, -1] = False, False
         if not fits.any():

@@ -1,8 +1,8 @@
-"""A LiDAR that turns: when each of its beams is measured, what it says, and how a policy's ranges are pooled from it.
+"""A rotating LiDAR: the time and the range of each beam, and the pooled ranges for a policy.
 
-The beams of a revolution are spread over its period, and each is cast from where the robot was at its time. A scan is
-complete with the last beam of a revolution, and is the newest one until the next revolution is complete. Beams count from 0
-on through an episode, whose start is the end of a revolution at rest.
+The beams of a revolution are spread over its period, and each is cast from the robot's pose at that time. A scan is complete
+with the last beam of a revolution, and stays the newest one until the next revolution is complete. Beams are numbered from 0
+through an episode, which starts at the end of a revolution at rest.
 """
 
 from __future__ import annotations
@@ -19,25 +19,26 @@ from turtlebot_gym.models.random import normals, uniforms
 from turtlebot_gym.validation import LARGEST, numbers, require, typed, whole
 
 SECTORS = 36
-"""Sectors into which a policy's ranges are pooled: the first one lies ahead, the others follow counter-clockwise."""
+"""Number of sectors into which a policy's ranges are pooled: the first is ahead, the others follow counter-clockwise."""
 SIGHT = 3.5
-"""Range beyond which a policy sees free space, m: that of the shortest LiDAR, so that one policy serves them all."""
+"""Range beyond which a policy sees free space, m: that of the LiDAR with the shortest range, so that one policy works with
+all."""
 MAX_AGE = 1.0
-"""Age of a scan that a policy sees at most, s."""
+"""Greatest age of a scan that a policy sees, s."""
 MAX_BEAMS = 10_000
-"""Most beams of a revolution: five times those of the finest LiDARs for robots of this size."""
+"""Most beams per revolution: five times those of the finest LiDARs for robots of this size."""
 DEAD_SECTORS = 4
-"""Most sectors in which a LiDAR may be blind."""
+"""Most blind sectors of a LiDAR."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lidar:
-    """A two-dimensional LiDAR: its beams, what is wrong with their ranges, and when they are measured."""
+    """A two-dimensional LiDAR: its beams, their errors and their timing."""
 
     beams: int = 360
-    """Beams of a revolution, which begin at `yaw` and go counter-clockwise, at even distances."""
+    """Beams per revolution, evenly spaced counter-clockwise from `yaw`."""
     rate: float = 5.0
-    """Revolutions per second; at most one in a control interval."""
+    """Revolutions per second; at most one per control interval."""
     range_min: float = 0.12
     """Shorter ranges are not returned, m."""
     range_max: float = 3.5
@@ -45,24 +46,24 @@ class Lidar:
     deviation: float = 0.0
     """Standard deviation of a range, m ..."""
     deviation_share: float = 0.0
-    """... or as a share of it, where that is more."""
+    """... or as a share of the range, if that is more."""
     accuracy: float = 0.0
-    """Share by which all ranges of an episode are too long or too short, at most; drawn for the episode."""
+    """Largest share by which all ranges of an episode are too long or too short; drawn once per episode."""
     quantization: float = 0.0
     """Resolution of a range, m; 0 for none."""
     dropout: float = 0.0
     """Probability that a beam returns nothing."""
     dead: tuple[tuple[float, float], ...] = ()
-    """Sectors, of the robot's directions, in which nothing is returned: first direction and width, rad; at most 4."""
+    """Blind sectors in the robot's frame: first direction and width of each, rad; at most 4."""
     x: float = 0.0
-    """Where it is mounted in the robot's frame, m."""
+    """Mounting position in the robot's frame, m."""
     y: float = 0.0
     yaw: float = 0.0
     """Direction of the first beam in the robot's frame, rad."""
     turning: bool = True
-    """Whether beams are measured one after the other; else all at the end of the period."""
+    """Whether beams are measured one after the other; if not, all at the end of the period."""
     stamped_at_end: bool = False
-    """Whether a scan's stamp is the time of its last beam instead of its first."""
+    """Whether a scan is stamped with the time of its last beam instead of its first."""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -87,8 +88,8 @@ class Lidar:
 
 
 LIDARS = {
-    # Its data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. The driver
-    # stamps a scan when it is complete. Mounted as on a Burger.
+    # Data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. The driver stamps a
+    # complete scan. Mounted as on a Burger.
     "lds01": Lidar(
         range_min=0.12, range_max=3.5, deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032,
         stamped_at_end=True,
@@ -96,7 +97,7 @@ LIDARS = {
     "lds02": Lidar(
         range_min=0.16, range_max=8.0, deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032,
     ),
-    # RPLIDAR A1 on a TurtleBot 4: a scan has about 269 beams, at 7.7 Hz; four posts are in its way.
+    # RPLIDAR A1 on a TurtleBot 4: about 269 beams per scan, at 7.7 Hz; four posts block its view.
     "a1": Lidar(
         beams=269, rate=1.0 / 0.130, range_min=0.15, range_max=12.0, deviation_share=0.01, x=-0.04, yaw=math.pi / 2.0,
         dead=tuple((quarter * math.pi / 2.0 + math.pi / 4.0 - 0.05, 0.1) for quarter in range(4)),
@@ -108,7 +109,7 @@ LIDARS = {
 
 @kernel
 def beams_by(at: int, lidar: Lidar, dt: float) -> int:
-    """Return how many beams have been measured by the end of a step."""
+    """Return the number of beams measured by the end of a step."""
     share = at * dt * lidar.rate
     whole = math.floor(share + 1e-9)
     return math.floor((share if lidar.turning else whole) * lidar.beams + 1e-6)
@@ -123,9 +124,9 @@ def time_of_beam(beam: float, lidar: Lidar) -> float:
 
 @kernel
 def age_of_scan(at: int, lidar: Lidar, dt: float) -> float:
-    """Return the age of the newest complete scan at the end of a step, by its stamp, s.
+    """Return the age of the newest complete scan at the end of a step, s, by its stamp.
 
-    Stamps are whole nanoseconds, and so is the difference of two of them.
+    Stamps and their differences are whole nanoseconds.
     """
     revolutions = beams_by(at, lidar, dt) // int(lidar.beams)
     first = (revolutions - 1.0) / lidar.rate
@@ -135,7 +136,7 @@ def age_of_scan(at: int, lidar: Lidar, dt: float) -> float:
 
 @kernel
 def is_dead(angle: float, lidar: Lidar) -> bool:
-    """Return whether a LiDAR is blind in a direction of the robot's frame."""
+    """Return whether a LiDAR is blind in a direction, given in the robot's frame."""
     blind = False
     for sector in lidar.dead:
         behind = angle - sector[0] - TWO_PI * math.floor((angle - sector[0]) / TWO_PI)
@@ -145,10 +146,10 @@ def is_dead(angle: float, lidar: Lidar) -> bool:
 
 @kernel
 def aim(beams, lidar: Lidar) -> None:
-    """Write the directions of a revolution's beams in the robot's frame, and the shortest range that each of them returns.
+    """Write the directions of a revolution's beams in the robot's frame, and the shortest range that each can return.
 
     Args:
-        beams: Shape (3, B): cosine, sine, and the range, m, which is infinite for a beam that is blind.
+        beams: Shape (3, B): cosine, sine, and the shortest range, m, infinite for a blind beam.
         lidar: The LiDAR.
     """
     for beam in range(int(lidar.beams)):
@@ -159,7 +160,7 @@ def aim(beams, lidar: Lidar) -> None:
 
 @kernel
 def reading_of(length: float, least: float, noise: float, lost: float, bias: float, lidar: Lidar) -> float:
-    """Return what a beam says about the true length of its ray, m; infinite where it returns nothing.
+    """Return the measured range of a beam, m; infinite if nothing is returned.
 
     Args:
         length: True length, m.
@@ -183,12 +184,12 @@ def is_drawn(lidar: Lidar) -> bool:
 
 @kernel
 def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar) -> float:
-    """Return what a beam says about the true length of its ray, with draws of its own, m.
+    """Return the measured range of a beam, m, with the beam's own draws.
 
     Args:
         length: True length, m.
         least: The shortest range that the beam returns, m.
-        beam: Its number in the episode, for the draws.
+        beam: Number of the beam in the episode, for the draws.
         bias: Share by which ranges are too long in this episode.
         key: Key of the episode's scans.
         lidar: Its errors.
@@ -207,12 +208,12 @@ def bias_of(key: int, lidar: Lidar) -> float:
 
 @kernel
 def divide(spans, first_angle: float, beams: int) -> None:
-    """Divide the beams of a scan among the sectors of a policy; a sector without a beam takes the nearest one to its middle.
+    """Assign the beams of a scan to the sectors of a policy; a sector without a beam takes the one nearest to its middle.
 
     Args:
         spans: Shape (`SECTORS`, 2): each sector's first beam, from -beams on, and the one after its last.
         first_angle: Direction of the first beam in the robot's frame, rad.
-        beams: How many beams the scan has, counter-clockwise and at even distances.
+        beams: Number of beams in the scan, evenly spaced counter-clockwise.
     """
     for sector in range(SECTORS):
         turns = sector / SECTORS - first_angle / TWO_PI
@@ -229,13 +230,13 @@ def divide(spans, first_angle: float, beams: int) -> None:
 def pool(ranges, spans, beams: int, sectors) -> None:
     """Pool the ranges of a scan into the sectors of a policy: the shortest in each, as a share of `SIGHT`.
 
-    Ranges that are not numbers, negative or infinite are free.
+    NaN, negative and infinite ranges count as free.
 
     Args:
         ranges: Shape (B,), m; B at least ``beams``.
-        spans: What `divide` says.
-        beams: How many beams the scan has.
-        sectors: Shape (`SECTORS`,), where the shares are written to.
+        spans: The assignment by `divide`.
+        beams: Number of beams in the scan.
+        sectors: Output for the shares, shape (`SECTORS`,).
     """
     for sector in range(SECTORS):
         shortest = SIGHT

@@ -1,4 +1,4 @@
-"""Maps of ROS's ``map_server``: a YAML file and its image, read as the one of Nav2 reads them."""
+"""Maps for ROS's ``map_server``: a YAML file and its image, read as Nav2's server reads them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Pose
 
 FAR_ENOUGH = 6.0
-"""Distance between start and goal at most where they are drawn, along each axis: a Burger drives 13 m in an episode, m."""
+"""Greatest distance between a drawn start and goal along each axis, m; a Burger drives 13 m in an episode."""
 _MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
@@ -25,8 +25,8 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
 
     Args:
         path: The YAML file, whose image is beside it or has an absolute path.
-        start: The pose in which the robot starts; drawn in free cells where it is None.
-        goal: The pose that it is to reach; drawn in free cells, near to the start, where it is None.
+        start: Start pose of the robot; None to draw it in free cells.
+        goal: Goal pose of the robot; None to draw it in free cells near the start.
 
     Raises:
         ValueError: If a file cannot be read, or says what cannot be.
@@ -72,7 +72,7 @@ def read_grid(path: str | Path) -> GridMap:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    """Return what a YAML file says."""
+    """Return the contents of a YAML file."""
     try:
         said = load_yaml(path)
     except OSError as error:
@@ -85,7 +85,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 
 def _number(said: dict[str, Any], name: str, path: Path) -> float:
-    """Return a finite number that a map says."""
+    """Return a finite number from a map's YAML file."""
     value = said[name]
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
         raise ValueError(f"The map {str(path)!r} must have finite numbers for {name}, got {value!r}.")
@@ -93,7 +93,7 @@ def _number(said: dict[str, Any], name: str, path: Path) -> float:
 
 
 def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return how bright each pixel is, from 0 to 1, and whether it is opaque; the first row is the highest.
+    """Return the brightness of each pixel, from 0 to 1, and whether it is opaque; the first row is the highest.
 
     Args:
         path: The image.
@@ -103,7 +103,7 @@ def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDAr
         ValueError: If the image cannot be read.
     """
     try:
-        from PIL import Image  # matplotlib brings it; on a robot there are no maps
+        from PIL import Image  # a dependency of matplotlib; a robot reads no maps
     except ImportError as error:
         raise ImportError("Maps need Pillow: pip install pillow") from error
     try:
@@ -128,12 +128,12 @@ def _occupancy(
     """Return the values of cells.
 
     Args:
-        shade: How bright each is, from 0 to 1.
-        opaque: Whether each is opaque; in the mode "scale" others are unknown.
+        shade: Brightness of each pixel, from 0 to 1.
+        opaque: Whether each pixel is opaque; in the mode "scale" the others are unknown.
         mode: "trinary", "scale" or "raw".
         negate: Whether bright pixels are occupied instead of dark ones.
-        occupied: Cells are occupied above it.
-        free: Cells are free below it.
+        occupied: Threshold above which cells are occupied.
+        free: Threshold below which cells are free.
 
     References:
         Nav2, ``nav2_map_server/src/map_io.cpp``, ``loadMapFromFile``, ROS 2 Jazzy.

@@ -1,4 +1,4 @@
-"""A floor plan: a room that is given instead of drawn."""
+"""Floor plans: given rooms instead of randomly drawn ones."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from turtlebot_gym.values import Pose
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FloorPlan:
-    """Walls around a room, and what stands or walks in it."""
+    """Walls around a room, and its obstacles and walkers."""
 
     walls: Walls
-    """The rectangle around it."""
+    """Rectangle around the room."""
     circles: tuple[tuple[float, ...], ...] = ()
-    """x, y, radius, and for those that walk their velocity; m, m/s."""
+    """x, y and radius of each, followed by the velocity of walkers; m, m/s."""
     boxes: tuple[tuple[float, ...], ...] = ()
-    """x, y, length, width, and for those that are turned their heading; m, rad."""
+    """x, y, length and width of each, followed by the heading of rotated ones; m, rad."""
     start: Pose | None = None
-    """The pose in which the robot starts; drawn where it is None."""
+    """Start pose of the robot; None to draw it."""
     goal: Pose | None = None
-    """The pose that it is to reach; drawn where it is None."""
+    """Goal pose of the robot; None to draw it."""
     map: GridMap | None = None
-    """A map that lies within the walls; outside of it all is occupied."""
+    """Map within the walls; everything outside of the map is occupied."""
     max_distance: float = math.inf
-    """Distance between start and goal at most, along each axis, where the goal is drawn, m."""
+    """Greatest distance between start and a drawn goal along each axis, m."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "walls", Walls(*_numbers("walls", self.walls, (4,))))
@@ -61,7 +61,7 @@ class FloorPlan:
         return self.put(scene)
 
     def rules(self) -> RoomRules:
-        """Return the rules by which start and goal are drawn where they are not given."""
+        """Return the rules by which start and goal are drawn unless they are given."""
         n_circles, n_boxes = float(len(self.circles)), float(len(self.boxes))
         return RoomRules(
             kind=GIVEN,
@@ -76,7 +76,7 @@ class FloorPlan:
         )
 
     def put(self, scene: Scene) -> Scene:
-        """Write the plan into the arrays of a scene, and return it, with those that are one for all."""
+        """Write the plan into the arrays of a scene, and return the scene with the shared arrays of the map."""
         scene.walls[:] = self.walls
         scene.counts[:] = len(self.circles), len(self.boxes)
         scene.circles[: len(self.circles)] = self.circles or scene.circles[:0]
@@ -86,7 +86,7 @@ class FloorPlan:
 
 
 def _numbers(name: str, value: Any, sizes: tuple[int, ...]) -> tuple[float, ...]:
-    """Return a tuple of finite numbers, of one of some sizes."""
+    """Return a tuple of finite numbers whose size is one of those allowed."""
     try:
         numbers = tuple(map(float, value)) if isinstance(value, Sequence) else ()
     except (TypeError, ValueError):

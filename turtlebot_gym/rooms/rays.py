@@ -1,7 +1,7 @@
-"""Rays and distances in a room of circles, boxes and walls: all of it analytic.
+"""Analytic rays and distances in a room of circles, boxes and walls.
 
-A ray begins at a point and has a unit direction; its length is to the nearest surface ahead, `FAR` where there is none. From
-inside an obstacle a ray has the length 0.
+A ray has an origin and a unit direction; its length is the distance to the nearest surface ahead, `FAR` if there is none. A ray
+from inside an obstacle has the length 0.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from turtlebot_gym.kernel import kernel, sqrt
 FAR = 1e9
 """Length of a ray that meets nothing, m."""
 _TINY = 1e-30
-"""Least size of a divisor: a ray along an axis meets its crossing planes beyond `FAR`."""
+"""Least magnitude of a divisor: a ray along an axis meets the planes parallel to it beyond `FAR`."""
 
 
 @kernel
@@ -19,10 +19,10 @@ def ray_to_circle(x: float, y: float, dx: float, dy: float, squared_radius: floa
     """Return the length of a ray to a circle.
 
     Args:
-        x: Position of the circle's centre, seen from the ray's origin, m.
-        y: And its other coordinate.
-        dx: Direction of the ray, a unit vector.
-        dy: And its other coordinate.
+        x: x of the circle's centre relative to the ray's origin, m.
+        y: y of the circle's centre, likewise.
+        dx: x component of the ray's direction, a unit vector.
+        dy: y component of the direction.
         squared_radius: m^2.
     """
     along = x * dx + y * dy
@@ -36,7 +36,7 @@ def ray_to_circle(x: float, y: float, dx: float, dy: float, squared_radius: floa
 
 @kernel
 def inverse(component: float) -> float:
-    """Return the inverse of a direction's component, finite also where it is 0."""
+    """Return the inverse of a direction's component, finite even if that is 0."""
     return 1.0 / (component if abs(component) > _TINY else _TINY)
 
 
@@ -45,10 +45,10 @@ def ray_to_box(x: float, y: float, inverse_dx: float, inverse_dy: float, half_le
     """Return the length of a ray to a box, in the frame of the box.
 
     Args:
-        x: Position of the box's centre, seen from the ray's origin, m.
-        y: And its other coordinate.
-        inverse_dx: Inverses of the ray's direction, see `inverse`.
-        inverse_dy: And its other coordinate.
+        x: x of the box's centre relative to the ray's origin, m.
+        y: y of the box's centre, likewise.
+        inverse_dx: Inverse of the direction's x component, see `inverse`.
+        inverse_dy: Inverse of its y component.
         half_length: Half the box's extent along its x axis, m.
         half_width: Half its extent along its y axis, m.
     """
@@ -65,10 +65,10 @@ def ray_to_walls(x: float, y: float, inverse_dx: float, inverse_dy: float, half_
     """Return the length of a ray to the walls around its origin; 0 outside of them.
 
     Args:
-        x: Position of the room's centre, seen from the ray's origin, m.
-        y: And its other coordinate.
-        inverse_dx: Inverses of the ray's direction, see `inverse`.
-        inverse_dy: And its other coordinate.
+        x: x of the room's centre relative to the ray's origin, m.
+        y: y of the room's centre, likewise.
+        inverse_dx: Inverse of the direction's x component, see `inverse`.
+        inverse_dy: Inverse of its y component.
         half_length: Half the room's extent along x, m.
         half_width: Half its extent along y, m.
     """
@@ -86,7 +86,7 @@ def distance_to_circle(x: float, y: float, radius: float) -> float:
 
 @kernel
 def distance_to_box(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Return the distance from the origin to a box with its centre at (x, y), in its frame; negative inside of it."""
+    """Return the distance from the origin to a box with its centre at (x, y), in the box's frame; negative inside of it."""
     out_x, out_y = abs(x) - half_length, abs(y) - half_width
     beside_x, beside_y = max(out_x, 0.0), max(out_y, 0.0)
     return sqrt(beside_x * beside_x + beside_y * beside_y) + min(max(out_x, out_y), 0.0)
@@ -94,7 +94,7 @@ def distance_to_box(x: float, y: float, half_length: float, half_width: float) -
 
 @kernel
 def distance_to_turned_box(x: float, y: float, box) -> float:
-    """Return the distance from the origin to a box with its centre at (x, y) that is turned; negative inside of it.
+    """Return the distance from the origin to a rotated box with its centre at (x, y); negative inside of it.
 
     Args:
         x: m.

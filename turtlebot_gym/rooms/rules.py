@@ -8,50 +8,50 @@ from dataclasses import dataclass
 from turtlebot_gym.validation import LARGEST, choose, require, typed
 
 GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
-"""Kinds of rooms: one that is given, obstacles at random places, rooms with doors, and a cellular automaton's caves."""
+"""Kinds of rooms: a given one, obstacles at random places, rooms with doors, and caves by a cellular automaton."""
 KINDS = {"given": GIVEN, "scattered": SCATTERED, "office": OFFICE, "cellular": CELLULAR}
 MAX_CIRCLES, MAX_BOXES = 384, 80
-"""Most obstacles that are drawn in a room: each takes draws of its own, see `drawing`."""
+"""Most obstacles drawn in a room; each takes its own draws, see `drawing`."""
 MAX_HALF = 20.0
-"""Most half extent of a room that is drawn, m: its ways are found on a grid of cells of a few centimetres."""
+"""Greatest half extent of a drawn room, m: paths are found on a grid with cells of a few centimetres."""
 ANYWHERE = (math.nan, math.nan, math.nan)
-"""Stands for a pose that is drawn."""
+"""Placeholder for a pose to be drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoomRules:
-    """How a room is drawn: what stands or walks in it, and where the robot starts and is to go."""
+    """Rules for drawing a room: its obstacles and walkers, and the robot's start and goal."""
 
     kind: float = SCATTERED
-    """A value of `KINDS`."""
+    """Kind of room, a value of `KINDS`."""
     half_length: float = 2.5
     """Half the room's extent along x, m."""
     half_width: float = 2.5
     """Half its extent along y, m."""
     circles: tuple[float, ...] = (6.0, 14.0)
-    """Fewest and most circles, drawn with equal chances."""
+    """Fewest and most circles; the number is drawn uniformly."""
     boxes: tuple[float, ...] = (0.0, 4.0)
     """Fewest and most boxes."""
     radius: tuple[float, ...] = (0.1, 0.3)
     """Least and greatest radius of a circle, and half extent of a box, m."""
     total: float = math.inf
-    """Most circles and boxes together: where there would be more, there are fewer circles."""
+    """Most circles and boxes together; circles are left out beyond it."""
     speed: tuple[float, ...] = (0.0, 0.0)
-    """Least and greatest speed of circles that walk; 0 for those that stand; m/s."""
+    """Least and greatest speed of circles that walk, m/s; 0 for static ones."""
     courtesy: float = 0.0
-    """Distance from a robot's centre within which those that walk wait rather than come nearer, m."""
+    """Distance from a robot's centre within which walkers wait instead of coming nearer, m."""
     fill: float = 0.2
-    """Share of the cells that are filled before the automaton smooths them; for the kind "cellular"."""
+    """Share of cells filled before the automaton smooths them, for the kind "cellular"."""
     through: bool = False
-    """Whether the robot starts in the first fifth of the room's length and goes to the last one."""
+    """Whether the robot starts in the first fifth of the room's length and its goal is in the last fifth."""
     min_distance: float = 1.5
     """Least distance between start and goal, m."""
     max_distance: float = math.inf
-    """Distance between start and goal at most, along each axis, where the start is known before the goal is drawn, m."""
+    """Greatest distance between start and goal along each axis, m, if the start is known before the goal is drawn."""
     start: tuple[float, ...] = ANYWHERE
-    """The pose in which the robot starts; NaN where it is drawn."""
+    """Start pose of the robot; NaN to draw it."""
     goal: tuple[float, ...] = ANYWHERE
-    """The pose that it is to reach; NaN where it is drawn."""
+    """Goal pose of the robot; NaN to draw it."""
 
     def __post_init__(self) -> None:
         typed(self)

@@ -1,4 +1,4 @@
-"""What is said of a room outside of the step: a LiDAR's scan and what a policy sees of it, clearance, and what stands there."""
+"""A room's data outside of the step: LiDAR scans and their pooling for a policy, clearance and obstacles."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from turtlebot_gym.values import Pose, State
 
 
 class Scan(NamedTuple):
-    """The ranges of a whole turn, counter-clockwise."""
+    """The ranges of a full revolution, counter-clockwise."""
 
     ranges: NDArray[np.float32]
-    """Shape (B,), m; infinite where nothing was returned."""
+    """Ranges, shape (B,), m; infinite where nothing was returned."""
     first: float
     """Direction of the first beam in the LiDAR's frame, rad."""
     increment: float
@@ -28,16 +28,16 @@ class Scan(NamedTuple):
     range_max: float
     """Longer ranges are not returned, m."""
     beam_period: float = 0.0
-    """Time between two beams, s; 0 where it is not known."""
+    """Time between two beams, s; 0 if unknown."""
     period: float = 0.0
-    """Time between two scans, s; 0 where it is not known."""
+    """Time between two scans, s; 0 if unknown."""
 
 
 class Clearance(NamedTuple):
-    """How near a room is to a robot."""
+    """Clearance of a robot in a room."""
 
     distance: float
-    """Between the footprint and what is nearest, m; negative on contact."""
+    """Distance from the footprint to the nearest surface, m; negative on contact."""
 
 
 class Obstacles(NamedTuple):
@@ -59,7 +59,7 @@ def mounted(state: State, lidar: Lidar) -> Pose:
 
 
 def obstacles_of(scene: Scene) -> Obstacles:
-    """Return what stands in a scene, and what walks there at present."""
+    """Return the walls and obstacles of a scene, with walkers at their current positions."""
     circles, boxes = scene.circles[: scene.counts[0], :3].tolist(), scene.boxes[: scene.counts[1]].tolist()
     return Obstacles(
         tuple(scene.walls.tolist()),
@@ -69,11 +69,11 @@ def obstacles_of(scene: Scene) -> Obstacles:
 
 
 class Pooling:
-    """Pool scans into the sectors of a policy, as the environment does.
+    """Pools scans into the sectors of a policy, as the environment does.
 
     Args:
         yaw: Direction of the LiDAR's frame in the robot's frame, rad.
-        beams: How many beams a scan must have; 0 for any number.
+        beams: Number of beams that a scan must have; 0 for any.
     """
 
     def __init__(self, *, yaw: float = 0.0, beams: int = 0) -> None:
@@ -85,7 +85,7 @@ class Pooling:
         """Return the shortest range in each sector, as shares of `lidar.SIGHT`.
 
         Raises:
-            ValueError: If the scan has another number of beams than was said.
+            ValueError: If the scan has another number of beams than ``beams``.
         """
         beams = len(scan.ranges)
         if self._beams not in (0, beams):

@@ -1,4 +1,4 @@
-"""What surrounds a robot, as arrays: a room, the ways in it, and what the LiDAR has measured."""
+"""The surroundings of a robot as arrays: a room, its shortest paths, and the LiDAR's measurements."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from turtlebot_gym.kernel import borrowed, kernel
 from turtlebot_gym.rooms.lidar import SECTORS
 
 RESOLUTION = 0.1
-"""Side of a cell of the grid of ways, m."""
+"""Side of a cell of the path grid, m."""
 UNREACHED = 0xFFFF
-"""Length of the way from a cell that no way leads to the goal from."""
+"""Path length from a cell without a path to the goal."""
 
 
 class Walls(NamedTuple):
@@ -30,39 +30,39 @@ class Walls(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What surrounds one robot; with a leading axis, but for what is one for all, what surrounds each of many."""
+    """The surroundings of one robot; or of many, with a leading axis in all arrays that are not shared."""
 
     walls: Any
     """Shape (4,): the numbers of `Walls`."""
     counts: Any
-    """Shape (2,), int64: how many circles and boxes there are."""
+    """Shape (2,), int64: numbers of circles and boxes."""
     circles: Any
-    """Shape (C, 5): x, y, radius, and the velocity of those that walk; m, m/s."""
+    """Shape (C, 5): x, y, radius and velocity (0 unless it walks); m, m/s."""
     boxes: Any
     """Shape (B, 6): x, y, half length, half width, and cosine and sine of the heading."""
     ways: Any
-    """Shape (rows, columns), uint16: length of the shortest way to the goal from each cell, in `geodesic.UNIT`."""
+    """Shape (rows, columns), uint16: length of the shortest path to the goal from each cell, in `geodesic.UNIT`."""
     beams: Any
     """Shape (3, beams): cosine and sine of each beam's direction in the robot's frame, and the least range it returns, m."""
     spans: Any
     """Shape (`SECTORS`, 2), int64: the beams of each sector, see `lidar.divide`."""
     ranges: Any
-    """Shape (2, beams), float32: the revolution that is being measured, and the newest complete one, m."""
+    """Shape (2, beams), float32: the revolution in progress, and the newest complete one, m."""
     sectors: Any
-    """Shape (`SECTORS`,), float32: the newest scan, pooled: shares of `lidar.SIGHT`."""
+    """Shape (`SECTORS`,), float32: the newest scan, pooled, as shares of `lidar.SIGHT`."""
     squares: Any
-    """Shape (4, rows, columns), int8, one for all: a map with a border of one cell around it, both 0 where there is none. The
-    side of the largest square without an occupied cell that begins at a cell and goes to the upper right, upper left, lower
-    right and lower left; at most `cells.LARGEST`."""
+    """Shape (4, rows, columns), int8, shared: a map with a border of one cell around it; rows and columns are 0 without a map.
+    Each value is the side of the largest square without an occupied cell that begins at a cell and extends to the upper right,
+    upper left, lower right and lower left; at most `cells.LARGEST`."""
     known: Any
-    """Shape (rows, columns), uint8, one for all: whether a cell of the map is known to be free."""
+    """Shape (rows, columns), uint8, shared: whether a cell of the map is known to be free."""
     frame: Any
-    """Shape (5,), one for all: the map's lower left corner, cosine and sine of its rows' direction, side of a cell; m."""
+    """Shape (5,), shared: the map's lower left corner, cosine and sine of its rows' direction, side of a cell; m."""
 
 
 @kernel
 def scene_at(scenes: Scene, index: int) -> Scene:
-    """Return what surrounds one robot of many, as views."""
+    """Return the surroundings of one robot of many, as views."""
     return Scene(
         borrowed(scenes.walls)[index],
         borrowed(scenes.counts)[index],
@@ -88,12 +88,12 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
     """Return empty arrays for rooms up to a size.
 
     Args:
-        number: How many rooms.
+        number: Number of rooms.
         circles: Most circles in a room.
         boxes: Most boxes.
         length: Largest extent along x, m.
         width: Largest extent along y, m.
-        beams: Most beams of a LiDAR.
+        beams: Most beams per revolution of a LiDAR.
     """
 
     def zeros(*shape: int, dtype: Any = np.float64) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""What the LiDAR of a robot in a room measures, and how near the room is to the robot."""
+"""LiDAR measurements of a robot in a room, and its clearance."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import Pose
 
 CLEAR = 1.0
-"""Clearance on a map at most, m: farther cells are not looked at."""
+"""Greatest clearance reported on a map, m; cells farther away are not examined."""
 
 
 BLOCK = 128
-"""Rays that are cast at a time, at most."""
+"""Most rays cast at a time."""
 _X, _Y, _DX, _DY, _LENGTH = range(0, 5 * BLOCK, BLOCK)
 
 
 @kernel
 def _is_near(x: float, y: float, radius: float, reach: float) -> bool:
-    """Return whether a part of a circle with its centre at (x, y) is at most ``reach`` away."""
+    """Return whether any part of a circle with its centre at (x, y) is within ``reach``."""
     far = reach + radius
     return x * x + y * y <= far * far
 
 
 @kernel
 def cast(scene: Scene, rays, n: int, reach: float) -> None:
-    """Find the lengths of rays: obstacles in the outer loop, rays in the inner one, which LLVM turns into vectors.
+    """Compute the lengths of rays: obstacles in the outer loop, rays in the inner one, which LLVM vectorizes.
 
-    The rays are in one array at distances that the compiler knows, so that it need not ask whether arrays overlap.
+    The rays are in one array at offsets that the compiler knows, so that it needs no check for overlapping arrays.
 
     Args:
         scene: The room.
-        rays: Shape (5 * `BLOCK`,): five runs of up to `BLOCK` numbers, the origins of the rays, x and y, near to each other, m;
-            their directions, unit vectors; and their lengths, which are written, m.
-        n: How many rays there are.
+        rays: Shape (5 * `BLOCK`,): five runs of up to `BLOCK` numbers: x and y of the rays' origins, close to each other, m; x
+            and y of their directions, unit vectors; and their lengths, the output, m.
+        n: Number of rays.
         reach: Distance from the first origin beyond which obstacles may be missed, m.
     """
     x, y = rays[_X], rays[_Y]
@@ -104,9 +104,9 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
 @kernel
 def walk(scene: Scene, robot: Pose, courtesy: float, dt: float) -> None:
-    """Move the circles that walk by a control interval; they turn back at the walls.
+    """Move the walkers by a control interval; they turn back at the walls.
 
-    Those whose edge is nearer to a robot's centre than the courtesy, m, wait rather than come still nearer.
+    A walker whose edge is within the courtesy distance of the robot's centre, m, waits instead of coming nearer.
     """
     walls = scene.walls
     for k in range(scene.counts[0]):
@@ -126,14 +126,14 @@ def walk(scene: Scene, robot: Pose, courtesy: float, dt: float) -> None:
 def measure(
     scene: Scene, before: Pose, now: Pose, first: int, last: int, start: float, key: int, lidar: Lidar, dt: float
 ) -> None:
-    """Measure beams while the robot moves from a pose to another, and publish the scans that become complete.
+    """Measure beams while the robot moves from one pose to another, and publish scans as they complete.
 
     Args:
-        scene: The room; the ranges and the sectors of the scan are written there.
+        scene: The room; receives the ranges and the sectors of the scan.
         before: Pose at the start of the interval.
         now: Pose at its end.
         first: Number of the first beam to measure.
-        last: Number of the one after the last.
+        last: Number after the last beam to measure.
         start: Time at the start of the interval, s.
         key: Key of the episode's scans.
         lidar: The LiDAR.
@@ -142,7 +142,7 @@ def measure(
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
     bias, sweeping, newest = bias_of(key, lidar), scene.ranges[0], scene.ranges[1]
     rays = np.empty(5 * BLOCK)
-    while first < last:  # in parts that lie in one revolution
+    while first < last:  # in parts within one revolution
         begin = first % revolution
         n = min(min(last - first, revolution - begin), BLOCK)
         cosines, sines, least = scene.beams[0, begin:], scene.beams[1, begin:], scene.beams[2, begin:]

@@ -1,4 +1,4 @@
-"""The worlds that there are: presets by name, rules, floor plans, and files."""
+"""Worlds: presets by name, rules, floor plans and files."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from turtlebot_gym.validation import choose, made
 from turtlebot_gym.values import Pose
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
-"""How a world may be named."""
+"""Types that specify a world."""
 GAZEBO = (".world", ".sdf")
-"""How the names of Gazebo's files end."""
+"""File name endings of Gazebo worlds."""
 MAPS = (".yaml", ".yml")
-"""How the names of maps end."""
+"""File name endings of maps."""
 
 
 def find_world(world: World) -> RoomRules | FloorPlan:
@@ -50,14 +50,14 @@ def find_world(world: World) -> RoomRules | FloorPlan:
 
 
 def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> RoomRules | FloorPlan:
-    """Return the world that options of an episode ask for.
+    """Return the world for the options of an episode.
 
     Args:
-        world: The one where they name none.
+        world: World to use if the options name none.
         options: ``world``, as `find_world` takes it; ``start`` and ``goal``, poses: x, y and heading, m, rad.
 
     Raises:
-        ValueError: If there are other options, or a pose is not one, outside of the room or in an obstacle that is given.
+        ValueError: If an option is unknown, or a pose is malformed, outside of the room or inside a given obstacle.
     """
     unknown = sorted(set(options) - {"world", "start", "goal"})
     if unknown:
@@ -76,7 +76,7 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
 
 
 def _pose(name: str, value: Any) -> Pose:
-    """Return a pose that was given as an option."""
+    """Return a pose from an option."""
     try:
         pose = Pose(*map(float, value))
     except (TypeError, ValueError):
@@ -87,7 +87,7 @@ def _pose(name: str, value: Any) -> Pose:
 
 
 def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
-    """Return a LiDAR: as it is given, as a mapping of some of its fields, or by a name in `lidar.LIDARS`.
+    """Return a LiDAR, given as such, as a mapping of some of its fields, or by a name in `lidar.LIDARS`.
 
     Raises:
         ValueError: If the name is unknown, or a field is unknown or breaks its rule.
@@ -96,15 +96,15 @@ def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:
-    """Refuse a floor plan through which no way leads.
+    """Refuse a floor plan without a path from start to goal.
 
     Args:
         plan: The plan.
-        radius: The robot's, m.
-        way: What an episode's start has left of it, see `geodesic.way_left`, m.
+        radius: Radius of the robot, m.
+        way: Remaining path length at an episode's start, see `geodesic.way_left`, m.
 
     Raises:
-        ValueError: If there is no way from its start to its goal, or none between any two places that were tried.
+        ValueError: If there is no path from its start to its goal, or between any two places that were tried.
     """
     if way == UNKNOWN:
         where = "from its start to its goal" if plan.start and plan.goal else "between the places that were drawn"

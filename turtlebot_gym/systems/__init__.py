@@ -1,4 +1,4 @@
-"""The step put together: systems, their parameters, and one environment in plain Python."""
+"""Assembly of the step: systems, their parameters, and one environment in plain Python."""
 
 from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground

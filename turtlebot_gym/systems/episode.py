@@ -1,6 +1,6 @@
-"""An environment in plain Python: no arrays, no compiled code, and the same numbers to the last bit.
+"""An environment in plain Python, without arrays or compiled code, with bit-identical results.
 
-The ROS simulator runs it, tests compare the compiled loop with it, and another plant is plugged in here::
+The ROS simulator runs it, tests compare the compiled loop with it, and it accepts another plant::
 
     system = system_of(parameters)._replace(move=my_plant)
     episode = Episode(parameters, waypoints, system=system)
@@ -24,14 +24,14 @@ from turtlebot_gym.values import Command, Pose
 
 
 class Episode:
-    """One environment, episode by episode; like the others it ends on `Outcome`, and goes on until it is reset.
+    """One environment, episode by episode; `Outcome` reports an episode's end, and it continues until it is reset.
 
     Args:
-        parameters: All the numbers of a step.
-        waypoints: The poses to visit; where the task draws its goal, they are not used.
-        seed: Seed of the noise, and of what the task draws.
-        system: The kernels of a step; None for the system that the parameters are for.
-        plan: The floor plan of a room that is given.
+        parameters: Parameters of a step.
+        waypoints: The poses to visit; unused if the task draws its goal.
+        seed: Seed of the noise and of the task's draws.
+        system: The kernels of a step; None for the system that belongs to the parameters.
+        plan: The floor plan of a given room.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Episode:
         return self.world
 
     def step(self, command: Command) -> Outcome:
-        """Advance by one control interval with the twist that the policy asks for."""
+        """Advance by one control interval with the policy's command."""
         transition = self._step.transition
         self.world, self.outcome = transition(self.world, command, self.key, self.waypoints, self.parameters, self.scene)
         return self.outcome
@@ -76,7 +76,7 @@ class Episode:
         return self.step(command_of(float(forward), float(turn), self.parameters.robot))
 
     def observe(self) -> Any:
-        """Return what the policy is given: for open ground a `turtlebot_gym.tasks.Observation`, in double precision."""
+        """Return the policy's observation in double precision; on open ground a `turtlebot_gym.tasks.Observation`."""
         seen, around = self._step.observe(self.world, self.parameters), self.system.surroundings
         if around is None:
             return seen
@@ -86,5 +86,5 @@ class Episode:
 
 @kernel
 def start_outcome(world: World) -> Outcome:
-    """Return the outcome that stands for the start of an episode."""
+    """Return the outcome that represents the start of an episode."""
     return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False)

@@ -1,6 +1,6 @@
-"""Fixes: any system, with a sensor besides that measures the pose from outside, seldom, with noise, and late.
+"""Fixes: any system with an additional external pose sensor that is infrequent, noisy and late.
 
-A fix that comes now was measured some steps ago, so what is sensed carries where the robot was in the last steps.
+A fix that arrives now was measured some steps ago, so the senses include the robot's poses of the last steps.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from turtlebot_gym.values import Command, Fix, Pose
 
 
 class TrackedSenses(NamedTuple):
-    """What the sensors say, `estimation.fixes.FixedSenses`, and what they need to say more."""
+    """The sensors' values, `estimation.fixes.FixedSenses`, and the history that later fixes need."""
 
     odometry: Pose
     twist: Command
     measured: bool
     fix: Fix
     passed: tuple[Pose, ...]
-    """Where the robot was in the last steps, the newest first."""
+    """The robot's poses in the last steps, newest first."""
 
 
 @kernel
 def measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> Fix:
-    """Return the fix that comes in a step, if one does.
+    """Return the fix that arrives in a step, if any.
 
     Args:
-        passed: Where the robot was, from this step on backwards.
-        noise: Its noise, period and delay.
+        passed: The robot's poses, from this step backwards.
+        noise: Noise, period and delay of the sensor.
         key: The episode's key, from `models.random.episode_key`.
         at: The step's number.
         dt: Control interval, s.
@@ -60,13 +60,13 @@ def _pose(body):
 
 @cache
 def seeing_fixes(system: System, depth: int) -> System:
-    """Return a system with fixes that come up to ``depth`` steps late; its filter must take them."""
+    """Return a system with fixes up to ``depth`` steps late; its filter must accept them."""
     sense, first_sense, fill = system.sense, system.first_sense, filled(depth + 1)
 
     @kernel
     def sense_more(body, before, key, at, p):
         senses = sense(body, before, key, at, p)
-        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code knows no stars
+        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
         fix = measure(passed, p.fix, key, at, p.dt)
         return TrackedSenses(senses.odometry, senses.twist, senses.measured, fix, passed)
 

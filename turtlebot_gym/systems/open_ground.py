@@ -1,6 +1,6 @@
-"""Open ground: a unicycle on an empty floor, odometry, a filter of the pose, and waypoints to reach.
+"""Open ground: a unicycle on an empty floor, with odometry, a filter of the pose, and waypoints to reach.
 
-The kernels of a step, in the order in which they run; `systems.system` says what each of them takes and returns.
+The kernels of a step, in the order in which they run; `systems.system` documents their arguments and results.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from turtlebot_gym.values import Command, Pose, Senses, State
 
 @kernel
 def lay_out(key, p, scene):
-    """Return the start pose, and the goal that the task draws."""
+    """Return the start pose, and the goal if the task draws one."""
     pose = start_pose(key, p.task)
     return pose, draw_goal(key, pose, p.task)
 
@@ -50,9 +50,9 @@ def start(pose):
 
 @kernel
 def obey(body, command, p):
-    """Return the command that is in force after an interval.
+    """Return the command in force after an interval.
 
-    Commands that come late are taken from those asked before; then they are brought within the robot's limits.
+    Delayed commands are taken from the queue of earlier ones, and then limited to what the robot can do.
     """
     first, second, third = body.asked
     late = third if p.delay >= 3.0 else (second if p.delay >= 2.0 else first)
@@ -62,7 +62,7 @@ def obey(body, command, p):
 
 @kernel
 def move(body, command, key, at, p):
-    """Return the body after an interval: the pose moves with the twist in force, and then the twist follows the command."""
+    """Return the body after an interval: the pose moves with the current twist, then the twist follows the command."""
     dt, noise = p.dt, p.noise.process
     first, second, _ = body.asked
     now = obey(body, command, p)
@@ -77,7 +77,7 @@ def move(body, command, key, at, p):
 
 @kernel
 def sense(body, before, key, at, p):
-    """Return what the odometry says: a measured pose, unless it is lost, and the twist that the wheels were made to do."""
+    """Return the odometry: a measured pose, unless it is lost, and the twist that the wheels were set to."""
     truth = body.true_state
     pose = Pose(truth.x, truth.y, truth.theta)
     return odometry.sense(pose, body.wheels, body.command, before, p.noise.odometry, key, at)
@@ -85,13 +85,13 @@ def sense(body, before, key, at, p):
 
 @kernel
 def first_sense(body, key, p):
-    """Return what the odometry says at the start, where a measurement always arrives."""
+    """Return the odometry at the start, where a measurement always arrives."""
     return sense(body, Senses(body.wheels, body.command, True), key, 0, p)
 
 
 @kernel
 def shown(body, senses, estimate, p):
-    """Return the state that the policy is shown: the believed, the measured or the true one."""
+    """Return the state that the policy observes: the estimated, the measured or the true one."""
     mean, z, u, truth = estimate.belief.mean, senses.odometry, senses.twist, body.true_state
     believed, measured = p.observed == BELIEVED, p.observed == MEASURED
     return State(
@@ -105,7 +105,7 @@ def shown(body, senses, estimate, p):
 
 @kernel
 def judge(world, body, senses, estimate, waypoints, p):
-    """Return the waypoints visited, and the outcome of the step: arrival, reward, end."""
+    """Return the number of waypoints visited, and the outcome of the step: arrival, reward, end."""
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     there = arrived(truth, reference, task)
@@ -124,7 +124,7 @@ def judge(world, body, senses, estimate, waypoints, p):
 
 @kernel
 def look(world, p):
-    """Return what the policy observes, layout 1."""
+    """Return the policy's observation, layout 1."""
     position, heading = stated_deviations(world.estimate.belief.covariance)
     believed, measured = p.observed == BELIEVED, p.observed == MEASURED
     R = p.tuning.R

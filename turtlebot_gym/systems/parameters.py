@@ -1,4 +1,4 @@
-"""All the numbers that a step depends on, gathered from presets' names or values."""
+"""All parameters of a step, gathered from names of presets or values."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from turtlebot_gym.validation import choose, made, number, whole
 
 BELIEVED, MEASURED, TRUE = 0.0, 1.0, 2.0
 OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
-"""What the policy is shown as the robot's pose."""
+"""Choices for the robot's pose that the policy observes."""
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
 MAX_DEPTH = 25
-"""Most steps that a fix may come late: each of them is remembered, and compiled."""
+"""Greatest delay of a fix in steps; each step is stored and compiled."""
 MIN_DT, MAX_DT = 1e-4, 10.0
 """Shortest and longest control interval, s."""
 
 
 class Parameters(NamedTuple):
-    """All that an environment's step depends on, besides its state and its key."""
+    """Everything that an environment's step depends on besides its state and its key."""
 
     robot: Robot
     noise: Noise
@@ -39,15 +39,15 @@ class Parameters(NamedTuple):
     middle: float
     """The integrator, a value of `models.unicycle.INTEGRATORS`."""
     observed: float
-    """A value of `OBSERVED`."""
+    """Observed pose, a value of `OBSERVED`."""
     delay: float
-    """Steps by which a command comes late, a whole number from 0 to `MAX_DELAY`."""
+    """Delay of commands in steps, a whole number from 0 to `MAX_DELAY`."""
     room: Any = ()
-    """What a room is like: nothing on open ground, `systems.rooms.RoomParameters` in a room."""
+    """Parameters of a room, `systems.rooms.RoomParameters`; an empty tuple on open ground."""
     fix: Any = ()
-    """What measures the pose from outside, a `FixNoise`; nothing where nothing does."""
+    """External pose sensor, a `FixNoise`; an empty tuple if there is none."""
     plant: Any = ()
-    """What moves the robot: nothing is the unicycle, a `turtlebot_gym.plants.MujocoBurger` is that in MuJoCo."""
+    """Plant: an empty tuple for the unicycle, a `turtlebot_gym.plants.MujocoBurger` for MuJoCo."""
 
 
 def make_parameters(
@@ -64,7 +64,7 @@ def make_parameters(
     fix: str | FixNoise | None = None,
     plant: str | MujocoBurger = "unicycle",
 ) -> Parameters:
-    """Return the parameters of an environment, checked, from presets' names or values.
+    """Return the checked parameters of an environment from names of presets or values.
 
     Args:
         task: When waypoints count as reached, and when an episode ends.
@@ -72,16 +72,16 @@ def make_parameters(
         noise: A name in `presets.NOISES`, or a noise model.
         filter: A name in `presets.FILTERS`, or a tuning.
         integrator: "euler" or "midpoint".
-        observation: What the policy is shown as the robot's pose: "ekf", "odometry" or "truth".
+        observation: The robot's pose that the policy observes: "ekf", "odometry" or "truth".
         reward: Weights, or a mapping of some of them; None for the default ones.
         dt: Control interval, s.
-        delay: Steps by which a command comes late, 0 to 3.
-        fix: What measures the pose from outside, now and then: a name in `presets.FIXES`, or its noise; None for nothing.
+        delay: Delay of commands in steps, 0 to 3.
+        fix: External pose sensor: a name in `presets.FIXES`, or its noise; None for none.
         plant: A name in `turtlebot_gym.plants.PLANTS`, or a Burger for MuJoCo.
 
     Raises:
-        ValueError: If a name is unknown, dt is not positive, the delay is out of its range, or the plant is not this robot or
-            has steps that do not fit into dt.
+        ValueError: If a name is unknown, dt is not positive, the delay is out of its range, or the plant is another robot or dt
+            is not a multiple of its step.
     """
     late, interval = whole("delay", delay, 0, MAX_DELAY), number("dt", dt)
     if not MIN_DT <= interval <= MAX_DT:

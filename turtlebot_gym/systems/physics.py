@@ -1,8 +1,8 @@
-"""Open ground with a physics engine in the unicycle's place: what moves the robot, and what its wheels tell of it.
+"""Open ground with a physics engine in place of the unicycle, which moves the robot and turns its wheels.
 
-The engine takes the place of the noise of execution too: `Noise.process` moves nothing here, a filter that is matched to it
-assumes it all the same. The pose is measured as ever, with the noise of the odometry, or it is what the wheels' angles have
-integrated; the twist is what they tell.
+The engine also replaces the noise of execution: `Noise.process` has no effect on the motion, though a matched filter still
+assumes it. The pose is measured with the noise of the odometry as usual, or integrated from the wheel angles, which also give
+the twist.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from turtlebot_gym.values import STOP, Command, Pose, Senses, State
 
 
 class PhysicalBody(NamedTuple):
-    """The robot as it really is; a `systems.world.Body` with what the engine knows of it."""
+    """True state of the robot: a `systems.world.Body` with its physics state."""
 
     true_state: State
     command: Command
-    """See `Body`, as of the next three."""
+    """See `Body`, as for the next three fields."""
     asked: tuple[Command, Command, Command]
     wheels: Pose
     slipping: bool
-    """Never: what slip there is comes from the friction, all the time."""
+    """Always false: slip comes from friction, without bursts."""
     twist: Command
-    """What the wheels' angles tell."""
+    """Twist from the wheel angles."""
     physics: tuple[float, ...]
     """See `plants.engine.Driven`."""
 
 
 def sense(body, before, key, at, p):
-    """Return what the odometry says: see `open_ground.sense`; the twist is what the wheels' angles tell."""
+    """Return the odometry as `open_ground.sense` does, with the twist from the wheel angles."""
     truth = body.true_state
     pose = Pose(truth.x, truth.y, truth.theta)
     return odometry.sense(pose, body.wheels, body.twist, before, p.noise.odometry, key, at)
 
 
 def first_sense(body, key, p):
-    """Return what the odometry says at the start, where a measurement always arrives."""
+    """Return the odometry at the start, where a measurement always arrives."""
     return sense(body, Senses(body.wheels, body.twist, True), key, 0, p)
 
 
@@ -61,7 +61,7 @@ def physical(system: System, burger: MujocoBurger) -> System:
         return PhysicalBody(state, STOP, (STOP, STOP, STOP), pose, False, STOP, engine.start(pose))
 
     def move(body, command, key, at, p):
-        """Return the body after an interval: the motors follow the command in force, and at last the new one."""
+        """Return the body after an interval: the motors follow the command in force, and towards the end the new one."""
         now = obey(body, command, p)
         driven = engine.drive(body.physics, body.wheels, (body.command, now), p.dt)
         asked = (command, *body.asked[:2])

@@ -1,7 +1,7 @@
-"""Rooms: open ground with walls and obstacles around, and a LiDAR that sees them.
+"""Rooms: open ground with walls and obstacles, and a LiDAR that sees them.
 
-Body, odometry, filter and arrival are open ground's. What is added: beams, measured while the robot moves; contact, judged on
-the true pose; and a reward for progress on the shortest way instead of on the straight line.
+Body, odometry, filter and arrival are those of open ground. Rooms add beams, measured while the robot moves; contact, judged by
+the true pose; and a reward for progress along the shortest path instead of the straight line.
 """
 
 from __future__ import annotations
@@ -31,46 +31,46 @@ from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATIO
 from turtlebot_gym.values import Pose
 
 ROOM_LAYOUT = 2
-"""Version of what a policy is given in a room: the 13 numbers of layout 1, the ranges of the sectors, the scan's age."""
+"""Version of the observation in a room: the 13 numbers of layout 1, the ranges of the sectors, the scan's age."""
 
 
 SIZES = {OBSERVATION_LAYOUT: len(OBSERVATION_LOW), ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1}
-"""How many numbers a policy is given, by layout."""
+"""Size of the observation, by layout."""
 
 
 class RoomParameters(NamedTuple):
-    """What a step in a room depends on besides open ground's parameters."""
+    """Parameters of a step in a room, beyond those of open ground."""
 
     rules: RoomRules
-    """How the room is drawn."""
+    """Rules by which the room is drawn."""
     lidar: Lidar
     """The robot's LiDAR."""
 
 
 class Around(NamedTuple):
-    """What is known of the room around."""
+    """State of the robot in its room."""
 
     pose: Pose
-    """The true pose at the end of the step before."""
+    """True pose at the end of the previous step."""
     way: float
-    """Length of the shortest way to the goal, m."""
+    """Length of the shortest path to the goal, m."""
     clearance: float
-    """Distance between the robot's footprint and what is nearest, m; negative on contact."""
+    """Distance from the robot's footprint to the nearest surface, m; negative on contact."""
     least: float
-    """The least clearance since the start, m."""
+    """Least clearance since the start, m."""
     path_length: float
-    """Length of the way that was driven since the start, m."""
+    """Distance driven since the start, m."""
     scan_age: float
     """Age of the newest scan by its stamp, s."""
     collided: bool
-    """Whether the robot is in contact with something."""
+    """Whether the robot touches something."""
 
 
 class RoomObservation(NamedTuple):
-    """What a policy is given in a room, but for the ranges, which come between the two."""
+    """Observation in a room, except for the ranges, which go between the two fields."""
 
     belief: Observation
-    """What it is given on open ground."""
+    """Observation as on open ground."""
     scan_age: float
     """Age of the scan by its stamp, s."""
 
@@ -89,7 +89,7 @@ def _pose(world):
 
 @kernel
 def first_look(world, key, p, scene):
-    """Measure a revolution at rest before the start, and return what is known of the room."""
+    """Measure a revolution at rest before the start, and return the robot's state in the room."""
     pose, lidar = _pose(world), p.room.lidar
     aim(scene.beams, lidar)
     divide(scene.spans, lidar.yaw, int(lidar.beams))
@@ -100,7 +100,7 @@ def first_look(world, key, p, scene):
 
 @kernel
 def look_round(world, outcome, key, p, scene):
-    """Move what walks, measure the beams of the interval, judge contact, and reward progress on the shortest way."""
+    """Move walkers, measure the beams of the interval, judge contact, and reward progress along the shortest path."""
     before, pose, lidar, at, weights = world.room, _pose(world), p.room.lidar, int(world.steps), p.reward
     walk(scene, before.pose, p.room.rules.courtesy, p.dt)
     first, last = beams_by(at - 1, lidar, p.dt), beams_by(at, lidar, p.dt)
@@ -125,7 +125,7 @@ def look_round(world, outcome, key, p, scene):
 
 @kernel
 def observe(world, p):
-    """Return what the policy observes, layout 2, but for the ranges."""
+    """Return the policy's observation, layout 2, except for the ranges."""
     return RoomObservation(look(world, p), min(world.room.scan_age, MAX_AGE))
 
 
@@ -136,7 +136,7 @@ def ranges(scene):
 
 
 def make(parameters: Sequence[Parameters]) -> Scene:
-    """Return arrays that hold the largest room and the largest LiDAR of some parameters."""
+    """Return arrays large enough for the largest room and the largest LiDAR among some parameters."""
     rules = {row.room.rules for row in parameters}
     circles, boxes = (max(sizes) for sizes in zip(*map(capacity, rules), strict=True))
     return make_scenes(
@@ -158,7 +158,7 @@ def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomPara
         dt: Control interval, s.
 
     Raises:
-        ValueError: If the LiDAR turns more than once in an interval.
+        ValueError: If the LiDAR turns more than once per interval.
     """
     if lidar.rate * dt > 1.0 + 1e-9:
         raise ValueError(f"Lidar.rate must be at most one scan in a control interval of {dt:g} s, got {lidar.rate:g} Hz.")
@@ -166,10 +166,10 @@ def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomPara
 
 
 def furnish(parameters: Parameters, world: RoomRules | FloorPlan, lidar: Lidar) -> tuple[Parameters, FloorPlan | None]:
-    """Return parameters with a room, and its floor plan where it is given.
+    """Return parameters with a room, and its floor plan if it is given.
 
     Args:
-        parameters: Those of open ground.
+        parameters: Parameters of open ground.
         world: See `make_room`.
         lidar: See there.
 
@@ -195,8 +195,7 @@ def rooms(filter: Filter) -> System:
 
 
 def system_of(parameters: Parameters) -> System:
-    """Return the system that parameters are for: rooms where they say what a room is like, else open ground; with fixes, or
-    without; with their plant.
+    """Return the system for some parameters: rooms or open ground, with or without fixes, with their plant.
 
     Raises:
         ImportError: If the plant needs an engine that is not installed.

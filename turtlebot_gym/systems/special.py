@@ -1,8 +1,8 @@
-"""Special cases of parameters, for which a loop of their own is compiled: what they make idle is left out of it.
+"""Special cases of parameters with their own compiled loops, which leave out what the case makes idle.
 
-The equations stay as they are. Numbers that a case knows beforehand are constants of its loop, and the compiler drops what
-follows from them: a draw that is multiplied by zero, a rule that is switched off, a covariance that stays zero. So the results
-are those of the loop for all cases, to the bit.
+The equations stay the same. Numbers that a case fixes are constants of its loop, and the compiler removes what follows from
+them: a draw multiplied by zero, a rule that is switched off, a covariance that stays zero. So the results are bit-identical to
+those of the general loop.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from turtlebot_gym.systems.system import System
 
 
 class Special(NamedTuple):
-    """What is known of a step, by the dotted paths of `Parameters` and `World`; tuples of pairs stand for dicts."""
+    """Known numbers of a step, by the dotted paths of `Parameters` and `World`; tuples of pairs stand for dicts."""
 
     parameters: tuple[tuple[str, float], ...] = ()
-    """Parameters of the case. They are the same for all environments, as are the others."""
+    """Fixed parameters of the case. All parameters, these and the others, are the same for all environments."""
     world: tuple[tuple[str, float], ...] = ()
-    """Numbers of the world that then never change."""
+    """Numbers of the world that never change in this case."""
     same: tuple[tuple[str, str], ...] = ()
-    """Numbers of the world that then always equal another one."""
+    """Numbers of the world that always equal another one in this case."""
     waypoints: int = 0
-    """How many there are; 0 for any number."""
+    """Number of waypoints; 0 for any."""
 
 
 GENERAL = Special()
-"""No case: any parameters, and others in each environment."""
+"""No special case: any parameters, which may differ between environments."""
 
 _ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 _WITH_TWIST = ("xv", "xw", "yv", "yw", "tv", "tw", "vw")
@@ -71,17 +71,17 @@ QUIET = Special(
     ),
     waypoints=1,
 )  # fmt: skip
-"""One goal; commands are executed at once and exactly, measurements all arrive, and the Kalman filter's belief is shown: the
-default. The wheels are then where the robot is, and the twist is known."""
+"""The default: one goal; commands are executed at once and exactly, all measurements arrive, and the policy observes the Kalman
+filter's belief. The wheels' pose is then the robot's, and the twist is known."""
 
 
 def special_of(system: System, numbers: dict[str, float], waypoints: int) -> Special:
-    """Return the case that parameters belong to, which all environments share.
+    """Return the case of parameters that all environments share.
 
     Args:
-        system: Their system.
-        numbers: The parameters by their dotted paths.
-        waypoints: How many there are.
+        system: The system of the parameters.
+        numbers: The parameters by dotted path.
+        waypoints: Number of waypoints.
     """
     is_quiet = waypoints == QUIET.waypoints and all(numbers[path] == value for path, value in QUIET.parameters)
     return QUIET if is_quiet and system == open_ground(EXTENDED_KALMAN) else GENERAL

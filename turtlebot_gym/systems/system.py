@@ -1,11 +1,11 @@
-"""A system: the kernels of one step, and the step that is put together from them.
+"""A system: the kernels of one step, and the step assembled from them.
 
     move -> sense -> estimate -> judge -> look round -> observe
 
-Looking round is for what lies around the robot in arrays, a scene: ranges and collisions. On open ground there is none.
+"Look round" works on the surroundings in arrays, a scene: ranges and collisions. Open ground has none.
 
 What changes the *types* of a step (another sensor, filter or plant) is a kernel of a `System`; numbers are in `Parameters`.
-The step runs as plain Python with the kernels as they are, and in a compiled loop (`turtlebot_gym.compiled`), to the same bit.
+The step runs with the same kernels as plain Python and in a compiled loop (`turtlebot_gym.compiled`), bit-identically.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from turtlebot_gym.values import Pose
 
 
 class Surroundings(NamedTuple):
-    """The parts of a step that work on arrays; what they keep in a scene's arrays they change there."""
+    """The parts of a step that work on arrays; they update a scene's arrays in place."""
 
     make: Callable[..., Any]
     """``make(parameters)`` returns the scenes of as many environments as there are parameters: a NamedTuple of arrays."""
@@ -30,75 +30,75 @@ class Surroundings(NamedTuple):
     first_look: Callable[..., Any]
     """``first_look(world, key, p, scene)`` returns `World.room` at the start."""
     look_round: Callable[..., Any]
-    """``look_round(world, outcome, key, p, scene)`` returns the world and the outcome after a step, with all that is to be said
-    about what lies around."""
+    """``look_round(world, outcome, key, p, scene)`` returns the world and the outcome after a step, completed by the
+    surroundings."""
     ranges: Callable[..., Any]
-    """``ranges(scene)`` returns an array of `seen` numbers, given to a policy between the two parts that `observe` returns:
-    what comes before them, a NamedTuple, and one number after them."""
+    """``ranges(scene)`` returns an array of `seen` numbers, which the observation holds between the two parts that `observe`
+    returns: a NamedTuple before them and one number after them."""
     seen: int
-    """How many."""
+    """Number of ranges."""
 
 
 class System(NamedTuple):
     """The parts of a step. ``p`` is `systems.parameters.Parameters`; ``key`` and ``at`` number the noise of a step."""
 
     lay_out: Callable[..., Any]
-    """``lay_out(key, p, scene)`` returns the pose in which an episode starts, and the goal, the first waypoint where the task
+    """``lay_out(key, p, scene)`` returns the start pose of an episode, and the goal, which is the first waypoint if the task
     draws one."""
     start: Callable[..., Any]
     """``start(pose)`` returns the body at the start of an episode."""
     move: Callable[..., Any]
     """``move(body, command, key, at, p)`` returns the body after a control interval: action, limits, delay, plant, slip."""
     sense: Callable[..., Any]
-    """``sense(body, before, key, at, p)`` returns what the sensors say, ``before`` is what they said a step before."""
+    """``sense(body, before, key, at, p)`` returns the sensors' values; ``before`` holds those of the previous step."""
     first_sense: Callable[..., Any]
-    """``first_sense(body, key, p)`` returns what they say at the start."""
+    """``first_sense(body, key, p)`` returns the sensors' values at the start."""
     first_estimate: Callable[..., Any]
     """``first_estimate(senses, p)`` returns the filter's estimate at the start."""
     estimate: Callable[..., Any]
-    """``estimate(estimate, before, senses, p)`` returns it after a step."""
+    """``estimate(estimate, before, senses, p)`` returns the filter's estimate after a step."""
     judge: Callable[..., Any]
     """``judge(world, body, senses, estimate, waypoints, p)`` returns the waypoints visited and the `Outcome` of a step that led
-    from ``world`` to the new body, senses and estimate; ``waypoints`` is how many the task has."""
+    from ``world`` to the new body, senses and estimate; ``waypoints`` is their number."""
     observe: Callable[..., Any]
-    """``observe(world, p)`` returns what the policy is given, a NamedTuple of numbers."""
+    """``observe(world, p)`` returns the observation, a NamedTuple of numbers."""
     layout: int
-    """Version of what it is given: a policy that was trained on another one must be refused."""
+    """Version of the observation: a policy trained on another one must be refused."""
     low: tuple[float, ...]
-    """Least values of what it is given."""
+    """Lower bounds of the observation."""
     high: tuple[float, ...]
-    """Greatest values."""
+    """Upper bounds."""
     example: Any
-    """Parameters of the types that the kernels take."""
+    """Example parameters with the types that the kernels take."""
     surroundings: Surroundings | None = None
-    """What lies around the robot; None on open ground, where a scene is an empty tuple."""
+    """Surroundings of the robot; None on open ground, where a scene is an empty tuple."""
     compiled: bool = True
-    """Whether its parts are kernels; where one is not, as a physics engine, its loop too runs as plain Python."""
+    """Whether all parts are kernels; if one is not, such as a physics engine, the loop runs as plain Python too."""
 
 
 class Step(NamedTuple):
-    """A system's kernels, put together."""
+    """A system's kernels, assembled."""
 
     begin: Callable[..., World]
     """``begin(pose, key, waypoints, p, scene)`` returns the world at the start of an episode, at rest in a pose."""
     transition: Callable[..., tuple[World, Outcome]]
     """``transition(world, command, key, waypoints, p, scene)`` returns the world a control interval later, and the outcome.
 
-    ``command`` is the twist that the policy asks for; ``waypoints`` are poses, or an array (M, 3).
+    ``command`` is the policy's command; ``waypoints`` are poses, or an array (M, 3).
     """
     observe: Callable[..., Any]
-    """``observe(world, p)`` returns what the policy is given."""
+    """``observe(world, p)`` returns the observation."""
     advance: Callable[..., tuple[World, Outcome]]
-    """The transition but for the next waypoint, without a branch: what the compiled loop runs for all environments."""
+    """The transition without the next waypoint and without branches, which the compiled loop runs for all environments."""
     retarget: Callable[..., tuple[World, Outcome]]
-    """``retarget(world, outcome, waypoints, p)`` sets the next waypoint: for the few environments that reached one."""
+    """``retarget(world, outcome, waypoints, p)`` sets the next waypoint, for the few environments that reached one."""
     look_round: Callable[..., tuple[World, Outcome]]
-    """``look_round(world, outcome, key, p, scene)`` says what is to be said of what lies around."""
+    """``look_round(world, outcome, key, p, scene)`` completes world and outcome by the surroundings."""
 
 
 @kernel
 def _course(visited: float, waypoints: Any, laps: float) -> Course:
-    """Return the course after so many visited waypoints, which are visited ``laps`` times in turn; the last one stays."""
+    """Return the course after ``visited`` waypoints of ``laps`` rounds through all of them; the last one stays."""
     last = len(waypoints) * laps - 1.0
     now = waypoints[int(min(visited, last)) % len(waypoints)]
     then = waypoints[int(min(visited + 1.0, last)) % len(waypoints)]
@@ -107,13 +107,13 @@ def _course(visited: float, waypoints: Any, laps: float) -> Course:
 
 @kernel
 def _see_nothing(world: World, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
-    """Return what is known of open ground's surroundings."""
+    """Return the empty surroundings of open ground."""
     return ()
 
 
 @kernel
 def _look_at_nothing(world: World, outcome: Outcome, key: int, p: Any, scene: tuple[()]) -> tuple[World, Outcome]:
-    """Return a world and an outcome as they are."""
+    """Return a world and an outcome unchanged."""
     return world, outcome
 
 

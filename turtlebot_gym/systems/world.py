@@ -1,4 +1,4 @@
-"""What an environment remembers from step to step, part by part, and what it tells of a step."""
+"""The state that an environment keeps between steps, part by part, and the outcome of a step."""
 
 from __future__ import annotations
 
@@ -8,46 +8,46 @@ from turtlebot_gym.values import Command, Pose, State
 
 
 class Body(NamedTuple):
-    """The robot as it really is."""
+    """True state of the robot."""
 
     true_state: State
     command: Command
     """The command in force, within the robot's limits."""
     asked: tuple[Command, Command, Command]
-    """The last commands that the policy asked for, as many as the longest delay, the newest first."""
+    """The policy's last commands, as many as the longest delay, newest first."""
     wheels: Pose
-    """The pose that the wheels have integrated."""
+    """The pose integrated from the wheels."""
     slipping: bool
 
 
 class Course(NamedTuple):
-    """How far the robot is on its way."""
+    """Progress of the robot along its waypoints."""
 
     reference: Pose
     """The waypoint to reach."""
     following: Pose
-    """The one after it; itself where there is none."""
+    """The waypoint after it; the same one if it is the last."""
     visited: float
-    """Waypoints done with."""
+    """Number of waypoints done."""
 
 
 class World(NamedTuple):
-    """All that an environment remembers."""
+    """The whole state of an environment."""
 
     body: Body
     senses: Any
-    """What the sensors say: `values.Senses`, or with fixes `systems.fixes.TrackedSenses`."""
+    """The sensors' values: `values.Senses`, or with fixes `systems.fixes.TrackedSenses`."""
     estimate: Any
-    """What the filter remembers: `estimation.ekf.Estimate`, or another filter's."""
+    """State of the filter: `estimation.ekf.Estimate`, or another filter's."""
     course: Course
     steps: float
     """Steps since the start."""
     room: Any = ()
-    """What is known of the room around: nothing on open ground, `systems.rooms.Around` in a room."""
+    """State of the robot in its room, `systems.rooms.Around`; an empty tuple on open ground."""
 
 
 class Outcome(NamedTuple):
-    """What a step tells besides the observation."""
+    """Result of a step besides the observation."""
 
     reward: float
     distance: float
@@ -56,4 +56,4 @@ class Outcome(NamedTuple):
     terminated: bool
     truncated: bool
     reached: bool
-    """Whether a waypoint was done with, and the next one taken."""
+    """Whether a waypoint was completed and the next one became current."""

@@ -1,4 +1,4 @@
-"""Tasks, as pure functions: starts and goals, arrival, reward, and what a policy observes."""
+"""Tasks as pure functions: starts and goals, arrival, reward and observation."""
 
 from turtlebot_gym.tasks.observation import (
     OBSERVATION_HIGH,

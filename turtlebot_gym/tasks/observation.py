@@ -1,4 +1,4 @@
-"""What a policy is given, layout 1: the belief and the waypoints, seen from the body frame."""
+"""The policy's observation, layout 1: belief and waypoints in the body frame."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import Covariance, Pose, State
 
 OBSERVATION_LAYOUT = 1
-"""Version of `Observation`: a policy that was trained on another one must be refused."""
+"""Version of `Observation`: a policy trained on another one must be refused."""
 
 
 class Observation(NamedTuple):
-    """What a policy is given, layout 1. "Believed" is odometric or true where the environment observes that instead."""
+    """A policy's observation, layout 1. "Believed" means odometric or true if the environment observes that instead."""
 
     distance: float
     """Believed distance to the goal, m."""
@@ -23,7 +23,7 @@ class Observation(NamedTuple):
     sin_bearing: float
     """Its sine."""
     cos_turn: float
-    """Cosine of the heading still to turn until the reference's."""
+    """Cosine of the remaining turn to the reference's heading."""
     sin_turn: float
     """Its sine."""
     v: float
@@ -37,7 +37,7 @@ class Observation(NamedTuple):
     nis: float
     """Normalized innovation squared of the last measurement."""
     next_distance: float
-    """Distance to the waypoint after this one; to the goal again where there is none, m."""
+    """Distance to the waypoint after this one, m; to the goal again if there is none."""
     cos_next: float
     """Cosine of its bearing."""
     sin_next: float
@@ -69,7 +69,7 @@ OBSERVATION_HIGH = Observation(**{name: high for name, (_, high) in _BOUNDS.item
 
 @kernel
 def _towards(pose_x: float, pose_y: float, sine: float, cosine: float, to: Pose) -> tuple[float, float, float]:
-    """Return distance, cosine and sine of the bearing of a point, seen from a pose with that sine and cosine of heading."""
+    """Return distance, and cosine and sine of the bearing, of a point seen from a pose with a given sine and cosine."""
     dx, dy = to.x - pose_x, to.y - pose_y
     distance = sqrt(dx * dx + dy * dy)
     scale = 1.0 / (distance if distance > 0.0 else 1.0)
@@ -79,15 +79,15 @@ def _towards(pose_x: float, pose_y: float, sine: float, cosine: float, to: Pose)
 
 @kernel
 def observe(state: State, std: tuple[float, float], nis: float, reference: Pose, following: Pose, robot: Robot) -> Observation:
-    """Return what a policy observes.
+    """Return a policy's observation.
 
     Args:
         state: Believed pose and twist.
         std: Standard deviations of position and heading; m, rad.
         nis: Normalized innovation squared of the last measurement.
         reference: The waypoint to reach.
-        following: The one after it.
-        robot: The limits that scale the twist.
+        following: The waypoint after it.
+        robot: Robot whose limits scale the twist.
     """
     sine, cosine = sincos(state.theta)
     distance, cos_bearing, sin_bearing = _towards(state.x, state.y, sine, cosine, reference)
@@ -112,5 +112,5 @@ def observe(state: State, std: tuple[float, float], nis: float, reference: Pose,
 
 @kernel
 def stated_deviations(P: Covariance) -> tuple[float, float]:
-    """Return the standard deviations of position (root of the trace) and heading that a covariance states; m, rad."""
+    """Return the standard deviations of position (root of the trace) and heading in a covariance; m, rad."""
     return sqrt(P.xx + P.yy), sqrt(P.tt)

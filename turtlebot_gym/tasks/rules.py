@@ -34,36 +34,36 @@ def arrived(truth: State, reference: Pose, task: Task) -> bool:
 
 @kernel
 def believed_to_arrive(believed: State, reference: Pose, task: Task) -> bool:
-    """Return whether a believed state lets the robot act as if it had arrived: one that is inside by the task's margin."""
+    """Return whether a believed state counts as arrived: it must be inside by the task's margin."""
     return _is_at(believed, reference, task.radius - min(task.margin, task.radius / 3.0), task)
 
 
 @kernel
 def by_time(task: Task) -> bool:
-    """Return whether waypoints are taken by time instead of on arrival."""
+    """Return whether waypoints switch by time instead of on arrival."""
     return task.switch_period < math.inf
 
 
 @kernel
 def due(steps: float, visited: float, task: Task, dt: float) -> bool:
-    """Return whether the next waypoint is taken by time, reached or not.
+    """Return whether it is time for the next waypoint, whether or not this one is reached.
 
     Args:
         steps: Steps since the start.
-        visited: Waypoints done with.
-        task: Its switch period.
+        visited: Number of waypoints done.
+        task: The task with its switch period.
         dt: Control interval, s.
     """
-    # Half a step off the exact time, so that rounding decides nothing.
+    # Half a step off the exact time, so that the result does not depend on rounding.
     return steps * dt > (visited + 1.0) * task.switch_period - 0.5 * dt
 
 
 @algebra
 def remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -> float:
-    """Return the way that is left, counted as far as the reference, m; below zero beyond it.
+    """Return the remaining distance up to the reference, m; negative beyond it.
 
-    Once the reference is done with, the robot is on its way to the one that follows. A corner that is cut then counts as
-    progress, and the progress of a whole course is its length whichever way it was driven: only time and effort differ.
+    After the reference, the robot heads for the following waypoint. A cut corner then counts as progress, and the total
+    progress of a course is its length whichever way it is driven: only time and effort differ.
     """
     dx, dy = following.x - reference.x, following.y - reference.y
     leg = sqrt(dx * dx + dy * dy)
@@ -75,12 +75,12 @@ def reward_of(before: float, after: float, command: Command, success: bool, weig
     """Return the reward of a step.
 
     Args:
-        before: True way left before the step, m.
-        after: And after it, m.
+        before: True remaining distance before the step, m.
+        after: True remaining distance after the step, m.
         command: The limited command of the step.
         success: Whether the episode ends in success.
-        weights: What counts how much.
-        robot: Its limits scale progress and effort.
+        weights: Weights of the terms.
+        robot: Robot whose limits scale progress and effort.
         dt: Control interval, s.
     """
     progress = (before - after) / (robot.max_linear * dt)

@@ -1,4 +1,4 @@
-"""Where an episode starts, and the goal that it draws."""
+"""The start of an episode, and the goal that it draws."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from turtlebot_gym.values import Pose
 
 @kernel
 def start_pose(key: int, task: Task) -> Pose:
-    """Return the pose in which an episode starts: drawn in the arena where the task is random, else the origin."""
+    """Return the start pose of an episode: drawn in the arena if the task is random, otherwise the origin."""
     u1, u2 = uniforms(key, 0, START)
     u3, _ = uniforms(key, 1, START)
     drawn = Pose((2.0 * u1 - 1.0) * task.arena, (2.0 * u2 - 1.0) * task.arena, wrap(2.0 * PI * u3))
@@ -23,7 +23,7 @@ def draw_goal(key: int, start: Pose, task: Task) -> Pose:
     """Draw a goal pose in the arena, at least `Task.min_distance` from the start.
 
     That distance is at most the arena's half side, so a draw is refused with probability below pi/4, and all of 64 with less
-    than 2e-7; the last one then stands.
+    than 2e-7; the last one is then used.
     """
     x, y = start.x, start.y
     for attempt in range(64):

@@ -1,4 +1,4 @@
-"""Tasks: which waypoints a robot has to reach, when they count as reached, and when an episode ends."""
+"""Tasks: the waypoints to reach, when they count as reached, and when an episode ends."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from turtlebot_gym.values import Pose
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """When waypoints count as reached, and when an episode ends."""
+    """Conditions for reaching waypoints and for the end of an episode."""
 
     random: bool = True
-    """Whether start pose and goal are drawn in the arena; else the robot starts at the origin and has given waypoints."""
+    """Whether start pose and goal are drawn in the arena; if not, the robot starts at the origin and has given waypoints."""
     arena: float = 2.0
     """Half the side of the square in which starts and goals are drawn, m."""
     min_distance: float = 0.5
@@ -29,14 +29,14 @@ class Task:
     turn_tolerance: float = math.inf
     """... and at most this turning rate, rad/s."""
     on_belief: bool = False
-    """Whether the pose that the policy observes decides on arrival, as in a node, instead of the true one ..."""
+    """Whether the pose that the policy observes, instead of the true one, decides on arrival, as in a node ..."""
     margin: float = 0.05
-    """... which must then be so much farther inside, m, but not more than a third of the radius: a belief that is just inside
-    belongs to a robot that is as often outside."""
+    """... and this margin by which it must be inside, m, at most a third of the radius: a robot whose belief is only just
+    inside is outside half of the time."""
     switch_period: float = math.inf
-    """Time after which the next waypoint is taken, reached or not, s; infinite to switch on arrival."""
+    """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
     laps: float = 1.0
-    """How often the waypoints are to be visited in turn."""
+    """Number of rounds through the waypoints."""
     max_steps: float = 300.0
     """Steps after which an episode is truncated."""
 
@@ -51,14 +51,14 @@ class Task:
 
 
 NAV = Task()
-"""A goal point: its heading is observed, not judged."""
+"""A goal point: its heading is observed but not judged."""
 POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5)
-"""A goal pose: reached with the right heading and without spinning."""
+"""A goal pose, to be reached with the right heading and without spinning."""
 SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
-"""Waypoints that are given, to be reached in order."""
+"""Given waypoints, to be reached in order."""
 
 ROOM = Task(radius=0.2, max_steps=600.0)
-"""A goal point in a room, where the room says from where to where."""
+"""A goal point in a room, which determines start and goal."""
 
 SQUARE_WAYPOINTS = (
     Pose(2.0, 0.0, 0.0),
@@ -88,10 +88,10 @@ def make_task(
 
     Args:
         task: A name in `TASKS`, or a task.
-        waypoints: The poses to visit; None for the tutorial's square, or for what the task draws.
-        arrival: Who says that a waypoint is reached: "truth", or "belief", the pose that the policy observes.
-        switch: When the next waypoint is taken: on "arrival", or after a "time" of 15 s, reached or not.
-        laps: How often the waypoints are visited in turn.
+        waypoints: The poses to visit; None for the tutorial's square, or for the goal that the task draws.
+        arrival: Pose that decides on it: "truth", or "belief", the pose that the policy observes.
+        switch: When the next waypoint becomes current: on "arrival", or after a "time" of 15 s, reached or not.
+        laps: Number of rounds through the waypoints.
         max_steps: Steps after which an episode is truncated.
 
     Raises:

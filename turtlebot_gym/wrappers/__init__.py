@@ -1,6 +1,6 @@
-"""Wrappers in Gymnasium's form, for what none of its own does; those for vector environments are in `wrappers.vector`.
+"""Wrappers in Gymnasium's form that Gymnasium does not have; those for vector environments are in `wrappers.vector`.
 
-A history of a scalar environment's observations is Gymnasium's `FrameStackObservation`.
+To stack the observations of a scalar environment, use Gymnasium's `FrameStackObservation`.
 """
 
 from turtlebot_gym.wrappers.scalar import AppendSensor, SmoothAction, TransitionReward

@@ -1,4 +1,4 @@
-"""Noise of a wrapper's own: draws that depend on the seed, the episode and the step of a row, and on nothing else."""
+"""Noise for wrappers: draws that depend only on the seed, the episode and the step of a row."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from turtlebot_gym.compiled.cache import compiled, fingerprint
 from turtlebot_gym.models.random import MAX_SEED, SENSOR, episode_key, normals, sub_key
 
 MOST = 32
-"""Most draws in a step: two of each of the 16 streams."""
+"""Most draws in a step: two from each of 16 streams."""
 
 
 def _rows(identity: str) -> Callable[..., None]:
@@ -37,11 +37,11 @@ class Draws:
     """Standard normal numbers for each step of each row.
 
     Args:
-        rows: How many environments.
-        number: How many draws each has in a step, at most `MOST`.
+        rows: Number of environments.
+        number: Number of draws per environment and step, at most `MOST`.
 
     Raises:
-        ValueError: If there are more.
+        ValueError: If ``number`` is larger.
     """
 
     def __init__(self, rows: int, number: int) -> None:
@@ -52,7 +52,7 @@ class Draws:
         self._seeds, self._episodes, self._steps = np.zeros((3, rows), np.int64)
 
     def begin(self, mask: NDArray[np.bool_], seeds: Sequence[int | None] | None = None) -> None:
-        """Begin the episodes of some rows: the first one of a seed that is given, else the next one."""
+        """Begin the episodes of some rows: the first one of a given seed, otherwise the next one."""
         self._episodes[mask] += 1
         self._steps[mask] = 0
         for row, seed in enumerate(seeds or ()):
@@ -61,11 +61,11 @@ class Draws:
         self.seeded = True
 
     def advance(self, mask: NDArray[np.bool_]) -> None:
-        """Go to the next step of some rows."""
+        """Advance some rows to their next step."""
         self._steps[mask] += 1
 
     def now(self) -> NDArray[np.float64]:
-        """Return the draws of all rows at their steps, shape (N, number)."""
+        """Return the draws of all rows at their current steps, shape (N, number)."""
         found = np.empty((len(self._seeds), self._number + self._number % 2))
         if self._number:
             _filler()(self._seeds, self._episodes, self._steps, found)

@@ -1,4 +1,4 @@
-"""Wrappers of scalar environments: a reward of one's own, another sensor, smoother actions."""
+"""Wrappers of scalar environments: a custom reward, an additional sensor, smoother actions."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _ALL = np.ones(1, np.bool_)
 
 
 class TransitionReward(gym.Wrapper, RecordConstructorArgs):
-    """Reward what a function makes of each step; Gymnasium's `TransformReward` knows the environment's reward alone.
+    """Compute the reward from each whole transition; Gymnasium's `TransformReward` sees only the environment's reward.
 
     Args:
         env: The environment.
-        reward: Takes a `Transition` and returns a number. It works on rows of a vector environment too if it takes numbers as
-            ``info["distance"]`` and ``action[..., 1]``.
+        reward: A function of a `Transition` that returns a number. It also works on rows of a vector environment if it indexes
+            as in ``info["distance"]`` and ``action[..., 1]``.
     """
 
     def __init__(self, env: gym.Env, reward: Callable[[Transition], Any]) -> None:
@@ -59,20 +59,20 @@ class TransitionReward(gym.Wrapper, RecordConstructorArgs):
 
 
 class AppendSensor(gym.Wrapper, RecordConstructorArgs):
-    """Append what another sensor says to the observation.
+    """Append the values of an additional sensor to the observation.
 
-    Its noise depends on seed, episode and step alone, so that a row of `wrappers.vector.AppendSensor` has the same.
+    Its noise depends only on seed, episode and step, so a row of `wrappers.vector.AppendSensor` has the same.
 
     Args:
         env: An environment whose observations are a Box of one dimension.
-        measure: ``measure(info, draws)`` returns the sensor's numbers, shape (..., k); ``draws`` are standard normal, shape
-            (..., draws). They are clipped to the bounds.
-        low: Least values, shape (k,).
-        high: Greatest values, shape (k,).
-        draws: How many draws it needs in a step, at most 32.
+        measure: ``measure(info, draws)`` returns the sensor's values, shape (..., k), which are clipped to the bounds;
+            ``draws`` are standard normal, shape (..., draws).
+        low: Lower bounds, shape (k,).
+        high: Upper bounds, shape (k,).
+        draws: Number of draws per step, at most 32.
 
     Raises:
-        ValueError: If the observations, the bounds or the number of draws are others.
+        ValueError: If the observations are no such Box, or the bounds or the number of draws are invalid.
     """
 
     def __init__(self, env: gym.Env, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
@@ -100,16 +100,16 @@ class AppendSensor(gym.Wrapper, RecordConstructorArgs):
 
 
 class SmoothAction(gym.Wrapper, RecordConstructorArgs):
-    """Let actions through a first-order low-pass filter, which is at zero when an episode begins.
+    """Pass actions through a first-order low-pass filter, which is at zero when an episode begins.
 
-    The environment is given ``last + share (action - last)``: after a jump, 63 % of it within ``1 / share`` steps, nearly.
+    The environment receives ``last + share (action - last)``: a jump reaches about 63 % within ``1 / share`` steps.
 
     Args:
         env: An environment whose actions are a Box.
-        share: Of the difference that each step makes up for, in (0, 1]; 1 changes nothing.
+        share: Share of the difference that each step makes up, in (0, 1]; 1 changes nothing.
 
     Raises:
-        ValueError: If the share is another one, or the actions are no Box.
+        ValueError: If the share is out of its range, or the actions are not a Box.
     """
 
     def __init__(self, env: gym.Env, share: float) -> None:

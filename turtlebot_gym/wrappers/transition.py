@@ -1,4 +1,4 @@
-"""What wrappers hand to the functions that are given to them, the same for a scalar environment and for many rows."""
+"""Arguments of users' functions in wrappers, the same for a scalar environment and for many rows."""
 
 from __future__ import annotations
 
@@ -11,39 +11,38 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class Moment(NamedTuple):
-    """What is known between two steps."""
+    """Observation and info between two steps."""
 
     observation: Any
-    """The observation, or those of all rows, in float64: what is single numbers in one form and arrays in the other has the
-    same precision in both."""
+    """The observation, or those of all rows, in float64, so that scalars and arrays have the same precision."""
     info: dict[str, Any]
-    """What ``info`` tells."""
+    """Contents of ``info``."""
 
 
 class Transition(NamedTuple):
-    """A step; of a vector environment, one of each row, where the arrays have a leading axis."""
+    """A step; for a vector environment, one step of each row, and the arrays have a leading axis."""
 
     before: Moment
-    """What was known before."""
+    """Observation and info before the step."""
     action: Any
-    """What was asked for, in float64."""
+    """The action, in float64."""
     after: Moment
-    """What it led to; where an episode ended, what it ended with."""
+    """Observation and info after the step; the final ones if an episode ended."""
     reward: Any
-    """The environment's own."""
+    """Reward of the environment."""
     terminated: Any
     """Whether the episode terminated."""
     truncated: Any
-    """Whether it was truncated."""
+    """Whether the episode was truncated."""
 
 
 def doubled(value: Any) -> Any:
-    """Return an array of floats in float64, and all else as it is."""
+    """Return an array of floats in float64, and other values unchanged."""
     return value.astype(np.float64) if isinstance(value, np.ndarray) and value.dtype.kind == "f" else value
 
 
 def moment(observation: Any, info: dict[str, Any]) -> Moment:
-    """Return what is known, with copies of the numbers: whoever has the originals may write into them before the next step."""
+    """Return observation and info with copied numbers, since the originals may be overwritten before the next step."""
     return Moment(doubled(observation), _copied(info))
 
 
@@ -53,10 +52,10 @@ def _copied(info: dict[str, Any]) -> dict[str, Any]:
 
 
 def ask(function: Callable[..., Any], *arguments: Any) -> NDArray[np.float64]:
-    """Return the numbers that a user's function makes of what an environment tells.
+    """Return the numbers that a user's function computes.
 
     Raises:
-        KeyError: If it wants something that ``info`` does not have.
+        KeyError: If the function reads a key that ``info`` does not have.
     """
     try:
         return np.asarray(function(*arguments), np.float64)
@@ -65,7 +64,7 @@ def ask(function: Callable[..., Any], *arguments: Any) -> NDArray[np.float64]:
 
 
 def require_box(space: spaces.Space, what: str, dimensions: int | None = None) -> spaces.Box:
-    """Return a space if it is a box, with so many dimensions where a number is given.
+    """Return a space if it is a box, with a given number of dimensions if any.
 
     Raises:
         ValueError: If it is not.
@@ -88,7 +87,7 @@ def require_share(share: float) -> float:
 
 
 def longer(space: spaces.Space, low: ArrayLike, high: ArrayLike) -> spaces.Box:
-    """Return the space of observations to which numbers between two bounds are appended."""
+    """Return an observation space with appended numbers between two bounds."""
     box = require_box(space, "observation", 1)
     lows, highs = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
     if lows.shape != highs.shape or lows.ndim != 1 or not (lows <= highs).all():
@@ -99,10 +98,10 @@ def longer(space: spaces.Space, low: ArrayLike, high: ArrayLike) -> spaces.Box:
 def appended(
     function: Callable[..., Any], info: dict[str, Any], draws: NDArray[np.float64], space: spaces.Box, old: int
 ) -> NDArray[np.float32]:
-    """Return what a sensor says, within the bounds of its part of a space of observations, which begins at ``old``.
+    """Return a sensor's values, clipped to the bounds of its part of an observation space, which begins at ``old``.
 
     Raises:
-        ValueError: If it returns another shape than the bounds have.
+        ValueError: If their shape differs from that of the bounds.
     """
     low, high = space.low[old:], space.high[old:]
     numbers, shape = ask(function, info, draws), (*draws.shape[:-1], len(low))
@@ -119,6 +118,6 @@ def seeds_of(seed: Any, rows: int) -> list[int | None]:
 
 
 def own_seeds(env: Any, rows: int) -> list[int]:
-    """Return the seeds that an environment drew for itself, where it was given none."""
+    """Return the seeds that an environment drew because it was given none."""
     drawn = env.unwrapped.np_random_seed
     return list(drawn) if isinstance(drawn, (tuple, list)) else [drawn + row for row in range(rows)]

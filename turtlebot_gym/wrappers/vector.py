@@ -1,7 +1,7 @@
-"""Wrappers of vector environments, in every autoreset mode; a row is that of the scalar wrapper around the scalar environment.
+"""Wrappers of vector environments for every autoreset mode; each row behaves like the wrapped scalar environment.
 
-`VectorObservationWrapper` refuses environments in the mode SAME_STEP, where the last observation of an ended episode has to be
-wrapped too; these do that.
+Gymnasium's `VectorObservationWrapper` refuses the mode SAME_STEP, in which the last observation of an ended episode must be
+wrapped too; these wrappers do so.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from turtlebot_gym.wrappers.transition import (
 
 
 class _Stepped(NamedTuple):
-    """What a vector environment's step returned, and what it means for each row."""
+    """Result of a vector environment's step, and its meaning for each row."""
 
     observations: Any
     rewards: Any
@@ -41,16 +41,16 @@ class _Stepped(NamedTuple):
     truncated: Any
     infos: dict[str, Any]
     done: NDArray[np.bool_]
-    """Where an episode ended."""
+    """Rows in which an episode ended."""
     waited: NDArray[np.bool_]
-    """Where the action was ignored, and an episode begins instead."""
+    """Rows in which the action was ignored and an episode begins instead."""
 
     def begins(self, mode: AutoresetMode) -> NDArray[np.bool_]:
-        """Return where the observations are the first ones of an episode."""
+        """Return the rows whose observations are the first of an episode."""
         return self.done if mode is AutoresetMode.SAME_STEP else self.waited
 
     def last(self) -> Moment:
-        """Return the observations and infos with those that ended episodes ended with."""
+        """Return observations and infos, with the final ones for ended episodes."""
         if "final_obs" not in self.infos:
             return Moment(self.observations, self.infos)
         observations = self.observations.copy()
@@ -60,7 +60,7 @@ class _Stepped(NamedTuple):
         return Moment(observations, _merged(infos, self.infos.get("final_info", {}), self.done))
 
     def returned(self, observations: Any, final: Any = None) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Return what a wrapper returns that changes observations, and with them those that episodes ended with."""
+        """Return the step's result with changed observations, and changed final ones if given."""
         infos = self.infos if final is None or "final_obs" not in self.infos else {
             **self.infos, "final_obs": of_rows(self.done, final)
         }  # fmt: skip
@@ -68,7 +68,7 @@ class _Stepped(NamedTuple):
 
 
 def _merged(infos: dict[str, Any], others: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return infos with those of others where a mask is true."""
+    """Return infos, replaced by those of others where a mask is true."""
     found = dict(infos)
     for key, value in others.items():
         mine = infos.get(key)
@@ -82,7 +82,7 @@ def _merged(infos: dict[str, Any], others: dict[str, Any], mask: NDArray[np.bool
 
 
 class _RowsWrapper(VectorWrapper):
-    """Knows which rows begin and end."""
+    """Base of wrappers that track which rows begin and end."""
 
     def __init__(self, env: VectorEnv) -> None:
         super().__init__(env)
@@ -90,7 +90,7 @@ class _RowsWrapper(VectorWrapper):
         self._ended = np.zeros(env.num_envs, np.bool_)
 
     def _reset(self, seed: Any, options: dict[str, Any] | None) -> tuple[Any, dict[str, Any], NDArray[np.bool_]]:
-        """Reset, and return which rows were."""
+        """Reset, and return which rows were reset."""
         mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
         observations, infos = self.env.reset(seed=seed, options=None if options is None else dict(options))
         self._ended = self._ended & ~mask
@@ -105,14 +105,14 @@ class _RowsWrapper(VectorWrapper):
 
 
 class TransitionReward(_RowsWrapper, RecordConstructorArgs):
-    """Reward what a function makes of each step, see `turtlebot_gym.wrappers.TransitionReward`.
+    """Compute the reward from each whole transition, see `turtlebot_gym.wrappers.TransitionReward`.
 
     Args:
-        env: A vector environment whose observations are a Box; ours tell more with ``info="full"``.
-        reward: Takes a `Transition` of all rows and returns a number for each, shape (N,).
+        env: A vector environment whose observations are a Box; those of this package have more infos with ``info="full"``.
+        reward: A function of a `Transition` of all rows that returns a number for each, shape (N,).
 
     Raises:
-        ValueError: If the observations are no Box, and at a step, if the function returns another shape.
+        ValueError: If the observations are not a Box or, at a step, if the function returns another shape.
     """
 
     def __init__(self, env: VectorEnv, reward: Callable[[Transition], Any]) -> None:
@@ -129,7 +129,7 @@ class TransitionReward(_RowsWrapper, RecordConstructorArgs):
         return observations, infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make a step; where it begins an episode instead, the reward is 0."""
+        """Make a step; rows that begin an episode instead have the reward 0."""
         it = self._step(actions)
         last = it.last()
         after = moment(*last)
@@ -142,11 +142,11 @@ class TransitionReward(_RowsWrapper, RecordConstructorArgs):
 
 
 class AppendSensor(_RowsWrapper, RecordConstructorArgs):
-    """Append what another sensor says to the observations, see `turtlebot_gym.wrappers.AppendSensor`.
+    """Append the values of an additional sensor to the observations, see `turtlebot_gym.wrappers.AppendSensor`.
 
     Args:
-        env: See there; ours tell more with ``info="full"``.
-        measure: See there; it is asked for all rows at once.
+        env: See there; environments of this package have more infos with ``info="full"``.
+        measure: See there; called for all rows at once.
         low: See there.
         high: See there.
         draws: See there.
@@ -188,14 +188,14 @@ class AppendSensor(_RowsWrapper, RecordConstructorArgs):
         return it.returned(observations, final)
 
     def _with(self, observations: Any, infos: dict[str, Any], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return observations with what the sensor says of the rows in a mask, and has said of the others."""
+        """Return observations with new sensor values for the rows in a mask, and the previous values for the others."""
         said = appended(self._measure, infos, self._draws.now(), self._space, self._old)
         self._said = said if mask is None else np.where(mask[:, None], said, self._said)
         return np.concatenate([observations, self._said], axis=1)
 
 
 class SmoothAction(_RowsWrapper, RecordConstructorArgs):
-    """Let actions through a first-order low-pass filter, see `turtlebot_gym.wrappers.SmoothAction`.
+    """Pass actions through a first-order low-pass filter, see `turtlebot_gym.wrappers.SmoothAction`.
 
     Args:
         env: See there.
@@ -230,15 +230,15 @@ class SmoothAction(_RowsWrapper, RecordConstructorArgs):
 
 
 class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
-    """Stack the last observations of each row: what Gymnasium's `FrameStackObservation` is for scalar environments.
+    """Stack the last observations of each row, as Gymnasium's `FrameStackObservation` does for scalar environments.
 
     Args:
         env: A vector environment whose observations are a Box.
-        stack_size: How many are stacked; the newest is the last.
-        padding_type: What stands before an episode's first observation: "reset", that one again, or "zero".
+        stack_size: Number of stacked observations; the newest is the last.
+        padding_type: Padding before an episode's first observation: "reset" repeats it, "zero" is zeros.
 
     Raises:
-        ValueError: If one of these is another.
+        ValueError: If an argument is invalid.
     """
 
     def __init__(self, env: VectorEnv, stack_size: int, *, padding_type: str = "reset") -> None:

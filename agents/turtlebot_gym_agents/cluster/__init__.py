@@ -1,5 +1,5 @@
-"""Work that is cut into units, which run here one after another or side by side on a cluster, with the same results.
+"""Work split into units, which run here one after another or in parallel on a cluster, with the same results.
 
-`units` says what a unit is and does it, `store` keeps results as they come, `work` brings units and results together,
-`ray_workers` is the only module that knows Ray.
+`units` defines and runs units, `store` keeps results as they arrive, `work` combines the two, and `ray_workers` is the only
+module that uses Ray.
 """

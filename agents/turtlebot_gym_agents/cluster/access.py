@@ -1,4 +1,4 @@
-"""Whether a cluster can do the work: asked in a process of its own, which is given up where nothing answers in time."""
+"""Check whether a cluster can do the work, in a separate process that is abandoned if nothing answers in time."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from turtlebot_gym_agents.cluster import probe as script
 from turtlebot_gym_agents.cluster.origin import difference, origin
 
 PATIENCE = 10.0
-"""How long a cluster has to answer, s."""
+"""Time for a cluster to answer, s."""
 _GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
-"""How HTTP/2 begins, and with it gRPC, which Ray speaks."""
+"""First bytes of HTTP/2, and so of gRPC, which Ray uses."""
 _SETTINGS = 4
 
 
 def access() -> dict[str, str]:
-    """Return the variables that Ray needs to show its token to a cluster, where there is a token and nothing else was said."""
+    """Return the variables with which Ray sends its token to a cluster, if there is a token and they are not set otherwise."""
     token = (
         any(name in os.environ for name in ("RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"))
         or (Path.home() / ".ray" / "auth_token").is_file()
@@ -31,14 +31,14 @@ def access() -> dict[str, str]:
 
 
 def probe(cluster: str) -> tuple[str, list[dict[str, Any]]]:
-    """Return the address of a cluster and what its nodes are, if it can do the work.
+    """Return the address and the nodes of a cluster that can do the work.
 
     Args:
         cluster: "auto", or its address.
 
     Raises:
-        ValueError: If it is no address.
-        OSError: If nothing answers there, or a node would come to other results than this one.
+        ValueError: If ``cluster`` is not an address.
+        OSError: If nothing answers there, or a node would compute other results than this one.
     """
     begun = time.monotonic()
     if cluster != "auto":
@@ -69,7 +69,7 @@ def probe(cluster: str) -> tuple[str, list[dict[str, Any]]]:
 
 
 def _require_ray(address: str) -> None:
-    """Raise ValueError or OSError unless something at an address speaks as Ray does."""
+    """Raise ValueError or OSError unless Ray answers at an address."""
     host, colon, port = address.rpartition(":")
     if not (colon and host and port.isdigit()) or "/" in host:
         raise ValueError(f"cluster must be 'local', 'auto' or HOST:PORT, as `ray start --head` prints it, got {address!r}.")
@@ -87,7 +87,7 @@ def _require_ray(address: str) -> None:
 
 
 def _require_same(host: str, there: dict[str, Any] | None) -> None:
-    """Raise OSError unless a node would come to the same results as this one."""
+    """Raise OSError unless a node would compute the same results as this one."""
     if there is None:
         raise OSError(f"The node {host} of the cluster does not answer.")
     if "missing" in there:
@@ -100,7 +100,7 @@ def _require_same(host: str, there: dict[str, Any] | None) -> None:
 
 
 def _reason(text: str, cluster: str) -> str:
-    """Return in a line what Ray has said."""
+    """Return Ray's error as one line."""
     if "AuthToken" in text or "AuthenticationError" in text:
         return "it asks for a token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN as where `ray start` ran."
     if cluster == "auto" and "ConnectionError" in text:

@@ -1,4 +1,4 @@
-"""Files that options name, carried along: a cluster's machines need not have them."""
+"""Files that options name, sent along with the work, so that a cluster's machines need not have them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ import yaml
 from turtlebot_gym_agents.policies.named import SAFETY
 
 Attachments = Mapping[str, Mapping[str, bytes]]
-"""Of each file that is named: its content and that of those it refers to, by their names beside it."""
+"""For each named file, its content and that of the files it refers to, by relative name."""
 SUFFIXES = (".onnx", ".json", ".yaml", ".yml", ".world")
-"""Of policies, tuned baselines, presets and maps, and worlds."""
+"""Endings of policies, tuned baselines, presets, maps and worlds."""
 _MODULE = "module "
 
 T = TypeVar("T")
 
 
 def attach(*names: object) -> dict[str, dict[str, bytes]]:
-    """Return the files that are among some names; a module in one file, named "module:callable", counts."""
+    """Return the files among some names, including single-file modules named as "module:callable"."""
     found: dict[str, dict[str, bytes]] = {}
     for name in names:
         if not isinstance(name, (str, Path)):
@@ -43,7 +43,7 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
 
 @contextmanager
 def unpacked(attachments: Attachments) -> Iterator[Mapping[str, str]]:
-    """Write files into a folder that lasts as long as the block; yields their paths by the names that they had."""
+    """Write files into a folder for the duration of the block; yields their paths by their original names."""
     if not attachments:
         yield {}
         return
@@ -58,7 +58,7 @@ def unpacked(attachments: Attachments) -> Iterator[Mapping[str, str]]:
                 modules.append(str(beside))
             else:
                 places[name] = str(beside / next(iter(files)))
-        sys.path += modules  # after what is there: a module that is installed, or lies where one is, is the one that was read
+        sys.path += modules  # at the end: an installed module of the same name is the one that was read
         try:
             yield places
         finally:
@@ -67,7 +67,7 @@ def unpacked(attachments: Attachments) -> Iterator[Mapping[str, str]]:
 
 
 def placed(value: T, places: Mapping[str, str]) -> T:
-    """Return what an option says here: the path of a file that was carried along, anything else as it is."""
+    """Return an option's value on this machine: the path of a file that was sent along, or the unchanged value."""
     if not isinstance(value, (str, Path)):
         return value
     bare = str(value).removesuffix(SAFETY)
@@ -76,13 +76,13 @@ def placed(value: T, places: Mapping[str, str]) -> T:
 
 
 def _images(path: Path) -> list[Path]:
-    """Return the image of a map; nothing for other files, and for images that are not beside their map."""
+    """Return the image of a map; none for other files, and for images that are not beside their map."""
     if path.suffix not in (".yaml", ".yml"):
         return []
     try:
         image = yaml.safe_load(path.read_text(encoding="utf-8")).get("image")
     except (AttributeError, ValueError, yaml.YAMLError):
-        return []  # whoever reads it will say so
+        return []  # the reader of the file reports the error
     beside = path.parent / str(image)
     return [beside] if image and Path(str(image)).name == str(image) and beside.is_file() else []
 

@@ -1,7 +1,7 @@
 """A study: policies and trainings in every combination of settings, on the same episodes, with intervals.
 
-It is a YAML file. What is in ``grid`` may be a list; each combination is a cell. Every policy drives in every cell. A training
-is done anew in each cell, with several seeds, and what its policies do is told with the differences between them::
+A study is a YAML file. Values in ``grid`` may be lists; each combination is a cell. Every policy drives in every cell. Each
+training is repeated in each cell with several seeds, and its results include the variation between the trained policies::
 
     episodes: 2000
     seed: 1000000
@@ -31,25 +31,25 @@ from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, paired, re
 from turtlebot_gym_agents.evaluation.metrics import holm
 
 SETTINGS = ("env", "robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar", "switch", "laps")
-"""What a grid may hold: arguments of environments."""
+"""Settings that a grid may hold: arguments of environments."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """What a study compares."""
+    """Contents of a study."""
 
     grid: Mapping[str, Any] = field(default_factory=dict)
     """Settings by name, each a value or a list of values."""
     policies: tuple[str, ...] = ()
     """Names for `turtlebot_gym_agents.make_policy`."""
     trainings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """By name: fields of `training.train.TrainingConfig`, and ``seeds``, how many are trained, from seed 0 on."""
+    """Trainings by name: fields of `training.train.TrainingConfig`, and ``seeds``, the number of seeds, from seed 0."""
     compare_with: str | None = None
-    """The policy whose times are subtracted; the first one where it is not given."""
+    """Policy whose times are subtracted; by default the first one."""
     episodes: int = 1000
     """Episodes of each policy in each cell."""
     seed: int = 0
-    """Of the first episode."""
+    """Seed of the first episode."""
     chunk: int = CHUNK
     """Episodes of a unit of work; results do not depend on it."""
 
@@ -69,7 +69,7 @@ class Grid:
 
     @property
     def baseline(self) -> str:
-        """Return the policy that others are compared with."""
+        """Return the policy with which the others are compared."""
         return self.compare_with or self.policies[0]
 
     def cells(self) -> list[dict[str, Any]]:
@@ -93,7 +93,7 @@ class Grid:
         return [training(TrainingConfig(**{**said, **cell, "seed": seed})) for seed in range(seeds)]
 
     def drives_of(self, policy: str, cell: Mapping[str, Any], *, bundle: bytes | None = None) -> list[Drive]:
-        """Return the units of a policy's evaluation in a cell; the policy may be given as a bundle's content."""
+        """Return the units of a policy's evaluation in a cell; the policy may be the content of a bundle."""
         files = None if bundle is None else {policy: {Path(policy).name: bundle}}
         return drives(policy, **cell, episodes=self.episodes, seed=self.seed, chunk=self.chunk, files=files)
 
@@ -102,7 +102,7 @@ def read_grid(path: Path) -> Grid:
     """Read a study.
 
     Raises:
-        ValueError: If it is no YAML, or says what a study cannot be told; the message names the file.
+        ValueError: If the file is not YAML, or a field is unknown or invalid; the message names the file.
     """
     try:
         said = load_yaml(path)
@@ -122,17 +122,17 @@ def study(
     store: Store | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[dict[str, Any]]:
-    """Return what policies and trainings have come to in each cell.
+    """Return the results of policies and trainings in each cell.
 
     Args:
-        grid: What is compared.
-        workers: Who does it, see `work.complete`.
-        store: Where results are kept as they come; a study that was stopped goes on from there.
-        progress: Called with what is done and the whole, as `units.Unit.size` counts it, of trainings and then of episodes.
+        grid: The study.
+        workers: Workers for the units, see `work.complete`.
+        store: Store of the results; an interrupted study resumes from it.
+        progress: Called with the work done and the total, as counted by `units.Unit.size`, for trainings and then for episodes.
 
     Returns:
-        Of each cell: its setting; of each policy a summary and the paired difference of times to the baseline, s; of each
-        training what `evaluation.comparison.compare` returns, with p-values corrected for all of the study's (Holm).
+        For each cell its setting; for each policy a summary and the paired difference of times to the baseline, s; for each
+        training the result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
     """
     cells = grid.cells()
     trained: list[tuple[int, str, int]] = []
@@ -166,7 +166,7 @@ def _all(units: list[Any], workers: Workers, store: Store | None, progress: Call
 
 
 def _row(grid: Grid, at: int, cell: Mapping[str, Any], found: Mapping[tuple[int, str], Evaluation]) -> dict[str, Any]:
-    """Return what is told of a cell."""
+    """Return the results of a cell."""
     baseline = found[at, grid.baseline]
     policies = {}
     for policy in grid.policies:
@@ -177,7 +177,7 @@ def _row(grid: Grid, at: int, cell: Mapping[str, Any], found: Mapping[tuple[int,
         learned = [one for (where, policy), one in found.items() if where == at and policy.startswith(f"{name}/seed-")]
         if len(learned) > 1:
             trainings[name] = compare(learned, baseline)
-        else:  # one training says nothing of others: it is a policy
+        else:  # a single training says nothing about others: treat it as a policy
             policies[name] = {**learned[0].summary(), "difference": paired(learned[0], baseline)}
     return {"setting": dict(cell), "compared_with": grid.baseline, "policies": policies, "trainings": trainings}
 

@@ -1,4 +1,4 @@
-"""With what a result is made: this package's code and the libraries that compute. Units of other origins are other units."""
+"""Origin of a result: this package's code and the numerical libraries. Units of different origins are different units."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from turtlebot_gym_agents.training.hyperparameters import configs_folder
 
 @cache
 def origin() -> dict[str, Any]:
-    """Return the version, a hash of all that this package computes with, and the libraries' versions."""
+    """Return the version, a hash of the code and data that this package computes with, and the libraries' versions."""
     digest = hashlib.sha256()
     for package in (turtlebot_gym, turtlebot_gym_agents):
         digest.update(_content(Path(str(package.__file__)).parent, ".py"))
@@ -26,7 +26,7 @@ def origin() -> dict[str, Any]:
 
 
 def difference(here: dict[str, Any], there: dict[str, Any]) -> str:
-    """Return in words how another origin differs from the one here; nothing where it does not."""
+    """Describe how another origin differs from the local one; empty if it does not."""
     if there["version"] != here["version"]:
         return f"turtlebot_gym {there['version']}, here it is {here['version']}"
     for name, version in here["libraries"].items():
@@ -37,7 +37,7 @@ def difference(here: dict[str, Any], there: dict[str, Any]) -> str:
 
 
 def _content(folder: Path, suffix: str) -> bytes:
-    """Return a hash of the files of a kind below a folder, and of their names."""
+    """Return a hash of the names and contents of files with a suffix below a folder."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob(f"*{suffix}")):
         digest.update(f"{path.relative_to(folder).as_posix()}\0".encode())

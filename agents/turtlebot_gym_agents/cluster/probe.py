@@ -1,7 +1,7 @@
-"""Looks at a cluster from a process of its own, which can be given up; `access` runs this file.
+"""Inspect a cluster from a separate process, which can be abandoned; `access` runs this file.
 
-Ray waits long for what does not answer, writes walls of text, and can end the process that asked. So this one asks first. It
-prints one line of JSON: the cluster's address, and of each node what it has and with what it would compute.
+Ray waits long for a cluster that does not answer, writes much text, and can end the calling process. So this process asks
+first. It prints one line of JSON: the cluster's address, and each node's resources and the origin of its results.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 
 def look() -> dict[str, Any]:
-    """Return the origin of results of the node where this runs; this function is sent there, and knows nothing of here."""
+    """Return the origin of results on the node that runs this; the function is sent there and uses nothing from here."""
     try:
         from turtlebot_gym_agents.cluster.origin import origin
     except ImportError as error:
@@ -22,7 +22,7 @@ def look() -> dict[str, Any]:
 
 
 def main(address: str, seconds: float) -> None:
-    """Ask, and print the answer."""
+    """Inspect the cluster and print the answer."""
     import ray  # pyright: ignore[reportMissingImports]
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy  # pyright: ignore[reportMissingImports]
 
@@ -50,5 +50,5 @@ def main(address: str, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    del sys.path[0]  # this folder: its modules are no libraries
+    del sys.path[0]  # this folder: its modules are not libraries
     main(sys.argv[1], float(sys.argv[2]))

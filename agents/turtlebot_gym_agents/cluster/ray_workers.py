@@ -1,7 +1,6 @@
-"""Units on Ray: a Ray of this command alone on this machine, or a cluster that is there.
+"""Units on Ray: a private Ray on this machine, or an existing cluster.
 
-A worker that dies costs the unit that it was doing, which is done again elsewhere. What comes back is stored by this process
-alone, so that nothing is stored twice.
+If a worker dies, its unit is repeated elsewhere. Only this process stores results, so that nothing is stored twice.
 """
 
 from __future__ import annotations
@@ -26,22 +25,22 @@ from turtlebot_gym_agents.cluster.units import Unit, run
 from turtlebot_gym_agents.cluster.work import Workers
 
 RETRIES = 3
-"""How often a unit is begun again whose worker has died."""
+"""Retries of a unit whose worker died."""
 OBJECT_STORE = 100 * 2**20
-"""Shared memory of a Ray of our own, bytes; results are small."""
+"""Shared memory of a private Ray, bytes; results are small."""
 AHEAD = 2
-"""Units that wait for each core, so that none is idle while this process stores."""
+"""Units queued per core, so that none is idle while this process stores results."""
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 _QUIET = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_task_oom_retries": str(RETRIES),  # without end by default
+    "RAY_task_oom_retries": str(RETRIES),  # unlimited by default
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
 _ALONE = {
     **ONE_THREAD,
-    # Without it, Ray on Linux takes an address that other machines reach, and listens on all interfaces.
+    # Without it, Ray on Linux uses an address that other machines can reach, and listens on all interfaces.
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",
-    # Others on this machine must not run code here; by default Ray would leave a token in the home folder.
+    # Other users of this machine must not run code here; by default Ray would leave a token in the home folder.
     "RAY_AUTH_MODE": "token",
     "RAY_AUTH_TOKEN": token_hex(32),
 }
@@ -49,13 +48,13 @@ _ALONE = {
 
 @contextmanager
 def ray_workers(cluster: str, *, workers: int | None = None, memory: int = 0) -> Iterator[Workers]:
-    """Connect to a cluster for as long as the block lasts; yields what `work.complete` takes.
+    """Connect to a cluster for the duration of the block; yields workers for `work.complete`.
 
     Args:
-        cluster: "local", a Ray of our own on this machine, which listens on localhost only; "auto", the cluster that runs on
-            this machine; or the address of one, HOST:PORT.
-        workers: With "local": processes that work at the same time; one for each core if not told.
-        memory: What a unit needs, bytes.
+        cluster: "local", a private Ray on this machine that listens on localhost only; "auto", the cluster that runs on this
+            machine; or a cluster's address, HOST:PORT.
+        workers: With "local": number of worker processes; None for one per core.
+        memory: Memory of a unit, bytes.
 
     Raises:
         ImportError: If Ray is not installed.
@@ -76,7 +75,7 @@ def ray_workers(cluster: str, *, workers: int | None = None, memory: int = 0) ->
 
 @contextmanager
 def _own_ray(workers: int | None, memory: int) -> Iterator[None]:
-    """Start a Ray on this machine, and end it."""
+    """Start Ray on this machine, and stop it at the end."""
     import ray  # pyright: ignore[reportMissingImports]
 
     folder = Path(mkdtemp(prefix="tg-", dir=None if os.name == "nt" else "/tmp"))  # sockets need a short path
@@ -89,7 +88,7 @@ def _own_ray(workers: int | None, memory: int) -> Iterator[None]:
                 object_store_memory=OBJECT_STORE,
                 log_to_driver=False,
                 logging_level=logging.CRITICAL,
-                _temp_dir=str(folder),  # the default's would stay
+                _temp_dir=str(folder),  # the default folder would remain
             )
         (node,) = ray.nodes()
         if node["NodeManagerAddress"] != "127.0.0.1":
@@ -107,7 +106,7 @@ def _own_ray(workers: int | None, memory: int) -> Iterator[None]:
 
 @contextmanager
 def _cluster(name: str, memory: int) -> Iterator[None]:
-    """Connect to a cluster that is there."""
+    """Connect to an existing cluster."""
     import ray  # pyright: ignore[reportMissingImports]
 
     address, nodes = probe(name)
@@ -127,7 +126,7 @@ def _cluster(name: str, memory: int) -> Iterator[None]:
 
 
 def _require_memory(cluster: str, largest: float, memory: int) -> None:
-    """Raise OSError if no node gives a unit what it needs: it would wait for one without end."""
+    """Raise OSError if no node has the memory for a unit, which would then wait forever."""
     if largest < memory:
         raise OSError(
             f"The cluster {cluster!r} has too little memory: a worker needs {memory / 1e6:,.0f} MB, and its largest node gives "
@@ -136,7 +135,7 @@ def _require_memory(cluster: str, largest: float, memory: int) -> None:
 
 
 def _results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tuple[str, Result]]:
-    """Yield results as they come, with so many units on their way as keep all cores busy."""
+    """Yield results as they arrive, with enough units submitted to keep all cores busy."""
     import ray  # pyright: ignore[reportMissingImports]
     from ray.exceptions import RayError, RayTaskError  # pyright: ignore[reportMissingImports]
 
@@ -144,7 +143,7 @@ def _results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tuple[s
     waiting, names = iter(units), {}
 
     def send() -> None:
-        # The number of cores is asked for again: nodes come and go.
+        # Query the number of cores each time: nodes come and go.
         room = int((1 + AHEAD) * max(1.0, ray.cluster_resources().get("CPU", 1.0))) - len(names)
         for _ in range(room):
             name, unit = next(waiting, (None, None))
@@ -169,7 +168,7 @@ def _results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tuple[s
 
 
 def _work(unit: Unit) -> Result:
-    """Do a unit in a worker, on one thread: the other cores are for other units."""
+    """Run a unit in a worker on one thread; the other cores are for other units."""
     import numba
 
     numba.set_num_threads(1)
@@ -180,7 +179,7 @@ def _work(unit: Unit) -> Result:
 
 @contextmanager
 def _told_in_a_line() -> Iterator[None]:
-    """Make a plain OSError of what Ray raises where it cannot begin."""
+    """Turn Ray's errors at its start into a one-line OSError."""
     try:
         yield
     except (RuntimeError, ValueError, ConnectionError, TimeoutError) as error:
@@ -189,7 +188,7 @@ def _told_in_a_line() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Let nothing interrupt the end, which would leave processes behind."""
+    """Ignore interrupts during shutdown, which would leave processes behind."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -203,7 +202,7 @@ def _no_interrupt() -> Iterator[None]:
 
 @contextmanager
 def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set variables of the environment for as long as the block lasts; those that are set stay as they are."""
+    """Set environment variables for the duration of the block, unless they are already set."""
     ours = {name: value for name, value in variables.items() if name not in os.environ}
     os.environ.update(ours)
     try:

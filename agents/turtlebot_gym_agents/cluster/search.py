@@ -1,7 +1,7 @@
-"""A search for hyper-parameters in generations: trials that are drawn at once run side by side, wherever there is a worker.
+"""A search for hyper-parameters in generations: the trials of a generation are drawn together and run in parallel.
 
-What a generation draws, and which of its trials are cut short, follows from the generations before it. So a search depends on
-the size of a generation, but neither on the number of workers, nor on who is done first, nor on an interruption.
+A generation's draws and its pruned trials depend on earlier generations only. So a search depends on the size of a generation,
+but not on the number of workers, the order in which they finish, or an interruption.
 """
 
 from __future__ import annotations
@@ -43,23 +43,23 @@ class Trial:
     """A trial of a search: a unit of work, see `units`."""
 
     config: TrainingConfig
-    """What to train."""
+    """Configuration of the training."""
     hyper: Mapping[str, Any]
-    """With what hyper-parameters."""
+    """Hyper-parameters of the training."""
     earlier: tuple[Mapping[str, Any], ...] = ()
-    """The trials that it is compared with: state, value, and the values on the way."""
+    """Trials with which it is compared: state, value and intermediate values."""
     files: Attachments = field(default_factory=dict)
-    """Those that the configuration names."""
+    """Files that the configuration names."""
     memory = Training.memory
     size = 1
 
     def about(self) -> dict[str, Any]:
-        """Return all that the result depends on."""
+        """Return everything that the result depends on."""
         training = Training(config=self.config, hyper=self.hyper, files=self.files).about()
         return {"trial": training, "earlier": plain(self.earlier)}
 
     def run(self) -> Result:
-        """Train, as far as it is worth it."""
+        """Train until the end, or until the trial is pruned."""
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         study = optuna.create_study(direction="maximize", pruner=pruner())
         study.add_trials([_restored(one) for one in self.earlier])
@@ -88,13 +88,13 @@ def search(
     """Search for hyper-parameters as `training.tuning.tune` does, but in generations.
 
     Args:
-        config: What to train; its ``steps`` are each trial's.
-        folder: The study's; one that holds a study is gone on with.
-        trials: How many finished trials the study is to have, earlier ones included.
-        generation: Trials that are drawn at once; it belongs to the study.
-        storage: Where the study is, see `training.tuning.open_study`.
-        workers: Who does the trials, see `work.complete`.
-        store: Where results are kept until their generation is complete.
+        config: Configuration of the training; its ``steps`` are those of each trial.
+        folder: Study folder; an existing study is resumed.
+        trials: Total number of finished trials, earlier ones included.
+        generation: Number of trials drawn together; it belongs to the study.
+        storage: Storage of the study, see `training.tuning.open_study`.
+        workers: Workers for the trials, see `work.complete`.
+        store: Store of the results until their generation is complete.
         progress: Called with the number of finished trials.
 
     Returns:
@@ -140,12 +140,12 @@ def _drawn(
     drawn = []
     for _ in range(generation):
         drawn.append(suggest(study.ask(), space))
-        sampler.given = {}  # for the first trial alone
+        sampler.given = {}  # for the first trial only
     return drawn
 
 
 def _told(trial: FrozenTrial) -> dict[str, Any]:
-    """Return what later trials are compared with."""
+    """Return a trial in the form with which later trials are compared."""
     values = [trial.intermediate_values[step] for step in sorted(trial.intermediate_values)]
     return {"state": trial.state.name, "value": trial.value, "on_the_way": values}
 
@@ -156,7 +156,7 @@ def _restored(
     parameters: Mapping[str, Any] | None = None,
     space: Mapping[str, BaseDistribution] | None = None,
 ) -> FrozenTrial:
-    """Return a trial as Optuna has it."""
+    """Return a trial as an Optuna object."""
     return create_trial(
         state=TrialState[told["state"]],
         value=told["value"],

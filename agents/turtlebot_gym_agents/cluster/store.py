@@ -1,7 +1,6 @@
-"""A folder with the result of each unit, in a file named by the unit's key and written in one step.
+"""A folder with one file for the result of each unit, named by the unit's key and written atomically.
 
-A file is a zip archive of NumPy arrays, ``*.npz``: reading one runs no code. Several processes, on several machines, may share
-a folder.
+A file is a zip archive of NumPy arrays, ``*.npz``; reading it runs no code. Several processes and machines may share a folder.
 """
 
 from __future__ import annotations
@@ -18,23 +17,23 @@ from turtlebot_gym_agents.files import replacing
 
 
 class Result(NamedTuple):
-    """What a unit has come to."""
+    """Result of a unit."""
 
     facts: dict[str, Any]
-    """Of JSON's own types; NaN and infinity are allowed."""
+    """Values of JSON types; NaN and infinity are allowed."""
     arrays: dict[str, NDArray[Any]]
-    """Numbers, exact to the bit."""
+    """Arrays, stored bit-exactly."""
     files: dict[str, bytes]
-    """Files that were made, by name."""
+    """Files that the unit made, by name."""
     times: dict[str, Any]
-    """What depends on machine and moment: seconds, process, host."""
+    """Values that depend on machine and time: seconds, process, host."""
 
 
 class Store:
     """Results by key.
 
     Args:
-        folder: Where they are; made where it is missing.
+        folder: Folder of the results; created if missing.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -45,7 +44,7 @@ class Store:
         return self._path(key).is_file()
 
     def put(self, key: str, result: Result) -> None:
-        """Keep a result; one that is there stays."""
+        """Store a result, unless there is one already."""
         if key in self:
             return
         told = json.dumps({"facts": result.facts, "times": result.times}).encode()

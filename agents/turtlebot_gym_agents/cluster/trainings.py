@@ -20,14 +20,14 @@ def train_all(
     store: Store | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Iterator[TrainingResult]:
-    """Train policies, and leave of each what `training.train.train` leaves, but for checkpoints and logs.
+    """Train policies, and write for each the files of `training.train.train` except checkpoints and logs.
 
     Args:
-        configs: What to train.
-        folders: Where the files of each go.
-        workers: Who does it, see `work.complete`, as the others.
-        store: Where results are kept.
-        progress: Called with the number of trainings that are done.
+        configs: Configurations of the trainings.
+        folders: Folder for the files of each.
+        workers: See `work.complete`, as for the next two.
+        store: Store of the results.
+        progress: Called with the number of finished trainings.
 
     Raises:
         ValueError: As `training.train.train`, and if a folder holds a run that was trained here.

@@ -1,7 +1,7 @@
-"""Units of work: what is to be done, all that it depends on, and nothing of where it is done.
+"""Units of work: the task and everything it depends on, independent of where it runs.
 
-A unit can be pickled, and `run` is a pure function of it: numbers are the same to the bit wherever it runs, on machines with
-the same libraries and kind of processor.
+A unit can be pickled, and `run` is a pure function of it: results are bit-identical on all machines with the same libraries and
+kind of processor.
 """
 
 from __future__ import annotations
@@ -34,28 +34,28 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.training.train import TrainingConfig
 
 CHUNK = 250
-"""Episodes of a unit. It never depends on the number of workers, so that stored units are found again."""
+"""Episodes per unit. It never depends on the number of workers, so that stored units are found again."""
 KEPT = ("policy.onnx", "best.zip", "config.json", "result.json")
-"""What comes back of a training's folder; checkpoints stay where they were made."""
+"""Files that return from a training's folder; checkpoints stay where they were made."""
 
 
 class Unit(Protocol):
-    """Something to be done."""
+    """A piece of work."""
 
     memory: int
-    """What a process needs for it, bytes."""
+    """Memory that a process needs for it, bytes."""
 
     @property
     def size(self) -> int:
-        """What progress counts of it."""
+        """Size as counted by progress."""
         ...
 
     def about(self) -> dict[str, Any]:
-        """Return all that the result depends on, in JSON's own types."""
+        """Return everything that the result depends on, as JSON types."""
         ...
 
     def run(self) -> Result:
-        """Do it."""
+        """Run the unit."""
         ...
 
 
@@ -68,17 +68,17 @@ class Drive:
     env: str
     """Environment id."""
     seed: int
-    """Of the first episode."""
+    """Seed of the first episode."""
     episodes: int
-    """How many."""
+    """Number of episodes."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """The environment's arguments."""
+    """Arguments of the environment."""
     files: Attachments = field(default_factory=dict)
-    """Those that policy and options name."""
+    """Files that policy and options name."""
     trajectory: bool = False
-    """Whether the first episode's trajectory is wanted."""
+    """Whether to record the first episode's trajectory."""
     allow_mismatch: bool = False
-    """Whether a bundle that was made for another task or another observation may drive."""
+    """Whether a bundle made for another task or observation may drive."""
     memory = 500 * 2**20
 
     @property
@@ -116,11 +116,11 @@ class Training:
     """The training of a policy."""
 
     config: TrainingConfig
-    """What to train."""
+    """Configuration of the training."""
     hyper: Mapping[str, Any]
-    """Its hyper-parameters."""
+    """Hyper-parameters of the training."""
     files: Attachments = field(default_factory=dict)
-    """Those that the configuration names."""
+    """Files that the configuration names."""
     memory = 1200 * 2**20
     size = 1
 
@@ -139,7 +139,7 @@ class Training:
             folder = Path(name)
             told = train(config, folder, progress=False, hyper=self.hyper)
             record = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-            record["config"] = settings(self.config)  # with the files' names, not where they were unpacked
+            record["config"] = settings(self.config)  # with the files' original names, not the unpacked paths
             (folder / "config.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
             files = {file: (folder / file).read_bytes() for file in KEPT}
         facts = {"steps": told.steps, "best": dict(told.best), "history": told.history}
@@ -160,14 +160,14 @@ def drives(
     """Return the units of an evaluation.
 
     Args:
-        policy: See `evaluation.evaluate.evaluate`, as the others.
+        policy: See `evaluation.evaluate.evaluate`, as for the others.
         env: Environment id.
-        episodes: How many.
-        seed: Of the first one.
-        chunk: Episodes of a unit.
-        files: Those that policy and options name, where they are no files here.
+        episodes: Number of episodes.
+        seed: Seed of the first episode.
+        chunk: Episodes per unit.
+        files: Files that policy and options name, if they do not exist on this machine.
         allow_mismatch: See there.
-        **options: The environment's arguments.
+        **options: Arguments of the environment.
     """
     carried = {**attach(policy, *options.values()), **(files or {})}
     common = {"policy": policy, "env": env, "options": options, "files": carried, "allow_mismatch": allow_mismatch}
@@ -185,13 +185,13 @@ def training(config: TrainingConfig) -> Training:
 
 
 def key(unit: Unit) -> str:
-    """Return the name of a unit's result: a hash of all that it depends on, code and libraries included."""
+    """Return the name of a unit's result: a hash of everything it depends on, code and libraries included."""
     text = json.dumps({"about": unit.about(), "origin": origin()}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def run(unit: Unit) -> Result:
-    """Do a unit, and say where and in what time."""
+    """Run a unit, and record where it ran and how long it took."""
     begun, cpu = time.perf_counter(), time.process_time()
     result = unit.run()
     times = {
@@ -204,7 +204,7 @@ def run(unit: Unit) -> Result:
 
 
 def columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the numbers of episodes by name; of those in `Errors`, "field.name"."""
+    """Yield the numbers of episodes by name; those in `Errors` as "field.name"."""
     for name, value in episodes._asdict().items():
         if isinstance(value, Errors):
             yield from ((f"{name}.{part}", numbers) for part, numbers in value._asdict().items())
@@ -213,29 +213,29 @@ def columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def episodes_of(arrays: Mapping[str, np.ndarray]) -> Episodes:
-    """Return episodes from what `columns` yielded of them."""
+    """Return episodes from the arrays that `columns` yielded."""
     errors = {name: Errors(*(arrays[f"{name}.{part}"] for part in Errors._fields)) for name in ("estimate", "odometry")}
     values: dict[str, Any] = {**arrays, **errors}
     return Episodes(**{name: values[name] for name in Episodes._fields})
 
 
 def trajectory_of(arrays: Mapping[str, np.ndarray]) -> Trajectory:
-    """Return the trajectory that is among the numbers of a unit."""
+    """Return the trajectory among the arrays of a unit."""
     return Trajectory(*(arrays[f"trajectory.{name}"] for name in Trajectory._fields))
 
 
 def settings(config: TrainingConfig) -> dict[str, Any]:
-    """Return a training's configuration in JSON's own types."""
+    """Return a training's configuration as JSON types."""
     return plain(asdict(config))
 
 
 def located(config: TrainingConfig, places: Mapping[str, str]) -> TrainingConfig:
-    """Return a configuration with the paths of files that were carried along."""
+    """Return a configuration with the local paths of files that were sent along."""
     return replace(config, **{name: placed(getattr(config, name), places) for name in ("robot", "noise", "fix", "world")})
 
 
 def compile_training(config: TrainingConfig, hyper: Mapping[str, Any]) -> None:
-    """Have the loops compiled that a training needs, see `_compile`."""
+    """Compile the loops that a training needs, see `_compile`."""
     system = f"{config.env} {config.filter} {config.fix} {config.world}"
     for number in {int(hyper["n_envs"]), config.episodes}:
         _compile(f"{system} {number}", lambda number=number: config.make(number))
@@ -245,10 +245,11 @@ _COMPILED: set[str] = set()
 
 
 def _compile(system: str, make: Callable[[], Any]) -> None:
-    """Step some environments once while no other process of this machine does: one compiles, the others find its cache.
+    """Step some environments once while no other process on this machine does, so that one compiles and the others use its
+    cache.
 
     Args:
-        system: What they are; once done, nothing is done again in this process.
+        system: Identity of the environments; each is compiled once per process.
         make: Makes the environments.
     """
     if system in _COMPILED:
@@ -263,7 +264,7 @@ def _compile(system: str, make: Callable[[], Any]) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Wait until no other process of this user and machine is in such a block; a killed one is not."""
+    """Wait until no other process of this user on this machine is in such a block; a killed process releases it."""
     try:
         import fcntl
     except ImportError:  # Windows: each process compiles for itself
@@ -275,6 +276,6 @@ def _alone() -> Iterator[None]:
 
 
 def _hashes(files: Attachments) -> dict[str, dict[str, str]]:
-    """Return what files hold, by name."""
+    """Return hashes of the files' contents, by name."""
     found: Sequence[tuple[str, Mapping[str, bytes]]] = sorted(files.items())
     return {name: {file: hashlib.sha256(content).hexdigest() for file, content in one.items()} for name, one in found}

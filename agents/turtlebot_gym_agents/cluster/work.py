@@ -1,4 +1,4 @@
-"""Units and their results: what is stored is taken from there, the rest is done, and kept as it comes."""
+"""Units and their results: stored results are reused, and missing ones are computed and stored as they arrive."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from turtlebot_gym_agents.evaluation.episodes import concatenate
 from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, require_known
 
 Workers = Callable[[Iterable[tuple[str, Unit]]], Iterator[tuple[str, Result]]]
-"""Does units, which it takes as it needs them, and yields their results in any order, both with their keys."""
+"""Function that runs units, taken as needed, and yields their results in any order, both with their keys."""
 
 
 def in_turn(units: Iterable[tuple[str, Unit]]) -> Iterator[tuple[str, Result]]:
-    """Do units here, one after another."""
+    """Run units in this process, one after another."""
     for name, unit in units:
         yield name, run(unit)
 
@@ -30,13 +30,13 @@ def complete(
     """Return the results of units, in their order.
 
     Args:
-        units: What is to be done; equal ones are done once.
-        workers: Who does it. The results do not depend on that.
-        store: Where results are kept as they come. A unit whose result is there is not done.
-        progress: Called with the sum of the sizes of the units of which there is a result.
+        units: The units; equal ones run once.
+        workers: Function that runs them; results do not depend on it.
+        store: Store of the results. A unit whose result is there is not run.
+        progress: Called with the total size of the units that have a result.
 
     Raises:
-        ValueError, OSError, ImportError: What a unit has raised.
+        ValueError, OSError, ImportError: Raised by a unit.
     """
     keys = [key(unit) for unit in units]
     sizes: dict[str, int] = {}
@@ -56,7 +56,7 @@ def complete(
 
 
 def evaluation(units: Sequence[Unit], results: Sequence[Result], config: Mapping[str, Any]) -> Evaluation:
-    """Return what the units of `units.drives` have come to, as `evaluation.evaluate.evaluate` returns it."""
+    """Combine the results of `units.drives` into one, as `evaluation.evaluate.evaluate` returns it."""
     first = results[0]
     return Evaluation(
         config=dict(config),
@@ -74,13 +74,13 @@ def evaluate_all(
     store: Store | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Evaluation]:
-    """Return several evaluations, cut into units.
+    """Return several evaluations, split into units.
 
     Args:
         asked: The arguments of `evaluation.evaluate.evaluate` for each; a policy is given by its name.
-        workers: See `complete`, as the next.
-        store: Where results are kept.
-        progress: Called with the number of episodes that were driven.
+        workers: See `complete`, as for the next.
+        store: Store of the results.
+        progress: Called with the number of episodes driven.
     """
     parts, configs = [], []
     for one in asked:
@@ -95,7 +95,7 @@ def evaluate_all(
     found, at = [], 0
     for part, config in zip(parts, configs, strict=True):
         head = {name: config[name] for name in ("env", "policy", "episodes", "seed")}
-        told = {name: value for name, value in config.items() if name != "allow_mismatch"}  # as `evaluate` tells it
+        told = {name: value for name, value in config.items() if name != "allow_mismatch"}  # as `evaluate` records it
         found.append(evaluation(part, results[at : at + len(part)], head | told))
         at += len(part)
     return found

@@ -19,29 +19,29 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.speed.turns import Contender, Sitting
 
 TRAININGS = 3
-"""Rounds of training in each sitting, at most."""
+"""Most rounds of training in each sitting."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark:
-    """Measure the speed of environments, adapter and training, as ratios in one run, by wall time and by CPU seconds."""
+    """Measure the speed of environments, adapter and training, as ratios within one run, by wall time and CPU seconds."""
 
     num_envs: tuple[int, ...] = (4096, 65536)
     """Sizes of the vector environments."""
     rounds: int = 7
-    """How often each contender has its turn."""
+    """Number of turns of each contender."""
     seconds: float = 0.5
-    """How long a turn takes, s."""
+    """Length of a turn, s."""
     training: bool = True
     """Whether to measure training too; it needs the extra [agents]."""
     busy: int = 0
-    """Measure the most important rows again, beside so many busy processes."""
+    """Measure the most important rows again beside this many busy processes."""
     peers: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """Measure other libraries too: gymnax and EnvPool, which are installed into virtual environments in this folder."""
     check: File = None
-    """Compare our ratios with those of this file instead, which --json has written; the status is 1 if one was lost."""
+    """Instead, compare this package's ratios with those in this file from --json; the exit status is 1 if one got worse."""
     tolerance: float = 0.25
-    """With --check: the share of a ratio that may be lost."""
+    """With --check: largest accepted loss of a ratio, as a share of it."""
     json: File = None
     """Write the results here."""
     plot: File = None
@@ -58,7 +58,7 @@ class Benchmark:
             raise ValueError(f"busy must not be negative, got {self.busy}.")
 
     def run(self) -> None:
-        """Measure, print tables, and write what is asked for."""
+        """Measure, print tables, and write the requested files."""
         self._refuse_what_cannot_be()
         if self.check is not None:
             self._check(self.check)
@@ -102,7 +102,7 @@ class Benchmark:
     def _sitting(
         self, contenders: Mapping[str, Contender], advance_to: Callable[[int], None], *, usual: bool
     ) -> dict[str, Any]:
-        """Return the results of one sitting; those of the usual route of training if asked for."""
+        """Return the results of one sitting, optionally with the usual route of training."""
         from turtlebot_gym_agents.speed.turns import take_turns
 
         sat = take_turns(contenders, rounds=self.rounds, seconds=self.seconds, progress=advance_to)
@@ -119,7 +119,7 @@ class Benchmark:
         return result
 
     def _check(self, path: Path) -> None:
-        """Print a verdict on each ratio; those that are lost are measured once more before."""
+        """Print a verdict on each ratio, after measuring worse ones a second time."""
         from turtlebot_gym_agents.speed import check, environments, machine, turns
 
         before = check.read(path)

@@ -1,4 +1,4 @@
-"""The subcommand ``calibrate``: from a recorded drive to a noise file."""
+"""The subcommand ``calibrate``: fit a noise file to a recorded drive."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration, Log
 
 PARTS = 3
-"""Of a calibration, for its progress bar: alignment, and two that depend on what it is fitted to."""
+"""Parts of a calibration for its progress bar: alignment, and two that depend on what it is fitted to."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrate:
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
-    With the truth beside it (motion capture, say) all of it can be fitted; without, from the innovations of measured poses, all
-    but the bias of x and y. What the log does not determine is said, with the motion that would.
+    With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
+    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would.
     """
 
     log: tyro.conf.Positional[Path]
@@ -33,29 +33,29 @@ class Calibrate:
     out: File = None
     """Write the noise file here (FILE.yaml)."""
     truth: str = "auto"
-    """auto uses the truth if the log has it, none fits to the innovations alone; else a topic of the bag, or a table with the
-    columns t, x, y and theta."""
+    """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag, or a table with
+    the columns t, x, y and theta."""
     odometry: str | None = None
-    """What the odometry is: "pose" measures the pose, "wheel" integrates the wheels; found out if not told."""
+    """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
     robot: str = "burger"
-    """Whose speed limits make a log plausible: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
+    """Robot whose speed limits a log must satisfy: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     columns: tuple[str, ...] = ()
-    """Columns of other names, as QUANTITY=COLUMN: time, v, omega, x, y, theta, true_x, true_y, true_theta."""
+    """Names of columns, as QUANTITY=COLUMN: time, v, omega, x, y, theta, true_x, true_y, true_theta."""
     topics: Topics = field(default_factory=Topics)
     """Topics of a bag."""
     integrator: str | None = None
-    """euler or midpoint; the one that tells the motion better if not told."""
+    """euler or midpoint; by default the one that explains the motion better."""
     segment: float | None = None
-    """Length of the segments from which the alphas are fitted, m; 0 for row by row. Found out if not told."""
+    """Length of the segments to which the alphas are fitted, m; 0 for row by row. Chosen automatically by default."""
     delay: float | None = None
-    """Time by which the motion follows the recorded twist, s; found out if not told."""
+    """Time by which the motion lags behind the recorded twist, s; estimated by default."""
     json: File = None
     """Write configuration and results here."""
     plot: File = None
     """Draw measured against fitted here."""
 
     def run(self) -> None:
-        """Calibrate, print tables, and write what is asked for."""
+        """Calibrate, print tables, and write the requested files."""
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym.calibration import calibrate
         from turtlebot_gym.calibration.plausibility import check
@@ -87,7 +87,7 @@ class Calibrate:
             save_figure(calibration_figure(found, title=self.log.name), self.plot)
 
     def read(self) -> Log:
-        """Return the log, with the truth that is asked for."""
+        """Return the log with the requested truth."""
         from dataclasses import replace
 
         from turtlebot_gym.calibration.bags import is_bag, read_bag
@@ -107,7 +107,7 @@ class Calibrate:
 
 
 def result_of(found: Calibration) -> dict[str, object]:
-    """Return a calibration as a JSON file holds it."""
+    """Return a calibration as JSON content."""
     told = {name: getattr(found, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
     return told | {
         "noise": asdict(found.noise),

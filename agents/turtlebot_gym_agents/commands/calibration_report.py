@@ -1,4 +1,4 @@
-"""A calibration for people: tables for the terminal, a figure, and the comment above a noise file."""
+"""Report of a calibration: tables for the terminal, a figure, and the comment above a noise file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BINS = 60
 
 
 def basis(found: Calibration) -> str:
-    """Return what a calibration was fitted to, in words."""
+    """Describe what a calibration was fitted to."""
     what = "measured poses" if found.kind == "pose" else "wheel odometry"
     to = "the truth" if found.has_truth else "the innovations alone"
     by = f", alphas over segments, {found.segments} of them of {found.segment:g} m" if found.segment else ""
@@ -29,7 +29,7 @@ def basis(found: Calibration) -> str:
 
 
 def calibration_tables(found: Calibration, *, title: str) -> list[Table]:
-    """Return what a log says of each number, what it does not say, and what was found on the way."""
+    """Return the estimates of a log, the parameters that it does not determine, and remarks on it."""
     table = Table(
         "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {basis(found)}",
         caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
@@ -64,7 +64,7 @@ def _in_file(found: Calibration, name: str, one: Estimate) -> str:
 
 
 def comment(found: Calibration, name: str, version: str) -> str:
-    """Return what stands above the numbers in a noise file."""
+    """Return the comment above the numbers in a noise file."""
     lines = [f"Calibrated from {name} by turtlebot-gym {version}: {basis(found)}."]
     for key, one in found.estimates.items():
         note = "" if one.is_determined else "; not determined: " + one.remedy
@@ -75,7 +75,7 @@ def comment(found: Calibration, name: str, version: str) -> str:
 
 
 def calibration_figure(found: Calibration, *, title: str) -> Figure:
-    """Return measured against fitted: histograms of residuals or innovations, and the drift over some ways."""
+    """Return a figure of measured against fitted errors: histograms of residuals or innovations, and drift by distance."""
     from matplotlib.figure import Figure
 
     has_poses, has_drift = found.kind == "pose", found.has_truth
@@ -95,7 +95,7 @@ def calibration_figure(found: Calibration, *, title: str) -> Figure:
 
 
 def draw_histogram(axes: Axes, found: Calibration, shown: Residuals, at: int, label: str) -> Axes:
-    """Draw a component's residuals, and the density that was fitted."""
+    """Draw the residuals of a component and the fitted density."""
     values, deviations = shown.values[:, at], shown.deviations[:, at]
     axes.hist(values, bins=BINS, density=True, color=BLUE, alpha=0.5, label="measured")
     x = np.linspace(values.min(), values.max(), 300)
@@ -112,7 +112,7 @@ def draw_histogram(axes: Axes, found: Calibration, shown: Residuals, at: int, la
 
 
 def draw_drift(axes: Axes, told: Drift, at: int, label: str) -> Axes:
-    """Draw how far the wheels are off by the way driven, and what the fit makes of it."""
+    """Draw the drift of wheel odometry by distance, measured and fitted."""
     axes.plot(told.length, told.measured[:, at], "o", color=BLUE, label="measured")
     axes.plot(told.length, told.fitted[:, at], "--", color=ORANGE, label="fitted")
     axes.set(xlabel="way, m", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))

@@ -1,7 +1,7 @@
 """The command line, ``turtlebot-gym``: one dataclass for each subcommand, whose fields are its options.
 
 To add one: write a frozen dataclass with a docstring under each field and a ``run`` method, and name it in `COMMANDS`. Results
-go to standard output, progress and errors to standard error. What is heavy to import is imported in ``run``.
+go to standard output, progress and errors to standard error. Heavy modules are imported in ``run``.
 """
 
 from __future__ import annotations
@@ -31,37 +31,37 @@ if TYPE_CHECKING:
 
 
 class Command(Protocol):
-    """A subcommand, with the options that it was given."""
+    """A subcommand with its options."""
 
     def run(self) -> None:
-        """Do it."""
+        """Run the subcommand."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(Driven, Placement):
-    """Drive policies on the same seeds, and tell how well they do.
+    """Drive policies on the same seeds and compare how well they do.
 
-    Of policies, noises and observations each combination is evaluated.
+    Evaluates every combination of policy, noise and observation.
     """
 
     policy: tuple[str, ...] = ("proportional", "bearing")
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
-    those that come with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or module:callable for
+    policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or module:callable for
     one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
     noise: tuple[str, ...] = ("tutorial",)
     """Noise presets: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: tuple[str, ...] = ("ekf",)
-    """What policies are shown as the robot's pose: ekf, odometry, truth."""
+    """The robot's pose that policies observe: ekf, odometry, truth."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
     json: File = None
-    """Write configuration, results and every episode's numbers here."""
+    """Write configuration, results and the numbers of every episode here."""
     plot: File = None
-    """Draw the first episode here; of several combinations, their paths."""
+    """Draw the first episode here; for several combinations, their paths."""
 
     def run(self) -> None:
-        """Evaluate, print tables, and write what is asked for."""
+        """Evaluate, print tables, and write the requested files."""
         from turtlebot_gym_agents.commands import report
 
         combinations = list(itertools.product(self.policy, self.noise, self.observation))
@@ -101,7 +101,7 @@ class Evaluate(Driven, Placement):
             return evaluate_all(asked, **place._asdict(), progress=advance_to)
 
     def _label(self, *names: str) -> str:
-        """Return what tells a combination from the others."""
+        """Return the names that distinguish a combination from the others."""
         choices = (self.policy, self.noise, self.observation)
         told = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
         return ", ".join(told or names[:1])
@@ -113,25 +113,25 @@ class Video(Driven):
 
     policy: str = "bearing"
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
-    those that come with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
+    policies shipped with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
     own; NAME+safety drives within a safety layer."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
-    """What the policy is shown as the robot's pose: ekf, odometry, truth."""
+    """The robot's pose that the policy observes: ekf, odometry, truth."""
     out: Path = Path("episode.gif")
-    """The file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
+    """Output file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
     seed: int = 0
-    """The episode's."""
+    """Seed of the episode."""
     speed: float = 4.0
-    """How much faster than the robot it plays."""
+    """Playback speed, as a multiple of real time."""
     fps: int = 20
-    """Frames per second; of a GIF 1, 2, 4, 5, 10, 20, 25 or 50."""
+    """Frames per second; for a GIF 1, 2, 4, 5, 10, 20, 25 or 50."""
     width: int = 640
-    """Of the frames, pixels: even, from 160 to 640."""
+    """Width of the frames, pixels: even, from 160 to 640."""
 
     def run(self) -> None:
-        """Record, and print what it has become."""
+        """Record the video and print its properties."""
         from turtlebot_gym_agents.commands.video import record
 
         with progress(100) as advance_to:
@@ -172,12 +172,12 @@ COMMANDS: dict[str, type[Command]] = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a subcommand, and return the exit status: 0, or 2 with one line of explanation if what was asked is not possible.
+    """Run a subcommand and return the exit status: 0, or 2 with one line of explanation if the request is invalid.
 
-    A command that checks something leaves by `SystemExit` with status 1 where it found a fault.
+    A command that checks something raises `SystemExit` with status 1 if it found a fault.
 
     Args:
-        argv: Arguments; those of the process if not told.
+        argv: Arguments; None for those of the process.
     """
     command = tyro.extras.subcommand_cli_from_dict(
         dict(COMMANDS),
@@ -185,7 +185,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="A TurtleBot that navigates on what a Kalman filter believes.",
         args=argv,
     )
-    sys.path.append(str(Path.cwd()))  # for policies of one's own, which a console script would not find
+    sys.path.append(str(Path.cwd()))  # for users' own policies, which a console script would not find
     try:
         command.run()
     except (ValueError, OSError, ImportError) as error:

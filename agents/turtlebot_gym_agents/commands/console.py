@@ -1,4 +1,4 @@
-"""What the subcommands share: options, tables on standard output, progress on standard error."""
+"""Shared by the subcommands: options, tables on standard output, progress on standard error."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What is driven, and where."""
+    """Environment, filter, robot and seed of a command."""
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0 or
@@ -37,18 +37,18 @@ class Setting:
     lidar: str | None = None
     """Rooms only: lds01, lds02, a1 or ideal."""
     fix: str | None = None
-    """What measures the pose from outside, now and then: beacons, late, localization, markers, motion-capture, or a file of
-    your own (FILE.yaml)."""
+    """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
+    file of your own (FILE.yaml)."""
     arrival: str = "truth"
-    """Whose arrival counts: that of the true pose ("truth"), or of the observed one ("belief"), as on a robot."""
+    """Pose that decides on arrival: the true one ("truth"), or the observed one ("belief"), as on a robot."""
     seed: int = 0
     """The first seed."""
 
     def given(self) -> dict[str, str]:
-        """Return the keyword arguments that an environment need not be given.
+        """Return the optional keyword arguments of an environment.
 
         Raises:
-            ValueError: If some that only rooms take are given for another environment.
+            ValueError: If arguments for rooms are given for another environment.
         """
         given = {name: value for name in ("world", "lidar") if (value := getattr(self, name)) is not None}
         if given and self.env != ROOMS:
@@ -58,7 +58,7 @@ class Setting:
 
 @contextmanager
 def needs(extra: str) -> Iterator[None]:
-    """Say what to install where an import fails."""
+    """Say what to install if an import fails."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -67,8 +67,7 @@ def needs(extra: str) -> Iterator[None]:
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[..., None]]:
-    """Show a progress bar on standard error, where that is a terminal; yields a function that moves it, and may tell another
-    total."""
+    """Show a progress bar on standard error if that is a terminal; yields a function that moves it and may change the total."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -80,7 +79,7 @@ def progress(total: int) -> Iterator[Callable[..., None]]:
 
 
 def print_tables(*tables: Table) -> None:
-    """Print tables to standard output; into a file or a pipe in full width."""
+    """Print tables to standard output; in full width if that is a file or a pipe."""
     from rich.console import Console
 
     console = Console()
@@ -95,6 +94,6 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; its folder is made where it is missing."""
+    """Write a figure; its folder is created if missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

@@ -1,4 +1,4 @@
-"""What the subcommands share that drive a policy: options for the task and the robot."""
+"""Shared by the subcommands that drive a policy: options for the task and the robot."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ from turtlebot_gym_agents.commands.console import ROOMS, Setting
 
 @dataclass(frozen=True, kw_only=True)
 class Driven(Setting):
-    """What is driven, and where."""
+    """Environment, task and robot of a drive."""
 
     switch: str | None = None
-    """Square only: the next waypoint comes on "arrival", or after a "time" of 15 s."""
+    """Square only: switch to the next waypoint on "arrival", or after a "time" of 15 s."""
     laps: int | None = None
-    """Square only: how often it is driven."""
+    """Square only: number of rounds."""
     delay: int = 0
-    """Steps by which commands come late."""
+    """Delay of commands in steps."""
     plant: str = "unicycle"
-    """What moves the robot: unicycle, or mujoco, a Burger with wheels that creep and slip, which needs the extra [mujoco]."""
+    """Model that moves the robot: unicycle, or mujoco, a Burger with wheels that creep and slip, which needs the extra
+    [mujoco]."""
     friction: float | None = None
-    """With the plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
+    """Plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
     caster_friction: float | None = None
-    """Likewise, between caster and floor; by default 0.05. A slippery floor is --friction 0.5 --caster-friction 0.3."""
+    """Plant mujoco only: the same between caster and floor; by default 0.05. For a slippery floor use --friction 0.5
+    --caster-friction 0.3."""
     allow_mismatch: bool = False
-    """Drive policies that were made for another task or another observation, too."""
+    """Also drive policies made for another task or observation."""
 
     def options(self) -> dict[str, Any]:
         """Return the environment's keyword arguments."""

@@ -14,9 +14,9 @@ from turtlebot_gym_agents.evaluation.columns import Columns
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """Hold filters against the best that any filter could do, and against what they say of themselves.
+    """Compare filters with the best that any filter could do, and with their own stated uncertainty.
 
-    All filters see the same short drives, whose commands do not depend on what they believe.
+    All filters see the same short drives, whose commands do not depend on the estimate.
     """
 
     filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
@@ -24,7 +24,7 @@ class Estimate:
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     runs: int = 2000
-    """How many drives; drive i has the seed SEED + i. An RMSE is then known to 3 %, with 20000 to 1 %."""
+    """Number of drives; drive i has the seed SEED + i. The default determines an RMSE to 3 %, 20000 drives to 1 %."""
     seconds: float = 3.0
     """Length of a drive."""
     seed: int = 0
@@ -36,16 +36,16 @@ class Estimate:
     integrator: str = "euler"
     """euler or midpoint."""
     bias: bool = True
-    """Whether odometry has the preset's bias, which no filter can see."""
+    """Whether odometry has the preset's bias, which no filter can detect."""
     slip: bool = True
-    """Whether the wheels slip as the preset says."""
+    """Whether the wheels slip as in the preset."""
     json: File = None
     """Write configuration and results here."""
     plot: File = None
-    """Draw the errors over time beside the bound here."""
+    """Draw the errors over time and the bound here."""
 
     def run(self) -> None:
-        """Estimate, print a table, and write what is asked for."""
+        """Estimate, print a table, and write the requested files."""
         from turtlebot_gym_agents.commands import report
         from turtlebot_gym_agents.evaluation.estimation import estimate
 
@@ -65,8 +65,8 @@ class Estimate:
 class Replay:
     """Run the filter over recorded drives with known truth.
 
-    It predicts with the wheel odometry as it was recorded, and is corrected by measured poses that are made from the true ones
-    with a preset's noise.
+    The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
+    preset's noise.
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
@@ -78,20 +78,20 @@ class Replay:
     seed: int = 0
     """The first seed of the noise."""
     seeds: int = 20
-    """How many seeds to average over."""
+    """Number of seeds to average over."""
     rate: float = 10.0
     """Measured poses per second."""
     integrator: str = "midpoint"
     """euler or midpoint."""
     columns: Columns = field(default_factory=Columns)
-    """What the columns are called."""
+    """Names of the columns."""
     json: File = None
     """Write configuration and results here."""
     plot: File = None
-    """Draw the first seed here; of several files, each into a picture of its own with the file's name appended."""
+    """Draw the first seed here; for several files, one figure each, with the file's name appended."""
 
     def run(self) -> None:
-        """Replay, print a table, and write what is asked for."""
+        """Replay, print a table, and write the requested files."""
         from turtlebot_gym_agents.commands import report
         from turtlebot_gym_agents.evaluation.replay import dead_reckoning, read_drive, replay_figure, replay_seeds
 

@@ -24,28 +24,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class _Learned(Setting):
-    """What is driven, and by what it learns."""
+    """Environment and algorithm of a training."""
 
     algo: str = "ppo"
     """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
-    """What the policy is shown as the robot's pose: ekf, odometry, truth."""
+    """The robot's pose that the policy observes: ekf, odometry, truth."""
     delay: int = 0
-    """Steps by which commands come late."""
+    """Delay of commands in steps."""
     randomize: bool = False
-    """Let noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment; those given are
-    then the evaluation's."""
+    """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
+    evaluation."""
     speed_error: float = 0.02
-    """With --randomize: greatest error of the executed speed, as a share of it; the filter does not know it. On a
-    slippery floor wheels lose a tenth."""
+    """With --randomize: largest error of the executed speed, as a share of it, unknown to the filter. On a slippery floor
+    wheels lose a tenth."""
     config: File = None
-    """Hyper-parameters, YAML in the form of rl-baselines3-zoo; without it, those that come with the package."""
+    """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package."""
     steps: int | None = None
-    """Environment steps; n_timesteps of the hyper-parameters if not told."""
+    """Environment steps; by default n_timesteps of the hyper-parameters."""
     device: str = "cpu"
-    """Where the network learns: cpu, cuda, or auto, which takes a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
+    """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
     json: File = None
     """Write configuration and results here."""
 
@@ -60,21 +60,21 @@ class _Learned(Setting):
 
 @dataclass(frozen=True, kw_only=True)
 class Train(_Learned, Placement):
-    """Train policies with Stable-Baselines3, and leave each as a policy bundle, OUT/policy.onnx."""
+    """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
     out: Path = Path("runs/nav")
-    """Folder of the run; of several seeds, each has a folder seed-N in it."""
+    """Folder of the run; each of several seeds has a folder seed-N in it."""
     seeds: int = 1
-    """How many seeds to train."""
+    """Number of seeds to train."""
     resume: bool = False
-    """Go on from the folder's checkpoints."""
+    """Resume from the checkpoints in the folder."""
     evaluations: int = 8
-    """How often the policy is evaluated on the way."""
+    """Number of evaluations during training."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
 
     def run(self) -> None:
-        """Train, print a table, and write what is asked for."""
+        """Train, print a table, and write the requested files."""
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
         self.require_cluster()
@@ -127,7 +127,7 @@ class Train(_Learned, Placement):
             yield from train_all(configs, folders, **place._asdict(), progress=advance_to)
 
     def _watching(self, config: TrainingConfig) -> list[Any]:
-        """Return the callback that shows the policy, if that is asked for."""
+        """Return the callback that shows the policy, if requested."""
         if not self.watch:
             return []
         with needs("watch"):
@@ -137,24 +137,24 @@ class Train(_Learned, Placement):
 
 @dataclass(frozen=True, kw_only=True)
 class Tune(_Learned, Placement):
-    """Search for hyper-parameters with Optuna, and leave the best as OUT/best.yaml, for train --config.
+    """Search for hyper-parameters with Optuna, and write the best as OUT/best.yaml for train --config.
 
-    A search that was stopped goes on when the same is asked for again.
+    The same command resumes an interrupted search.
     """
 
     out: Path = Path("runs/tune")
-    """Folder of the study."""
+    """Study folder; an existing study is resumed."""
     trials: int = 50
-    """How many finished trials the study is to have, earlier ones included."""
+    """Total number of finished trials, earlier ones included."""
     storage: str | None = None
-    """Where the study is, so that several processes can share it: a file, Optuna's journal, or the URL of a database. By
-    default OUT/study.db."""
+    """Storage of the study, which several processes can share: a file (Optuna's journal), or the URL of a database. By default
+    OUT/study.db."""
     generation: int | None = None
-    """Draw so many trials at once, so that they can run side by side: the search depends on it, but not on the number of
-    workers. By default trials are drawn one by one, on a cluster 8 at once."""
+    """Number of trials to draw together, so that they can run in parallel: the search depends on it, but not on the number of
+    workers. By default trials are drawn one by one, on a cluster 8 together."""
 
     def run(self) -> None:
-        """Search, print a table, and write what is asked for."""
+        """Search, print a table, and write the requested files."""
         config = self.training()
         with _loading(config), needs("agents"):
             from turtlebot_gym_agents.training.tuning import tune
@@ -197,9 +197,9 @@ class Tune(_Learned, Placement):
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Make a policy bundle of a model that Stable-Baselines3 has saved, and check that both do the same.
+    """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both act alike.
 
-    What it was trained for is read from the config.json that training leaves beside it; else it has to be told.
+    The settings of its training are read from the config.json beside it; without that file, give them as options.
     """
 
     model: tyro.conf.Positional[Path]
@@ -207,22 +207,22 @@ class Export:
     out: Path = Path("policy.onnx")
     """The bundle."""
     allow_pickle: bool = False
-    """Loading a zip file can run any code that is in it: say that you trust it."""
+    """Confirm that you trust the zip file: loading it can run any code in it."""
     env: str | None = None
     """The environment's id."""
     robot: str | None = None
     """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     rate: float | None = None
-    """Commands per second; 10 if nothing else is known."""
+    """Commands per second; by default 10 unless config.json says otherwise."""
     noise: str | None = None
     """Noise preset."""
     filter: str | None = None
     """The filter's tuning."""
     observation: str | None = None
-    """What the policy is shown as the robot's pose."""
+    """The robot's pose that the policy observes."""
 
     def run(self) -> None:
-        """Export, and print how far the two differ."""
+        """Export, and print the largest difference between the two."""
         with needs("agents"):
             from turtlebot_gym_agents.policies.bundle import Card
             from turtlebot_gym_agents.policies.fit import describe_robot
@@ -258,14 +258,14 @@ class Export:
 
 @contextmanager
 def _loading(config: TrainingConfig) -> Iterator[None]:
-    """Load a training's loops beside this block; on a new machine they are compiled, and the compiler leaves Python a core."""
+    """Load a training's loops in parallel with this block; on a new machine they are compiled, which leaves Python a core."""
 
     def load() -> None:
         import numpy as np
 
         from turtlebot_gym.compiled.threads import limited
 
-        # What is wrong with the configuration is told by the training.
+        # The training reports errors of the configuration.
         with suppress(Exception), limited(config.threads):
             envs = config.make(1)
             envs.reset(seed=0)

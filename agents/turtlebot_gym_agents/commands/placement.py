@@ -1,4 +1,4 @@
-"""The options of commands whose work can be spread: where its units run, and where their results are kept."""
+"""Options of commands whose work can be distributed: where units run, and where their results are stored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Place(NamedTuple):
-    """Who does units, and where results are kept: arguments of `cluster.work.complete`."""
+    """Workers and store: arguments of `cluster.work.complete`."""
 
     workers: Workers
     store: Store | None
@@ -24,28 +24,28 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """Where the work is done; its results do not depend on it."""
+    """Where the work runs; results do not depend on it."""
 
     cluster: str | None = None
-    """Do the work on Ray, with the extra [cluster]: "local", one worker for each core of this machine; "auto", the cluster that
-    this machine belongs to; or the ADDRESS of one, HOST:PORT."""
+    """Run the work on Ray, with the extra [cluster]: "local" for one worker per core of this machine; "auto" for the cluster
+    that this machine belongs to; or the ADDRESS of one, HOST:PORT."""
     workers: int | None = None
-    """With --cluster local: how many work at the same time."""
+    """With --cluster local: number of workers."""
     store: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
-    """Folder where the result of each unit of work is kept as it comes; what is there is not done again."""
+    """Folder for the result of each unit of work; units whose result is there are not repeated."""
 
     @property
     def spread(self) -> bool:
-        """Whether the work is cut into units."""
+        """Whether the work is split into units."""
         return self.cluster is not None or self.store is not None
 
     @contextmanager
     def place(self, *, memory: int, store: Path | None = None) -> Iterator[Place]:
-        """Provide workers for as long as the block lasts.
+        """Provide workers for the duration of the block.
 
         Args:
-            memory: What a unit needs, bytes.
-            store: Where results are kept if nothing else was told.
+            memory: Memory of a unit, bytes.
+            store: Default folder for results.
         """
         from turtlebot_gym_agents.cluster.store import Store
         from turtlebot_gym_agents.cluster.work import in_turn
@@ -62,11 +62,11 @@ class Placement:
             yield Place(workers, kept)
 
     def require_cluster(self) -> None:
-        """Raise ValueError if there are workers without a cluster."""
+        """Raise ValueError if workers are given without a cluster."""
         if self.workers is not None and self.cluster is None:
             raise ValueError("workers is an option of a cluster: add --cluster local.")
 
     def settings(self) -> Mapping[str, Any]:
-        """Return what results depend on: all options but where the work is done and where results are written."""
+        """Return the options that results depend on: all except where the work runs and where results are written."""
         elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume"}
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}

@@ -1,4 +1,4 @@
-"""Results for people: tables for the terminal, and figures."""
+"""Reports of results: tables for the terminal, and figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, ...]:
-    """Return how evaluations went, and what was believed in them.
+    """Return tables of results, and of the errors of estimate and odometry.
 
     Args:
         evaluations: Label and evaluation of each, on the same seeds.
@@ -58,7 +58,7 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
 
 
 def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
-    """Return what became of episodes in rooms."""
+    """Return the results of episodes in rooms."""
     table = Table(
         "", "collision, %", "time-out, %", "SPL", "BARN's score", "least clearance, m", "its 5th percentile, m",
         title="in rooms",
@@ -71,7 +71,7 @@ def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
 
 
 def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> Figure:
-    """Return the first episode at a glance; of several evaluations, the paths of their first episodes."""
+    """Return a figure of the first episode; for several evaluations, of the paths of their first episodes."""
     if len(evaluations) == 1:
         ((label, one),) = evaluations.items()
         return tutorial_figure(one.trajectory, title=f"{title}, {label}")
@@ -97,7 +97,7 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
 
 
 def estimation_table(result: Estimation) -> Table:
-    """Return how filters did beside the bound, and whether they knew."""
+    """Return a table of filters' errors against the bound, and of their consistency."""
     config, (low, high) = result.config, result.band
     table = Table(
         "", "x, m", "y, m", "heading, rad", "over the bound: x", "y", "heading", "NEES", "NIS", "beyond 3 sigma, %",
@@ -121,7 +121,7 @@ def estimation_table(result: Estimation) -> Table:
 
 
 def estimation_figure(result: Estimation) -> Figure:
-    """Return the RMSE of position and heading over time, each filter's beside the bound."""
+    """Return a figure of the RMSE of position and heading over time, for each filter and the bound."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")

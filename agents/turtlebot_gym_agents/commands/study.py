@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 class Study(Placement):
     """Compare policies and trainings in every combination of settings that a YAML file names.
 
-    A study that was stopped goes on: what is done is in its store.
+    An interrupted study resumes from its store.
     """
 
     file: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FILE.yaml")]]
     """The study: episodes, seed, compare_with, grid, policies, trainings."""
     out: Path = Path("runs/study")
-    """Folder of its store, OUT/units, if no other is told."""
+    """Folder of the study; its store is OUT/units by default."""
     json: File = None
     """Write configuration and results here."""
 
     def run(self) -> None:
-        """Do the study, print a table, and write what is asked for."""
+        """Run the study, print a table, and write the requested files."""
         from turtlebot_gym_agents.cluster.grid import read_grid, study
         from turtlebot_gym_agents.cluster.units import Drive, Training
 
@@ -48,7 +48,7 @@ class Study(Placement):
 
 
 def table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
-    """Return a study's results: a row for each policy and training in each cell."""
+    """Return a table of a study's results: a row for each policy and training in each cell."""
     from rich.table import Table
 
     varied = [name for name in rows[0]["setting"] if len({str(row["setting"][name]) for row in rows}) > 1]

@@ -8,15 +8,15 @@ from pathlib import Path
 from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress, write_json
 
 SHOWN = 5
-"""Tries in the table, the fastest first."""
+"""Number of tries in the table, fastest first."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuneBaseline(Setting):
-    """Tune a baseline's numbers for a scenario, and leave the best as OUT, a file that --policy takes.
+    """Tune a baseline's numbers for a scenario, and write the best to OUT, a file for --policy.
 
-    A policy that was trained for a scenario is compared fairly only with a baseline that was tuned for it. A stopped search
-    resumes when the same is asked for again.
+    A policy trained for a scenario should be compared with a baseline tuned for it. The same command resumes an interrupted
+    search.
     """
 
     policy: str = "bearing"
@@ -24,22 +24,22 @@ class TuneBaseline(Setting):
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
-    """What the baseline is shown as the robot's pose: ekf, odometry, truth."""
+    """The robot's pose that the baseline observes: ekf, odometry, truth."""
     delay: int = 0
-    """Steps by which commands come late."""
+    """Delay of commands in steps."""
     tries: int = 40
-    """How many sets of numbers to try, earlier ones included; the first one is the baseline's defaults."""
+    """Total number of tries, earlier ones included; the first one has the baseline's defaults."""
     episodes: int = 2000
-    """Episodes of each try, the same for all; other ones than evaluations and trainings drive."""
+    """Episodes per try, the same for all tries; evaluations and trainings use other seeds."""
     seed: int = 0
     """Seed of the search."""
     out: Path = Path("baseline.json")
-    """The tuned baseline, with all tries."""
+    """File for the tuned baseline, with all tries."""
     json: File = None
-    """Write configuration and all tries here, too."""
+    """Also write configuration and all tries here."""
 
     def run(self) -> None:
-        """Search, print a table, and write what is asked for."""
+        """Search, print a table, and write the requested files."""
         from rich.table import Table
 
         from turtlebot_gym_agents.evaluation.tune_baseline import tune_baseline

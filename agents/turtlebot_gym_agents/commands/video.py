@@ -1,4 +1,4 @@
-"""An episode as a file to show: a GIF, or an MP4 for what is longer."""
+"""Video of an episode: a GIF, or an MP4 for longer ones."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
 MIN_WIDTH = 160
-"""Below it the legend cannot be read, pixels."""
+"""Least width of a frame, pixels: narrower legends are illegible."""
 HOLD = 1.5
-"""How long the end of the episode stays, s."""
+"""Time for which the last frame stays, s."""
 
 
 class Video(NamedTuple):
-    """What was recorded."""
+    """Properties of a video."""
 
     size: tuple[int, int]
     """Width and height, pixels."""
     duration: float
-    """How long it plays, s."""
+    """Playing time, s."""
     time: float
     """Length of the episode, s."""
     success: bool
@@ -52,23 +52,23 @@ def record(
     allow_mismatch: bool = False,
     **options: Any,
 ) -> Video:
-    """Drive an episode, and write it as a video: the first episode of `evaluate` with the same arguments.
+    """Drive an episode and write it as a video: the first episode of `evaluate` with the same arguments.
 
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, or a policy.
         path: The file, ``*.gif`` or ``*.mp4``.
         env: The id of an environment of this package.
-        seed: The episode's.
-        speed: How much faster than the robot it plays.
+        seed: Seed of the episode.
+        speed: Playback speed, as a multiple of real time.
         fps: Frames per second.
-        width: Of the frames, pixels.
-        progress: Called with the number of steps so far, and the most that there can be.
-        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
+        width: Width of the frames, pixels.
+        progress: Called with the number of steps so far and the largest possible number.
+        allow_mismatch: Whether a bundle made for another task or observation may drive.
         **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
-        ImportError: If an MP4 is asked for and imageio-ffmpeg is missing.
+        ImportError: If the file is an MP4 and imageio-ffmpeg is missing.
     """
     path = Path(path)
     write = choose(f"The suffix of {path}", path.suffix.lower(), {".gif": _write_gif, ".mp4": _write_mp4})
@@ -89,7 +89,7 @@ def record(
     frames, steps, success = 0, 0, False
 
     def play() -> Iterator[Image.Image]:
-        """Yield the picture that is due at each frame's time."""
+        """Yield the picture for each frame's time."""
         nonlocal frames, steps, success
         for steps, (picture, info, ended) in enumerate(_drive(world, driver, seed)):
             progress(steps, limit)
@@ -110,9 +110,9 @@ def record(
 
 
 def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np.uint8], dict[str, Any], bool]]:
-    """Yield picture, info and whether it is the end, at the start and after each step.
+    """Yield picture, info and whether the episode has ended, at the start and after each step.
 
-    Each step is drawn, shown or not, since trails are of what was drawn.
+    Each step is drawn, shown or not, since trails consist of what was drawn.
     """
     observation, info = env.reset(seed=seed)
     if isinstance(policy, PolicyWithMemory):
@@ -123,13 +123,13 @@ def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np
         yield picture, info, ended
         if ended:
             return
-        (action,) = policy(observation[None])  # a batch of one, as policies meet in an evaluation
+        (action,) = policy(observation[None])  # a batch of one, as in an evaluation
         observation, _, terminated, truncated, info = env.step(action)
         ended = terminated or truncated
 
 
 def _write_gif(path: Path, frames: Iterator[Image.Image], fps: int) -> None:
-    """Write frames, all with the colours of the first one: its legend has all that is ever drawn, and nothing flickers."""
+    """Write frames with the palette of the first one: its legend holds all colours, and nothing flickers."""
     if fps > 50 or 100 % fps != 0:
         raise ValueError(f"fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50 (frames last whole 1/100 s), got {fps}.")
     first = next(frames)
@@ -139,9 +139,9 @@ def _write_gif(path: Path, frames: Iterator[Image.Image], fps: int) -> None:
 
 
 def _palette(picture: Image.Image) -> Image.Image:
-    """Return the colours of a picture, the frequent ones first, without what looks the same as one before it.
+    """Return the colours of a picture, most frequent first, without those that look like an earlier one.
 
-    Pillow finds the nearest of them on a grid of 4 levels: so colours this far apart stay what they are.
+    Pillow finds the nearest colour on a grid of 4 levels, so colours this far apart are preserved.
     """
     colors: list[tuple[int, int, int]] = []
     counted: Any = picture.getcolors(picture.width * picture.height)
@@ -149,7 +149,7 @@ def _palette(picture: Image.Image) -> Image.Image:
         if all(max(abs(a - b) for a, b in zip(color, other, strict=True)) > 8 for other in colors):
             colors.append(color)
     palette = Image.new("P", (1, 1))
-    palette.putpalette(list(itertools.chain(*colors[:255])))  # of 256 one is left for what a frame does not change
+    palette.putpalette(list(itertools.chain(*colors[:255])))  # one of 256 is left for unchanged pixels
     return palette
 
 

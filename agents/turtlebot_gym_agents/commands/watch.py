@@ -17,19 +17,19 @@ class Watch(Driven):
     """
 
     policy: tuple[str, ...] = ("bearing",)
-    """Policies, as for evaluate; each drives the same episode."""
+    """Policies as for evaluate; all drive the same episode."""
     noise: str = "tutorial"
     """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
-    """What policies are shown as the robot's pose: ekf, odometry, truth."""
+    """The robot's pose that policies observe: ekf, odometry, truth."""
     seed: int = 0
-    """The episode's."""
+    """Seed of the episode."""
     drive: tuple[Path, ...] = ()
     """Recorded drives instead of episodes: bags, snapshots.csv of data_logger, or tables as replay takes them."""
     html: File = None
     """Write the view to this file, which opens without a server or a network, instead of serving it."""
     host: str = "localhost"
-    """Name or address to listen on; 0.0.0.0 shows the view to everybody who reaches this machine."""
+    """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""
     port: int = 5006
     """Port to listen on; 0 for any that is free."""
 

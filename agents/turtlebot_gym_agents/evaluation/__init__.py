@@ -1,1 +1,1 @@
-"""Driving episodes and recorded drives, and measuring them."""
+"""Drive episodes, replay recorded drives, and measure both."""

@@ -1,4 +1,4 @@
-"""How good a calibration is: drives with known noise to fit it to, and recorded drives to hold it against."""
+"""Tests of a calibration: simulated drives with known noise, and filters on recorded drives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from turtlebot_gym.trajectory import heading_error, position_error
 from turtlebot_gym_agents.evaluation.replay import Drive, replay
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
-"""The environment: switched by time, it has no end of its own."""
+"""Environment of the drives; switched by time, it never terminates."""
 HOLD = 15
 """Steps for which a command is held."""
 
@@ -27,12 +27,12 @@ HOLD = 15
 def simulated_log(
     noise: Noise, *, seed: int, steps: int = 3000, robot: str = "burger", dt: float = 0.1, integrator: str = "euler"
 ) -> Log:
-    """Return a drive of the environment that excites everything: straight ahead, on the spot, and in arcs, in turn by chance.
+    """Return a drive of the environment that excites all parameters: straight ahead, on the spot and in arcs, in random order.
 
     Args:
-        noise: Noise in force.
-        seed: Of the noise and of the commands.
-        steps: Length.
+        noise: True noise.
+        seed: Seed of the noise and of the commands.
+        steps: Number of steps.
         robot: Name of the robot.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
@@ -54,21 +54,21 @@ def simulated_log(
     twist = np.concatenate([np.zeros((1, 2)), told["command"][:-1]])  # a command moves the robot in the interval after it
     poses = told["odometry"]
     if not noise.odometry.wheel:
-        poses[1:][(poses[1:] == poses[:-1]).all(axis=1)] = np.nan  # a lost measurement leaves the last one standing
+        poses[1:][(poses[1:] == poses[:-1]).all(axis=1)] = np.nan  # a lost measurement repeats the last one
     return make_log(np.asarray(dt * np.arange(steps + 1), np.float64), twist, poses, told["true_state"][:, :3])
 
 
 def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int = 0, rate: float = 10.0) -> Log:
-    """Return a recorded drive with measured poses that are made from its true ones, as `replay` makes them."""
+    """Return a recorded drive with measured poses generated from its true ones, as in `replay`."""
     told = replay(drive, noise=noise, seed=seed, rate=rate)
     return make_log(drive.time, drive.twist, told.odometry, drive.truth)
 
 
 class Judged(NamedTuple):
-    """How a filter did on a recorded drive; an array has a number for each seed."""
+    """Accuracy and consistency of a filter on a recorded drive; arrays have a number for each seed."""
 
     nees: NDArray[np.float64]
-    """Mean normalized estimation error squared of the pose: 3 of a consistent filter."""
+    """Mean normalized estimation error squared of the pose: 3 for a consistent filter."""
     position: NDArray[np.float64]
     """Mean error of the position, m."""
     heading: NDArray[np.float64]
@@ -78,14 +78,14 @@ class Judged(NamedTuple):
 def judge(
     drive: Drive, calibrated: Noise | None, seeds: Sequence[int], *, noise: str | Noise = "documented", rate: float = 10.0
 ) -> Judged:
-    """Return how the matched filter does on a recorded drive that is corrected by measured poses.
+    """Return how well the matched filter does on a recorded drive with corrections by measured poses.
 
     Args:
         drive: The drive.
-        calibrated: What the filter assumes: its R and its process; and what is known of bias and scale, which are taken off
-            measured poses and recorded twists. None for the filter as it is without a calibration: matched to the noise in
-            force, with the process of the preset "wheel".
-        seeds: Of the measured poses' noise.
+        calibrated: Noise that the filter assumes, R and process, with bias and scale, which are removed from measured poses and
+            recorded twists. None for the uncalibrated filter: matched to the true noise, with the process of the preset
+            "wheel".
+        seeds: Seeds of the measured poses' noise.
         noise: Noise of the measured poses.
         rate: Measured poses per second.
     """

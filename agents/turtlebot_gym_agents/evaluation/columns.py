@@ -1,4 +1,4 @@
-"""What the columns of a recording are called; apart from their reader, so that a command line can offer them at no cost."""
+"""Column names of a recording; separate from their reader, so that a command line can offer them without its imports."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ class Columns:
     time: str = "t"
     """Time, s; increasing."""
     v: str = "vx"
-    """Forward speed by the wheels since the row before, m/s."""
+    """Forward speed by the wheels since the previous row, m/s."""
     omega: str = "gyro"
-    """Turning rate by the wheels since the row before, rad/s."""
+    """Turning rate by the wheels since the previous row, rad/s."""
     x: str = "px"
     """True position, m."""
     y: str = "py"

@@ -1,8 +1,8 @@
-"""What can be said of a way of training, from a few policies that were trained so and drove the same episodes.
+"""Inference about a training method from a few trained policies that drove the same episodes.
 
-Two things vary: a training by its seed, an episode by its start, goal and noise. Episodes are many, trainings are few, and an
-interval that leaves out how trainings differ tells of these policies only. Values are a table, a row for each training and a
-column for each episode, and both rows and columns are random: value = mean + training + episode + rest.
+Two effects vary: trainings by their seed, episodes by their start, goal and noise. Episodes are many and trainings are few, and
+an interval that ignores the variation between trainings holds for these policies only. Values form a table with a row for each
+training and a column for each episode, and both are random effects: value = mean + training + episode + rest.
 """
 
 from __future__ import annotations
@@ -17,28 +17,29 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation
 from turtlebot_gym_agents.evaluation.metrics import CONFIDENCE, Interval
 
-_LEAST_P = 1e-12  # smaller p-values are not told apart
+_LEAST_P = 1e-12  # smaller p-values are not distinguished
 
 
 class Spread(NamedTuple):
-    """Mean of a table of trainings and episodes, with the standard errors that trainings and episodes make of it."""
+    """Mean of a table of trainings and episodes, with the standard errors due to each."""
 
     value: float
     trainings: float
-    """Standard error by the choice of trainings."""
+    """Standard error due to the choice of trainings."""
     episodes: float
-    """Standard error by the choice of episodes."""
+    """Standard error due to the choice of episodes."""
     shape: tuple[int, int]
-    """Number of trainings and of episodes."""
+    """Numbers of trainings and of episodes."""
 
     def error(self) -> float:
-        """Return the standard error by both."""
+        """Return the standard error due to both."""
         return float(np.hypot(self.trainings, self.episodes))
 
     def margin(self, confidence: float = CONFIDENCE) -> float:
-        """Return half the width of the interval: Student's margins for trainings and for episodes, squared and added.
+        """Return half the width of the interval: the root of the summed squares of Student's margins for trainings and
+        episodes.
 
-        It is Student's interval where one of the two is all that varies, and errs on the safe side between.
+        It is Student's interval if only one of the two varies, and conservative otherwise.
         """
         from scipy import stats  # slow to import
 
@@ -63,10 +64,10 @@ class Spread(NamedTuple):
 
 
 def spread(table: ArrayLike) -> Spread:
-    """Return the mean of a table and how sure it is.
+    """Return the mean of a table with its standard errors.
 
-    Each error's square is the variance of the rows', or of the columns', means over their number. What is neither training
-    nor episode is in both, so the whole is a little too large rather than too small.
+    The square of each error is the variance of the row means, or of the column means, divided by their number. The rest that is
+    neither training nor episode enters both, so the total is slightly conservative.
 
     Args:
         table: Shape (k, n): k > 1 trainings, n > 1 episodes, the same for all.
@@ -80,10 +81,10 @@ def spread(table: ArrayLike) -> Spread:
 
 
 def share(table: ArrayLike) -> Interval:
-    """Return how often something happened, with Wilson's interval for as many episodes as the table is worth.
+    """Return the share of cases in which something happened, with Wilson's interval for the effective number of episodes.
 
     That is the number of independent episodes whose share would have the same error, at most the number that each training
-    drove: all drove the same ones.
+    drove, since all drove the same ones.
 
     Args:
         table: Booleans, shape (k, n), as in `spread`.
@@ -91,16 +92,16 @@ def share(table: ArrayLike) -> Interval:
     told = spread(table)
     n, error = told.shape[1], told.error()
     if error == 0.0:
-        return metrics.share(np.asarray(table, np.bool_)[0])  # all trainings agree in every episode, and all episodes too
+        return metrics.share(np.asarray(table, np.bool_)[0])  # all trainings and all episodes agree
     return metrics.wilson(told.value, min(told.value * (1.0 - told.value) / error**2, n), told.margin() / error)
 
 
 def compare(learned: Sequence[Evaluation], baseline: Evaluation) -> dict[str, Any]:
-    """Return figures of trainings and how they differ from a baseline; times count a failure as the limit.
+    """Return metrics of trainings and their differences from a baseline; a failure counts as the time limit.
 
     Args:
         learned: An evaluation of each training.
-        baseline: Of the baseline, with the same seeds.
+        baseline: An evaluation of the baseline with the same seeds.
 
     Raises:
         ValueError: If the seeds are not the same.

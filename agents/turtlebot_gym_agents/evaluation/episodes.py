@@ -1,4 +1,4 @@
-"""From what a batch of environments told, step by step, to what has come of each episode."""
+"""Compute the results of each episode from the step-by-step record of a batch of environments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
 
 class Record(NamedTuple):
-    """What n environments told at the start and after each of T steps; shapes (T + 1, n, ...)."""
+    """Record of n environments at the start and after each of T steps; shapes (T + 1, n, ...)."""
 
     true_state: NDArray[np.float64]
     odometry: NDArray[np.float64]
@@ -30,9 +30,9 @@ class Record(NamedTuple):
     """NaN on open ground, as the next."""
     way_left: NDArray[np.float64]
     running: NDArray[np.bool_]
-    """Whether it belongs to the first episode; after its end an environment begins others."""
+    """Whether the step belongs to the first episode; after its end an environment begins others."""
     covariance: NDArray[np.float64]
-    """Of the first environment alone, shape (T + 1, 5, 5)."""
+    """Covariance of the first environment only, shape (T + 1, 5, 5)."""
 
     def trajectory(self, *, dt: float) -> Trajectory:
         """Return the first environment's episode."""
@@ -42,37 +42,37 @@ class Record(NamedTuple):
 
 
 class Episodes(NamedTuple):
-    """What has come of each episode; all of shape (n,)."""
+    """Results of each episode; all of shape (n,)."""
 
     seed: NDArray[np.int64]
     success: NDArray[np.bool_]
-    """As the environment says it; by the true pose."""
+    """Success as reported by the environment; by the true pose."""
     time: NDArray[np.float64]
     """Length of the episode, s."""
     ideal: NDArray[np.float64]
-    """The same at full speed, in straight lines from waypoint to waypoint and to the edge of the last one, s."""
+    """Time at full speed in straight lines from waypoint to waypoint and to the edge of the last one, s."""
     path: NDArray[np.float64]
     """Length of the true path, m."""
     effort: NDArray[np.float64]
     """Squared speed and turning rate as shares of their limits, summed; mean over the steps."""
     reached: NDArray[np.int64]
-    """Waypoints at which the true pose was while they were due."""
+    """Number of waypoints that the true pose reached while they were current."""
     miss: NDArray[np.float64]
-    """True distance to a waypoint when it is done with, by arrival, by time or by the episode's end; mean over waypoints, m."""
+    """True distance to a waypoint when it is completed, by arrival, time or the episode's end; mean over waypoints, m."""
     false_arrival: NDArray[np.bool_]
-    """Whether the robot would have believed, for the first time, to be at a waypoint at which its true pose was not."""
+    """Whether the robot's first belief of having arrived at some waypoint was false by its true pose."""
     arrival_distance: NDArray[np.float64]
-    """True distance to a waypoint when the robot would first have believed to be there; mean over waypoints, m."""
+    """True distance to a waypoint when the robot first believed it had arrived; mean over waypoints, m."""
     collision: NDArray[np.bool_]
-    """Whether it ended in a collision."""
+    """Whether the episode ended in a collision."""
     clearance: NDArray[np.float64]
-    """The least distance between the footprint and what was around, m; NaN on open ground, as the next."""
+    """Least distance from the footprint to the surroundings, m; like the next field, NaN on open ground."""
     shortest: NDArray[np.float64]
-    """Length of the shortest way to where the goal counts as reached, m."""
+    """Length of the shortest path to where the goal counts as reached, m."""
     estimate: Errors
-    """Of the filter's estimate, over the steps."""
+    """Errors of the filter's estimate over the steps."""
     odometry: Errors
-    """Of the odometry as it was measured, over the steps."""
+    """Errors of the measured odometry over the steps."""
 
 
 def concatenate(parts: Sequence[Episodes]) -> Episodes:
@@ -86,15 +86,15 @@ def concatenate(parts: Sequence[Episodes]) -> Episodes:
 
 
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:
-    """Return what has come of each episode.
+    """Return the results of each episode.
 
     Args:
         record: T steps of n environments.
         p: The environments' parameters.
-        seed: Of the first one.
+        seed: Seed of the first episode.
     """
     running, task = record.running[1:], p.task
-    truth, due = record.true_state[1:], record.reference[:-1]  # the waypoint that was due in the step, not the one after it
+    truth, due = record.true_state[1:], record.reference[:-1]  # the waypoint that was current in the step, not the one after it
     steps = running.sum(axis=0)
     changed = (record.reference[1:] != due).any(axis=2) & running
     done_with = changed | (np.arange(len(running))[:, None] == steps - 1)
@@ -130,7 +130,7 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
 
 
 def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
-    """Return the states that the policy was shown after each step, shape (T, n, 5)."""
+    """Return the states that the policy observed after each step, shape (T, n, 5)."""
     shown = {
         "ekf": record.estimate,
         "odometry": np.concatenate([record.odometry, record.command], axis=-1),
@@ -146,8 +146,8 @@ def _at(
     task: Task,
     rule: Callable[[State, Pose, Task], bool],
 ) -> NDArray[np.bool_]:
-    """Return which states satisfy a rule of the task at the waypoints that are due, shape (T, n)."""
-    at = running & (_distance(states, due) <= task.radius)  # few are near enough to ask
+    """Return which states satisfy a rule of the task at the current waypoints, shape (T, n)."""
+    at = running & (_distance(states, due) <= task.radius)  # only few are near enough to check
     for step, row in np.argwhere(at):
         at[step, row] = rule(State(*states[step, row].tolist()), Pose(*due[step, row].tolist()), task)
     return at
@@ -158,12 +158,12 @@ def _distance(states: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
 
 
 def _first(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return flags (T, n) of which only the first one in time is left."""
+    """Return flags (T, n), keeping only the first in time."""
     return flags & (np.cumsum(flags, axis=0) == 1)
 
 
 def _mean(values: NDArray[np.float64], where: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the mean over time of the values (T, n) at which a flag is set; NaN where none is."""
+    """Return the mean over time of the values (T, n) whose flag is set; NaN if none is."""
     count = where.sum(axis=0)
     return np.where(count > 0, np.sum(values, axis=0, where=where) / np.maximum(count, 1), np.nan)
 

@@ -1,4 +1,4 @@
-"""How good a filter's estimate is, how good any could be, and whether it says so: many short drives on the compiled loop.
+"""Accuracy of filters against the best possible, and their consistency, from many short drives on the compiled loop.
 
 All filters see the same drives: commands that do not depend on the estimate, and the same noise.
 """
@@ -22,19 +22,19 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
-"""The environment: switched by time, it has no end of its own."""
+"""Environment of the drives; switched by time, it never terminates."""
 BATCH = 1000
-"""Drives that are held in memory at once."""
+"""Number of drives held in memory at once."""
 HOLD = 10
 """Steps for which a command is held."""
 FORWARD, TURN = (0.3, 1.0), (-0.35, 0.35)
-"""Ranges of the actions that are drawn, shares of the robot's limits."""
+"""Ranges of the random actions, shares of the robot's limits."""
 WHITE = 1000
-"""Drives of which the innovations are looked at, at most."""
+"""Most drives whose innovations are examined."""
 
 
 class Drives(NamedTuple):
-    """What was recorded of some drives with one filter; n drives of T steps."""
+    """Record of n drives of T steps with one filter."""
 
     truth: NDArray[np.float64]
     """Shape (n, T + 1, 5)."""
@@ -45,7 +45,7 @@ class Drives(NamedTuple):
     odometry: NDArray[np.float64]
     """Shape (n, T + 1, 3)."""
     command: NDArray[np.float64]
-    """Executed up to each time, but for what is random in it, shape (n, T + 1, 2)."""
+    """Command executed up to each time, without its noise, shape (n, T + 1, 2)."""
     measured: NDArray[np.bool_]
     """Shape (n, T + 1)."""
     nis: NDArray[np.float64]
@@ -54,20 +54,20 @@ class Drives(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterResult:
-    """How a filter did; shapes with T + 1 times."""
+    """Results of a filter, with T + 1 times."""
 
     rmse: NDArray[np.float64] = field(repr=False)
-    """Of x, y and heading, shape (T + 1, 3); m, m, rad."""
+    """RMSE of x, y and heading, shape (T + 1, 3); m, m, rad."""
     ratio: tuple[Interval, Interval, Interval]
-    """RMSE over the bound at the end, of x, y and heading; infinite where the bound is 0."""
+    """Ratio of RMSE to bound at the end, for x, y and heading; infinite where the bound is 0."""
     nees: Interval
-    """Mean normalized estimation error squared of the pose at the end: 3 of a consistent filter."""
+    """Mean normalized estimation error squared of the pose at the end: 3 for a consistent filter."""
     nis: Interval
-    """Mean normalized innovation squared of the last measurement: 3 of a consistent filter without spikes."""
+    """Mean normalized innovation squared of the last measurement: 3 for a consistent filter without spikes."""
     outside: float
-    """Share of the time in which x, y or heading is more than three standard deviations off: 0.8 % of a consistent filter."""
+    """Share of the time in which x, y or heading is more than three standard deviations off: 0.8 % for a consistent filter."""
     correlation: tuple[float, float, float]
-    """Correlation of innovations with those of the step before: 0 of a filter that leaves nothing unused."""
+    """Correlation of successive innovations: 0 for an optimal filter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +81,7 @@ class Estimation:
     """Least RMSE of x, y and heading that any filter can have, shape (T + 1, 3); m, m, rad."""
     filters: dict[str, FilterResult]
     band: tuple[float, float]
-    """Where the mean NEES of a consistent filter is, but for one case in twenty."""
+    """Interval that contains the mean NEES of a consistent filter in 19 of 20 cases."""
 
 
 def estimate(
@@ -98,21 +98,21 @@ def estimate(
     slip: bool = True,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Estimation:
-    """Drive, and hold each filter's error against the posterior Cramer-Rao bound and against what the filter says.
+    """Drive, and compare each filter's error with the posterior Cramer-Rao bound and with the filter's stated uncertainty.
 
-    The bound knows a constant bias and when the wheels slip, which no filter does.
+    The bound assumes that a constant bias and the times of slip are known, which no filter knows.
 
     Args:
-        filters: Names in `turtlebot_gym.presets.FILTERS`, or tunings by a name of one's own.
-        noise: Noise in force.
-        runs: How many drives; drive i has the seed ``seed + i``.
+        filters: Names in `turtlebot_gym.presets.FILTERS`, or tunings by custom names.
+        noise: True noise.
+        runs: Number of drives; drive i has the seed ``seed + i``.
         seconds: Length of a drive.
         seed: The first seed.
         robot: Name of the robot.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
-        bias: Whether odometry has the bias that the noise model says.
-        slip: Whether the wheels slip as it says.
+        bias: Whether odometry has the bias of the noise model.
+        slip: Whether the wheels slip as in the noise model.
         progress: Called with the number of drives that have ended so far.
 
     Raises:
@@ -166,20 +166,20 @@ def estimate(
 
 
 def in_force(noise: str | Noise, *, bias: bool = True, slip: bool = True) -> Noise:
-    """Return a noise model, by its name or as it is, with or without its bias and its slip."""
+    """Return a noise model, given as such or by name, with or without its bias and its slip."""
     model = make_noise(noise)
     odometry = model.odometry if bias else replace(model.odometry, bias=(0.0, 0.0, 0.0))
     return Noise(process=model.process if slip else replace(model.process, slip=0.0), odometry=odometry)
 
 
 def drive(count: int, steps: int, seed: int, **options: Any) -> Drives:
-    """Drive with commands that are drawn and held for a second, and record.
+    """Drive with random commands, each held for a second, and record.
 
     Args:
-        count: How many drives.
-        steps: Their length.
-        seed: The first drive's.
-        **options: The environment's.
+        count: Number of drives.
+        steps: Number of steps of each.
+        seed: Seed of the first drive.
+        **options: Arguments of the environment.
     """
     random = np.random.default_rng(seed)
     envs = gym.make_vec(SQUARE, num_envs=count, info="full", switch="time", max_episode_steps=steps + 1, **options)
@@ -219,7 +219,7 @@ def _over(squared: Interval, bound: float) -> Interval:
 
 
 def _correlation(series: NDArray[np.float64]) -> float:
-    """Return the correlation of numbers with those before them, over drives (n, T)."""
+    """Return the correlation of successive numbers over drives (n, T)."""
     products = series[:, 1:] * series[:, :-1]
     scale = np.nanmean(series**2)
     return float(np.nanmean(products) / scale) if scale > 0.0 else 0.0

@@ -1,7 +1,7 @@
-"""How well a policy drives: one episode for each seed, in one batch, measured by the true pose.
+"""Evaluate a policy: one episode for each seed, in one batch, measured by the true pose.
 
-Episode *i* has the seed ``seed + i``, whatever is evaluated, and noise is drawn by counter: start, goal and noise are then the
-same for all policies, and differences between them can be told in pairs.
+Episode *i* has the seed ``seed + i`` in every evaluation, and noise is drawn by counter. So start, goal and noise are the same
+for all policies, and differences between policies are paired.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NAV = "turtlebot_gym/TurtleBotNav-v0"
 ORACLE = "oracle"
 """The name that stands for `oracle.Oracle`."""
 BATCH = 1024
-"""Episodes that are driven, and held in memory, at once."""
+"""Number of episodes driven and held in memory at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +38,7 @@ class Evaluation:
     """A policy's episodes in one setting."""
 
     config: dict[str, Any] = field(repr=False)
-    """What was evaluated, the first seed among it."""
+    """Configuration of the evaluation, including the first seed."""
     limit: float
     """Longest time of an episode, s."""
     max_linear: float = field(repr=False)
@@ -48,11 +48,11 @@ class Evaluation:
     """The first episode."""
 
     def times(self) -> NDArray[np.float64]:
-        """Return the time of each episode with a failure as the limit, shape (n,), s: what policies are compared by."""
+        """Return the time of each episode, with a failure as the limit, shape (n,), s; policies are compared by it."""
         return np.where(self.episodes.success, self.episodes.time, self.limit)
 
     def spl(self) -> NDArray[np.float64]:
-        """Return of each episode in a room the success, weighted by the share of the shortest way in the path, shape (n,)."""
+        """Return the SPL of each episode in a room, its success weighted by shortest over driven path length, shape (n,)."""
         e = self.episodes
         return e.success * e.shortest / np.maximum(e.path, e.shortest)
 
@@ -76,7 +76,7 @@ class Evaluation:
         }
 
     def _in_rooms(self) -> dict[str, Interval]:
-        """Return what is told of episodes in rooms.
+        """Return the summary of episodes in rooms.
 
         References:
             "barn": the score of the BARN challenge, at most 0.5; Xiao et al., "Autonomous Ground Navigation in Highly
@@ -94,7 +94,7 @@ class Evaluation:
 
 
 def paired(one: Evaluation, other: Evaluation) -> Interval:
-    """Return the mean difference of times, failures as the limit, of two evaluations with the same seeds; s.
+    """Return the mean paired difference of times of two evaluations with the same seeds, s; a failure counts as the limit.
 
     Raises:
         ValueError: If their seeds are not the same.
@@ -114,12 +114,12 @@ def evaluate(
     allow_mismatch: bool = False,
     **options: Any,
 ) -> Evaluation:
-    """Drive one episode for each seed, and measure.
+    """Drive and measure one episode for each seed.
 
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle", which in rooms knows map and true pose.
         env: The id of an environment of this package.
-        episodes: How many; episode i has the seed ``seed + i``.
+        episodes: Number of episodes; episode i has the seed ``seed + i``.
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
@@ -151,8 +151,8 @@ def evaluate(
 def batches(episodes: int, size: int) -> list[tuple[int, int]]:
     """Return first episode and number of episodes of each batch; results do not depend on the size.
 
-    The last batch takes a single one that is left over: alone it would be summed over time in another order, by NumPy's
-    pairwise summation, and differ in the last bit.
+    The last batch includes a single leftover episode: alone, NumPy's pairwise summation would sum it over time in another
+    order, and it would differ in the last bit.
     """
     starts = list(range(0, episodes, size))
     if len(starts) > 1 and episodes - starts[-1] == 1:
@@ -161,22 +161,22 @@ def batches(episodes: int, size: int) -> list[tuple[int, int]]:
 
 
 def require_known(env: str, seed: int) -> None:
-    """Raise ValueError unless an id is that of an environment of this package, and a seed is one that `gym.Env.reset` takes."""
+    """Raise ValueError unless an id names an environment of this package and `gym.Env.reset` accepts the seed."""
     if not (isinstance(seed, int) and seed >= 0):
         raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 
 def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch: bool = False) -> Policy:
-    """Return a policy, made for an environment's robot and control interval where it is given by name.
+    """Return a policy; one given by name is made for the environment's robot and control interval.
 
     Args:
         policy: Its name for `turtlebot_gym_agents.make_policy`, or the policy.
-        envs: The environment, or many in one, made by Gymnasium.
+        envs: An environment or a vector environment, made by Gymnasium.
         allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
 
     Raises:
-        ValueError: If it may not, or there is no policy of that name.
+        ValueError: If the bundle does not match, or there is no policy of that name.
     """
     if not isinstance(policy, str):
         return policy
@@ -197,12 +197,12 @@ def drive(
     *,
     allow_mismatch: bool = False,
 ) -> tuple[Episodes, Trajectory, Parameters]:
-    """Drive an episode in each of some environments.
+    """Drive one episode in each environment.
 
     Args:
         envs: Vector environment of this package, with ``info="full"``.
         policy: See `evaluate`.
-        seed: Of the first environment.
+        seed: Seed of the first environment.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: See `driver_of`.
 
@@ -216,7 +216,7 @@ def drive(
 
 
 def _record(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
-    """Drive until every environment has ended an episode."""
+    """Drive until every environment has completed an episode."""
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)
     if isinstance(policy, PolicyWithMemory):

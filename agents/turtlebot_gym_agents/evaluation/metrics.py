@@ -1,4 +1,4 @@
-"""Numbers that say how well something went, with the intervals that say how sure that is."""
+"""Metrics with their confidence intervals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """An estimate with its 95 % interval; NaN where there is nothing to estimate it from."""
+    """An estimate with its 95 % interval; NaN without data."""
 
     value: float
     low: float
@@ -23,7 +23,7 @@ class Interval(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """How far believed poses are from the true ones, over a drive; each a number, or an array with one for each drive."""
+    """Errors of estimated poses over a drive; each is a number, or an array with one for each drive."""
 
     position_mean: NDArray[np.float64]
     """m"""
@@ -36,11 +36,11 @@ class Errors(NamedTuple):
 
 
 def errors(poses: ArrayLike, truth: ArrayLike) -> Errors:
-    """Return mean, greatest and final errors over time.
+    """Return mean, largest and final errors over time.
 
     Args:
-        poses: Poses or states, shape (T, ..., 3) or (T, ..., 5); NaN where nothing is believed or the drive is over.
-        truth: True ones, in the same shape but for the last axis.
+        poses: Poses or states, shape (T, ..., 3) or (T, ..., 5); NaN where there is no estimate or the drive is over.
+        truth: True poses or states, of the same shape except for the last axis.
 
     Returns:
         Of shape (...).
@@ -61,7 +61,7 @@ def errors(poses: ArrayLike, truth: ArrayLike) -> Errors:
 
 
 def share(happened: ArrayLike) -> Interval:
-    """Return how often something happened, with Wilson's interval.
+    """Return the share of cases in which something happened, with Wilson's interval.
 
     Args:
         happened: Booleans, shape (n,), n > 0.
@@ -73,11 +73,11 @@ def share(happened: ArrayLike) -> Interval:
 
 
 def wilson(p: float, n: float, z: float) -> Interval:
-    """Return Wilson's interval of a share.
+    """Return Wilson's interval for a share.
 
     Args:
         p: The share.
-        n: Of how many; where they are not independent, of how many independent ones it is worth.
+        n: Number of cases; if they are not independent, the effective number of independent ones.
         z: Quantile of the standard normal distribution, or of Student's.
 
     References:
@@ -89,12 +89,12 @@ def wilson(p: float, n: float, z: float) -> Interval:
 
 
 def share_difference(one: Interval, other: Interval, correlation: float = 0.0) -> Interval:
-    """Return the difference of two shares with Newcombe's interval, made of the shares' own intervals.
+    """Return the difference of two shares with Newcombe's interval, computed from the shares' intervals.
 
     Args:
         one: A share with its interval.
         other: The share that is subtracted.
-        correlation: Between the two; 0 if they are of different episodes.
+        correlation: Correlation of the two; 0 if they come from different episodes.
 
     References:
         Newcombe, "Interval estimation for the difference between independent proportions" (1998), method 10.
@@ -109,7 +109,7 @@ def share_difference(one: Interval, other: Interval, correlation: float = 0.0) -
 
 
 def paired_share_difference(one: ArrayLike, other: ArrayLike) -> Interval:
-    """Return how much more often one thing happened than another in the same episodes, with Newcombe's interval for pairs.
+    """Return the difference of the shares of two events in the same episodes, with Newcombe's interval for pairs.
 
     Args:
         one: Booleans, shape (n,).
@@ -130,7 +130,7 @@ def paired_share_difference(one: ArrayLike, other: ArrayLike) -> Interval:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values of several comparisons, adjusted so that any false claim among them has the level of one.
+    """Return p-values of several comparisons, adjusted to control the family-wise error rate.
 
     References:
         Holm, "A simple sequentially rejective multiple test procedure" (1979).
@@ -143,14 +143,14 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def quantile(values: ArrayLike, share: float) -> Interval:
-    """Return a quantile of independent numbers, with an interval between two of them that needs no distribution.
+    """Return a quantile of independent numbers, with a distribution-free interval between two order statistics.
 
     Args:
         values: Shape (n,), n > 0.
-        share: Of the numbers that lie below it, in (0, 1).
+        share: Share of the numbers below it, in (0, 1).
 
     References:
-        Hahn, Meeker, *Statistical Intervals* (1991), section 5.2: how many of n numbers lie below it is binomial.
+        Hahn, Meeker, *Statistical Intervals* (1991), section 5.2: the count of numbers below it is binomial.
     """
     from scipy import stats
 
@@ -161,12 +161,12 @@ def quantile(values: ArrayLike, share: float) -> Interval:
 
 
 def side(interval: Interval) -> int:
-    """Return on which side of 0 a whole interval is, 1 or -1; 0 where it is on both."""
+    """Return on which side of 0 a whole interval lies, 1 or -1; 0 if it contains 0."""
     return int(interval.low > 0.0) - int(interval.high < 0.0)
 
 
 def mean(values: ArrayLike) -> Interval:
-    """Return the mean of independent numbers with Student's interval; those that are NaN do not count.
+    """Return the mean of independent numbers with Student's interval; NaNs are ignored.
 
     Args:
         values: Shape (n,).

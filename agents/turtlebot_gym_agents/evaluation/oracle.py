@@ -1,4 +1,4 @@
-"""The oracle: it knows the map and its true pose, and follows the shortest way. It bounds what a policy can reach."""
+"""The oracle, a reference policy that knows the map and its true pose and follows the shortest path."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from turtlebot_gym_agents.policies import BearingPolicy
 from turtlebot_gym_agents.policies.sight import arc
 
 LOOK = 20
-"""Cells of the way that the oracle looks ahead."""
+"""Number of path cells that the oracle looks ahead."""
 KEPT = 0.04
-"""What the oracle keeps clear around the robot where it leaves the way's cells to drive straight, m."""
+"""Clearance around the robot where the oracle leaves the path's cells to drive straight, m."""
 
 
 class Oracle:
-    """Drive to the furthest point of the shortest way that a straight line leads to.
+    """Drive towards the farthest point of the shortest path that a straight line reaches.
 
     Args:
-        envs: The environments that it drives, which must be rooms: what they show it, it does not need.
+        envs: The environments to drive, which must be rooms; their observations are not used.
 
     Raises:
-        ValueError: If they are no rooms.
+        ValueError: If the environments are not rooms.
     """
 
     def __init__(self, envs: Any) -> None:
@@ -43,7 +43,7 @@ class Oracle:
         self._drive = BearingPolicy(self._p.robot, self._p.dt, tolerance=0.0)
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return actions (N, 2); the observations do not matter."""
+        """Return actions (N, 2); the observations are ignored."""
         scenes, states, goals = self._envs.truth()
         targets = np.empty((len(states), 2))
         _find_targets(scenes, states, goals, self._p.robot.radius + KEPT, targets)
@@ -54,7 +54,7 @@ class Oracle:
 
 @njit(cache=True)
 def _find_targets(scenes, states, goals, distance, targets):
-    """Write the point to drive to of each robot."""
+    """Write the target point of each robot."""
     for index in range(len(states)):
         scene = scene_at(scenes, index)
         x, y = states[index, 0], states[index, 1]
@@ -65,7 +65,7 @@ def _find_targets(scenes, states, goals, distance, targets):
 
 @njit(cache=True)
 def _follow(scene, x, y, distance, target):
-    """Write the furthest point of the way to which a straight line leads; the nearest one, where none does."""
+    """Write the farthest point of the path that a straight line reaches; the nearest one if there is none."""
     row, column = _best_near(scene, *cell_of(scene, x, y))
     target[0], target[1] = centre_of(scene, row, column)
     for _ in range(LOOK):
@@ -77,7 +77,7 @@ def _follow(scene, x, y, distance, target):
 
 @njit(cache=True)
 def _best_near(scene, row, column):
-    """Return the cell with the shortest way of a cell and its eight neighbours."""
+    """Return the cell with the shortest path among a cell and its eight neighbours."""
     rows, columns = extent(scene)
     best_row, best_column, best = row, column, UNREACHED - 1
     for near_row in range(max(row - 1, 0), min(row + 2, rows)):
@@ -89,7 +89,7 @@ def _best_near(scene, row, column):
 
 @njit(cache=True)
 def _is_clear(scene, x, y, to_x, to_y, distance):
-    """Return whether a straight line keeps a distance to everything."""
+    """Return whether a straight line keeps a distance from everything."""
     dx, dy = to_x - x, to_y - y
     parts = int(sqrt(dx * dx + dy * dy) / (0.5 * RESOLUTION)) + 1
     nearest = distance

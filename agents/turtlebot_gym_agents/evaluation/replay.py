@@ -1,7 +1,8 @@
-"""The filter on recorded drives: wheel odometry as it was, and a measured pose made from the true one.
+"""The filter on recorded drives: recorded wheel odometry, and measured poses generated from the true ones.
 
-Real wheels slip and drift as no simulated ones do. A recording with motion-capture truth shows whether the filter copes: it
-predicts with the recorded twist, and a few times a second it is corrected by the true pose with an odometry preset's noise.
+Real wheels slip and drift in ways that no simulation does. A recording with motion-capture truth shows whether the filter
+copes: it predicts with the recorded twist, and is corrected a few times a second by the true pose with an odometry preset's
+noise.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ if TYPE_CHECKING:
 
 
 ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)
-"""Limits of speed for robots of which nothing else is known: of their multiples none is reached by a small one."""
+"""Speed limits for unknown robots; no small robot reaches the refused multiples of them."""
 LARGEST_NUMBER = 1e15
-"""Greatest number in a table: time in seconds since 1970, or by mistake in nanoseconds, is less."""
+"""Greatest number in a table; time since 1970 in seconds, or by mistake in nanoseconds, is smaller."""
 
 
 class Drive(NamedTuple):
@@ -49,23 +50,23 @@ class Drive(NamedTuple):
     time: NDArray[np.float64]
     """Shape (T,), s; increasing."""
     twist: NDArray[np.float64]
-    """Speed and turning rate by the wheels, shape (T, 2); row k's covers the interval from row k-1 to row k."""
+    """Speed and turning rate by the wheels, shape (T, 2); the twist of row k covers the interval from row k-1 to row k."""
     truth: NDArray[np.float64]
     """True poses, shape (T, 3)."""
 
 
 def read_drive(path: str | Path, *, columns: Columns | None = None, robot: Robot = ANY_ROBOT) -> Drive:
-    """Read a table with named columns: a header line, and numbers that are separated by commas, semicolons or blanks.
+    """Read a table with named columns: a header line, then numbers separated by commas, semicolons or blanks.
 
     Args:
         path: The file.
-        columns: What they are called; others are ignored.
-        robot: Its speed limits say which speeds are possible.
+        columns: Names of the columns; others are ignored.
+        robot: Robot whose speed limits say which speeds are possible.
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If a column is missing, a number is not one, time does not increase, or a unit is wrong; the message names
-            the file, and the line in it.
+        ValueError: If a column is missing, a cell is not a number, time does not increase, or a unit is wrong; the message
+            names the file and the line.
     """
     names = astuple(columns or Columns())
     table = read_text_table(path)
@@ -92,7 +93,7 @@ def read_drive(path: str | Path, *, columns: Columns | None = None, robot: Robot
 
 
 def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.float64]:
-    """Return the poses, shape (T, 3), that the wheels alone would tell, from the first true one on."""
+    """Return the poses by dead reckoning from the first true one, shape (T, 3)."""
     middle = choose("integrator", integrator, INTEGRATORS)
     pose = Pose(*drive.truth[0].tolist())
     poses = [pose]
@@ -103,11 +104,11 @@ def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.
 
 
 def segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first and last rows of the segments of a drive, end to end, that are so long by the true path.
+    """Return the first and last rows of consecutive segments of a drive that have a given length along the true path.
 
     Args:
         truth: True poses, shape (T, 3).
-        length: m.
+        length: Length of a segment, m.
     """
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
     ends = np.searchsorted(path, np.arange(0.0, path[-1], length))
@@ -117,13 +118,13 @@ def segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp
 def drift(
     poses: NDArray[np.float64], truth: NDArray[np.float64], first: NDArray[np.intp], last: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return by how much odometry that starts at the true pose is off at the end of each segment, in position and heading.
+    """Return the errors of position and heading at the end of each segment, for odometry that starts at the true pose.
 
     Args:
         poses: Odometry, shape (T, 3).
         truth: True poses, shape (T, 3).
-        first: Rows at which the segments begin, shape (n,).
-        last: And end.
+        first: First row of each segment, shape (n,).
+        last: Last row of each segment, shape (n,).
 
     Returns:
         Distances (n,), m, and signed angles (n,), rad.
@@ -149,16 +150,17 @@ def replay(
 
     Args:
         drive: The drive.
-        noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry counts, the execution's noise is real.
+        noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry is used, since the noise of execution is
+            real.
         filter: A name in `turtlebot_gym.presets.FILTERS` (for that odometry, and for ``process``), or a tuning.
-        process: How the recorded wheels drift, as the filter should believe; as those of the preset "wheel" if not told.
-        seed: Of the odometry's noise.
-        rate: Measured poses per second; every row where it is not finite.
+        process: Drift of the recorded wheels that the filter assumes; by default that of the preset "wheel".
+        seed: Seed of the odometry's noise.
+        rate: Measured poses per second; infinite for every row.
         integrator: "euler" or "midpoint".
 
     Returns:
         The drive with odometry (NaN on rows without a measurement), estimate and covariance on every row. ``command`` is the
-        recorded twist; there is no reference, and of the true state the pose is known.
+        recorded twist; there is no reference, and only the pose of the true state is known.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
@@ -169,7 +171,7 @@ def replay(
     tuning, middle = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
     key = episode_key(seed, 0)
     true, wheels = ([Pose(*pose) for pose in poses.tolist()] for poses in (drive.truth, dead_reckoning(drive)))
-    # Row k's twist moves the robot from row k-1 to row k: it is what was commanded at row k-1.
+    # The twist of row k moves the robot from row k-1 to row k, so it is the command at row k-1.
     commands = [Command(*twist) for twist in drive.twist.tolist()][1:]
     commands.append(commands[-1])
     elapsed = drive.time - drive.time[0]
@@ -204,7 +206,7 @@ def replay(
 
 
 def _moving(estimate: Any, twist: Command) -> Any:
-    """Return an estimate, of whatever filter, with a twist in each of its beliefs: a recorded drive may begin in motion."""
+    """Return an estimate of any filter with a twist set in each of its beliefs, since a recorded drive may begin in motion."""
     if isinstance(estimate, Belief):
         return estimate._replace(mean=estimate.mean._replace(v=twist.v, omega=twist.omega))
     if isinstance(estimate, tuple) and hasattr(estimate, "_fields"):
@@ -213,23 +215,23 @@ def _moving(estimate: Any, twist: Command) -> Any:
 
 
 class Replayed(NamedTuple):
-    """What replaying a drive with several seeds has shown."""
+    """Results of replaying a drive with several seeds."""
 
     raw: Errors
-    """Of the measured poses; arrays with a number for each seed, as those of the filter."""
+    """Errors of the measured poses; arrays with a number for each seed, as for the filter."""
     wheels: Errors
-    """Of the wheels alone, from the first true pose on; a single number each."""
+    """Errors of dead reckoning from the first true pose; a single number each."""
     filter: Errors
-    """Of the filter's estimate."""
+    """Errors of the filter's estimate."""
     drift: float
-    """Error of the wheels alone over segments of 1 m, end to end; mean, m."""
+    """Mean position error of dead reckoning over consecutive segments of 1 m, m."""
     drift_heading: float
-    """And that of their heading, rad."""
+    """Mean heading error over the same segments, rad."""
     trajectory: Trajectory
     """The drive with the first seed."""
 
     def summary(self) -> dict[str, Any]:
-        """Return the means over the seeds, and what each seed gave."""
+        """Return the means over the seeds, and the numbers of each seed."""
         means = {
             name: {key: float(np.mean(values)) for key, values in errors._asdict().items()}
             for name, errors in (("raw", self.raw), ("wheels", self.wheels), ("filter", self.filter))
@@ -245,8 +247,8 @@ def replay_seeds(
 
     Args:
         drive: The drive.
-        seeds: One or more.
-        progress: Called after each.
+        seeds: One or more seeds.
+        progress: Called after each seed.
         **options: Passed to `replay`.
     """
     trajectories = []
@@ -267,7 +269,7 @@ def replay_seeds(
 
 
 def replay_figure(trajectory: Trajectory, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
-    """Return a replayed drive at a glance: its trajectory, pose over time, and errors, with those of dead reckoning.
+    """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning.
 
     Args:
         trajectory: The drive.

@@ -1,8 +1,8 @@
-"""Search for the numbers with which a baseline is fastest in a scenario, so that a learned policy is compared with its best.
+"""Search for the numbers with which a baseline is fastest in a scenario, so that learned policies are compared with its best.
 
 Every try drives the same episodes, on seeds that neither trainings nor evaluations use. The first try has the baseline's
-defaults. The others are drawn: half of them anywhere in the baseline's ranges, the other half round the best so far, ever
-closer to it. A try depends only on the search's seed and length and on the tries before it, so a stopped search resumes.
+defaults. The others are random: half of them anywhere in the baseline's ranges, the other half around the best so far, closer
+and closer to it. A try depends only on the search's seed and length and on the tries before it, so a stopped search resumes.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from turtlebot_gym_agents.policies.geometric import Range
 from turtlebot_gym_agents.provenance import plain, provenance
 
 TUNING_SEED = 2**39
-"""First seed of the tries' episodes, apart from those that people choose and from the trainings'."""
+"""First seed of the tries' episodes, separate from typical user seeds and those of trainings."""
 _SEEDS = 2**20  # for each seed of a search
-_FIRST_WIDTH, _LAST_WIDTH = 0.2, 0.03  # of the draws round the best, as shares of the ranges
+_FIRST_WIDTH, _LAST_WIDTH = 0.2, 0.03  # of the draws around the best, as shares of the ranges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Try:
-    """A baseline's numbers, and how well it drove with them."""
+    """A baseline's numbers, and its results with them."""
 
     numbers: Mapping[str, float]
     """Tunable numbers by name."""
     time: float
-    """Mean time of an episode, a failure as the limit, s: what the search minimizes."""
+    """Mean time of an episode, s, which the search minimizes; a failure counts as the limit."""
     success: float
     """Share of successful episodes."""
 
@@ -55,20 +55,20 @@ def tune_baseline(
     progress: Callable[[int], None] = lambda ended: None,
     **options: Any,
 ) -> list[Try]:
-    """Tune a baseline for a scenario, and leave the best as a file that `make_policy` takes.
+    """Tune a baseline for a scenario, and write the best to a file for `make_policy`.
 
     Args:
         policy: The baseline's name.
-        path: The file, ``*.json``, replaced after each try. A search that it holds resumes.
+        path: The file, ``*.json``, replaced after each try. An existing search in it is resumed.
         env: The id of an environment of this package.
-        tries: How many the search is to have, earlier ones included.
-        episodes: Paired episodes of each try; as many as the policy's evaluation, for a fair comparison.
-        seed: Of the search.
-        progress: Called with the number of tries that have ended so far.
+        tries: Total number of tries, earlier ones included.
+        episodes: Paired episodes per try; for a fair comparison, as many as in the policy's evaluation.
+        seed: Seed of the search.
+        progress: Called with the number of finished tries.
         **options: Passed to the environment: robot, noise, filter, observation, arrival, delay ...
 
     Returns:
-        All tries, in their order.
+        All tries, in order.
 
     Raises:
         ValueError: If an argument is unknown or out of its range, or the file holds something else.
@@ -100,7 +100,7 @@ def tune_baseline(
 
 
 def best_of(tries: list[Try]) -> Try:
-    """Return the fastest try; of equal ones the first."""
+    """Return the fastest try, or the first of equal ones."""
     return min(tries, key=lambda one: one.time)
 
 
@@ -124,7 +124,7 @@ def _read(path: Path, wanted: Mapping[str, Any]) -> list[Try]:
 
 
 def _propose(policy: str, done: list[Try], tries: int, seed: int) -> dict[str, float]:
-    """Return the numbers of the next try, rounded to what a person would read: 4 digits."""
+    """Return the numbers of the next try, rounded to 4 digits."""
     if not done:
         return default_numbers(policy)
     ranges = POLICIES[policy].RANGES
@@ -145,7 +145,7 @@ def _at(span: Range, share: float) -> float:
 
 
 def _share(span: Range, value: float) -> float:
-    """Return at which share of a range a value lies."""
+    """Return the position of a value in a range, as a share of it."""
     if span.log:
         return math.log(value / span.low) / math.log(span.high / span.low)
     return (value - span.low) / (span.high - span.low)

@@ -1,4 +1,4 @@
-"""Policies: geometric laws, trained bundles, and how to find one by its name."""
+"""Policies: geometric laws, trained bundles, and their lookup by name."""
 
 from turtlebot_gym_agents.policies.baselines import POLICIES
 from turtlebot_gym_agents.policies.geometric import (

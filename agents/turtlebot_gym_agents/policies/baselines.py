@@ -1,4 +1,4 @@
-"""The baselines by name, and a baseline with tuned numbers as a JSON file, which holds no code."""
+"""Baselines by name, and JSON files of baselines with tuned numbers, which hold no code."""
 
 from __future__ import annotations
 
@@ -45,32 +45,31 @@ POLICIES: dict[str, Baseline] = {
     "gap": FollowTheGapPolicy,
     "dwa": DynamicWindowPolicy,
 }
-"""The baselines by name: made with a robot and a control interval, and tunable numbers as keywords. The last three are for
-rooms."""
+"""Baselines by name: callables of a robot, a control interval and tunable numbers as keywords. The last three are for rooms."""
 
 
 def layout_of_baseline(name: str) -> int:
-    """Return the layout of the observations that a baseline is made for; those for open ground drive in rooms, too."""
+    """Return the observation layout of a baseline; baselines for open ground also drive in rooms."""
     return layout_of(choose("policy", name, POLICIES)) or OBSERVATION_LAYOUT
 
 
 def default_numbers(name: str) -> dict[str, float]:
-    """Return the tunable numbers that a baseline has if none are given."""
+    """Return the default values of a baseline's tunable numbers."""
     kind = choose("policy", name, POLICIES)
     known = {**inspect.signature(BearingPolicy).parameters, **inspect.signature(kind).parameters}  # some pass numbers on to it
     return {number: float(known[number].default) for number in kind.RANGES}
 
 
 def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
-    """Return the baseline of a file that `turtlebot-gym tune-baseline` has written.
+    """Load a baseline from a file written by `turtlebot-gym tune-baseline`.
 
     Args:
         path: The file.
-        robot: The robot that it is to drive; None skips the comparison.
-        dt: The period that it is to run at, s; None skips the comparison.
+        robot: The robot to drive; None skips the comparison.
+        dt: The control interval, s; None skips the comparison.
 
     Raises:
-        ValueError: If the file is no tuned baseline, or it was tuned for another robot, rate or layout of observations.
+        ValueError: If the file is not a tuned baseline, or was tuned for another robot, rate or observation layout.
     """
     try:
         content: Any = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -82,7 +81,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         if unknown:
             raise ValueError(f"{name} has no numbers {', '.join(unknown)}")
         policy = kind(Robot(**limits), made_dt, **numbers)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:  # also what is not JSON, or not text
+    except (ValueError, KeyError, TypeError, AttributeError) as error:  # also if the file is not JSON or not text
         raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
     ours = {"format": FORMAT, "layout": layout_of_baseline(name)}
     if found != ours:

@@ -1,8 +1,8 @@
-"""The policy bundle: one ONNX file that knows what it was trained for, and refuses what it was not.
+"""The policy bundle: one ONNX file that states what it was trained for and refuses everything else.
 
-The file is an ONNX model, with the normalization of observations inside and a card in its metadata. The card holds the hash of
-the whole file, taken with zeros in the hash's own place. onnxruntime runs it; a robot needs neither torch nor
-Stable-Baselines3. Loading one runs no code.
+The file is an ONNX model that includes the normalization of observations, with a card (a JSON description of its training) in
+its metadata. The card holds the hash of the whole file, computed with zeros in place of the hash. onnxruntime runs it; a robot
+needs neither torch nor Stable-Baselines3. Loading a bundle runs no code.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _NO_HASH = "0" * 64
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a policy was trained for, and how."""
+    """Card of a policy: what it was trained for, and how."""
 
     env: str
     """Environment id."""
@@ -51,14 +51,14 @@ class Card:
     filter: str
     """Filter preset."""
     observation: str
-    """What the policy was shown: "ekf", "odometry" or "truth"."""
+    """The robot's pose that the policy observed: "ekf", "odometry" or "truth"."""
     training: Mapping[str, Any] = field(default_factory=dict)
     """Algorithm, steps, seed, versions, commit, wall time."""
     format: str = FORMAT
     layout: int = OBSERVATION_LAYOUT
     """Layout of the observation: `turtlebot_gym.OBSERVATION_LAYOUT`, or `turtlebot_gym.systems.ROOM_LAYOUT`."""
     action: str = ACTION
-    """What the outputs mean."""
+    """Meaning of the outputs."""
 
 
 def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
@@ -66,11 +66,11 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
     Args:
         path: The file.
-        model: From observations (n, 13), in a room (n, 50), to actions (n, 2); its metadata are replaced.
-        card: What it is for.
+        model: A map from observations (n, 13), in a room (n, 50), to actions (n, 2); its metadata are replaced.
+        card: The card.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
-        del part.metadata_props[:]  # torch's exporter leaves the paths of the machine that it ran on
+        del part.metadata_props[:]  # torch's exporter leaves paths of its machine there
         part.doc_string = ""
     content = {"sha256": _NO_HASH, "card": plain(asdict(card))}
     model.metadata_props.add(key=_KEY, value=json.dumps(content, allow_nan=False))
@@ -83,11 +83,11 @@ class BundlePolicy:
 
     Args:
         path: The file.
-        robot: The robot that it is to drive; None skips the comparison.
-        dt: The period that it is to run at, s; None skips the comparison.
+        robot: The robot to drive; None skips the comparison.
+        dt: The control interval, s; None skips the comparison.
 
     Raises:
-        ValueError: If the file is no bundle, is damaged, or was trained for something else.
+        ValueError: If the file is not a bundle, is damaged, or was trained for something else.
         ImportError: If onnxruntime is missing.
     """
 
@@ -109,15 +109,15 @@ class BundlePolicy:
         except Exception as error:  # onnxruntime has no common base class for its errors
             raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
         self.card = _read_card(path, told)
-        """What it was trained for."""
+        """Card of the policy."""
         self.layout: int = self.card.layout
-        """Layout of the observations that it takes."""
+        """Layout of its observations."""
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self._input = self._session.get_inputs()[0].name
         self._require_shapes()
 
     def _require_shapes(self) -> None:
-        """Refuse a model that is not one from any number of observations to as many finite actions."""
+        """Refuse a model that does not map any number of observations to as many finite actions."""
         inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), SIZES[self.layout]
         found = [(one.type, one.shape[1:]) for one in (*inputs, *outputs)]
         if found != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
@@ -134,10 +134,10 @@ class BundlePolicy:
                 raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., n), as many as its layout has.
+        """Return actions (..., 2) for observations (..., n) of the card's layout.
 
         Raises:
-            ValueError: If they are of another layout.
+            ValueError: If the observations have another layout.
         """
         rows = np.asarray(observations, np.float32)
         size = SIZES[self.card.layout]
@@ -148,12 +148,12 @@ class BundlePolicy:
 
 
 def _read_card(path: str | Path, told: Any) -> Card:
-    """Return the card that a bundle's metadata hold; fields that this version does not know are left out.
+    """Return the card in a bundle's metadata, without fields that this version does not know.
 
-    Whatever changes what the others mean has another `FORMAT`, `ACTION` or layout, which is refused.
+    A version that changes the meaning of other fields has another `FORMAT`, `ACTION` or layout, and is refused.
 
     Raises:
-        ValueError: If it is of another format, or a field is missing, of another type or out of its range.
+        ValueError: If the format differs, or a field is missing, of another type or out of its range.
     """
     if not isinstance(told, Mapping):
         raise ValueError(f"{path}: its card must be a mapping, got {told!r}.")
@@ -178,10 +178,10 @@ def _read_card(path: str | Path, told: Any) -> Card:
 
 
 def _verified_hash(path: str | Path, content: bytes) -> str:
-    """Return the hash that a bundle holds.
+    """Return the hash in a bundle.
 
     Raises:
-        ValueError: If it holds none, or not its own.
+        ValueError: If the bundle holds none, or another one than its own.
     """
     found = _HASH.search(content)
     if found is None:

@@ -18,31 +18,31 @@ from turtlebot_gym_agents.policies.sight import arc, look
 
 _BENDS = np.geomspace(0.3, 25.0, 10)
 _CURVATURES = np.concatenate([-_BENDS[::-1], [0.0], _BENDS])
-"""Curvatures of the arcs, 1/m: from straight on to nearly on the spot; shape (21,)."""
+"""Curvatures of the arcs, 1/m, from straight ahead to nearly on the spot; shape (21,)."""
 _POINTS = 20
-"""Points at which each arc is looked at."""
+"""Number of points at which each arc is checked."""
 _AT_ONCE = 16
-"""Robots whose distances from all points are computed at once: so many that these stay in the processor's cache."""
+"""Number of robots whose distances from all points are computed at once, so that these fit into the processor's cache."""
 _SPEEDS = np.array([0.25, 0.5, 1.0])
 """Shares of the highest speed of each arc."""
 
 
 class DynamicWindowPolicy:
-    """The dynamic window: of many pairs of speed and turning rate, take the one that does best on its arc.
+    """The dynamic window: choose the pair of speed and turning rate whose arc scores best.
 
-    What counts is the heading at the arc's end, the time to contact on it, and the speed. Pairs on whose arc the robot could
-    not stop in time do not count.
+    The score combines the heading at the arc's end, the time to contact on it, and the speed. Pairs from which the robot could
+    not stop in time are excluded.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        heading: Weight of the heading to the goal at the end, that of the speed having 1.
+        heading: Weight of the heading to the goal at the end; the speed has the weight 1.
         clear: Weight of the time to contact.
-        horizon: Length of an arc, s; beyond it no contact counts.
+        horizon: Length of an arc, s; contacts beyond it are ignored.
         aim: Time after which the heading is judged, s.
-        brake: Least time to contact of an arc that may be taken, s.
-        margin: What is to be kept clear around the robot, m.
-        lag: How much older the beams are, on average, than the scan says, s.
+        brake: Least time to contact of an admissible arc, s.
+        margin: Clearance to keep around the robot, m.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
 
     References:
         Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", *IEEE Robotics & Automation Magazine* 4
@@ -50,7 +50,7 @@ class DynamicWindowPolicy:
     """
 
     layout: ClassVar[int] = ROOM_LAYOUT
-    """Layout of the observations that it takes."""
+    """Layout of its observations."""
     RANGES: ClassVar[Mapping[str, Range]] = {
         "heading": Range(0.3, 10.0, log=True),
         "clear": Range(0.1, 10.0, log=True),
@@ -96,7 +96,7 @@ class DynamicWindowPolicy:
         """Return actions (..., 2) for observations (..., 50)."""
         to, robot = look(observations, self._robot, self._dt, self._lag), self._robot
         time = self._free_length(to.points)[..., None] / self._v
-        arrival = np.abs(to.goal)[..., None, None] / robot.max_linear  # what lies beyond the goal is in nobody's way
+        arrival = np.abs(to.goal)[..., None, None] / robot.max_linear  # obstacles beyond the goal do not matter
         ends, headings = arc(self._v, self._omega, np.minimum(time, self._aim))
         off = np.abs(np.angle((to.goal[..., None, None] - ends) * np.conj(headings)))
         score = self._heading * (1.0 - off / np.pi) + self._v / robot.max_linear
@@ -109,7 +109,7 @@ class DynamicWindowPolicy:
         return action_of(np.where(stuck, 0.0, v), np.where(stuck, spot, omega))
 
     def _free_length(self, points: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return how far the robot gets on each curve before it meets a point, shape (..., curvatures), m."""
+        """Return the free distance on each curve before the robot meets a point, shape (..., curvatures), m."""
         rows = points.reshape(-1, points.shape[-1])
         meets = np.empty((len(rows), self._near.size), np.bool_)
         for at in range(0, len(rows), _AT_ONCE):

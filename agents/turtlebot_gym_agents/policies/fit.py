@@ -1,4 +1,4 @@
-"""For which robot and rate a policy was made, and the refusal to drive another with it."""
+"""Checks that a policy fits the robot, rate, task and observation it is used with."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from turtlebot_gym_agents.provenance import plain
 
 
 def describe_robot(robot: str | Robot) -> dict[str, Any]:
-    """Return a robot as a policy's file holds it."""
+    """Return the description of a robot in a policy's file."""
     name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else "custom"
     return plain({"name": name, **asdict(make_robot(robot))})
 
 
 def require_task(policy: object, name: str, env: str, observation: str) -> None:
-    """Refuse a policy that says for which task and observation it was made, where they are others.
+    """Refuse a policy whose card names another task or observation.
 
     Args:
-        policy: It; one without a card says nothing.
-        name: What the message calls it.
-        env: Id of the environment that it is to drive in.
-        observation: What it is to be shown as the robot's pose.
+        policy: The policy; one without a card is accepted.
+        name: Name of the policy in the message.
+        env: Id of the environment to drive in.
+        observation: The robot's pose that it will observe.
 
     Raises:
-        ValueError: If one of them differs; the message names both.
+        ValueError: If task or observation differs; the message names both.
     """
     card: Any = getattr(policy, "card", None)
     if card is not None and (card.env, card.observation) != (env, observation):
@@ -44,14 +44,14 @@ def require_fit(
     """Refuse a policy that was made for another robot or rate.
 
     Args:
-        path: Its file, for the message.
-        made_for: The robot that it was made for, see `describe_robot`.
-        made_dt: The period that it was made for, s.
-        robot: The robot that it is to drive; None skips the comparison.
-        dt: The period that it is to run at, s; None skips the comparison.
+        path: The policy's file, for the message.
+        made_for: The robot for which it was made, see `describe_robot`.
+        made_dt: The control interval for which it was made, s.
+        robot: The robot to drive; None skips the comparison.
+        dt: The control interval, s; None skips the comparison.
 
     Raises:
-        ValueError: If one of them differs; the message names every difference.
+        ValueError: If robot or rate differs; the message names every difference.
     """
     wanted = made_for if robot is None else describe_robot(robot)
     irrelevant = ("name", "radius")  # a radius is for drawing

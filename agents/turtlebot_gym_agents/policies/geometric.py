@@ -1,7 +1,7 @@
-"""Policies that need no learning: the tutorial's law, and the geometric ones that every learned policy is compared with.
+"""Policies without learning: the tutorial's law, and the geometric ones with which every learned policy is compared.
 
-Each declares in ``RANGES`` which of its numbers `turtlebot-gym tune-baseline` tunes, and between which values.
-Only numpy is needed here: a robot runs them too.
+Each declares in ``RANGES`` the numbers that `turtlebot-gym tune-baseline` tunes, with their ranges.
+They need only numpy, so that a robot can run them.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ _TINY = 1e-12  # instead of zero in a denominator
 
 
 class Range(NamedTuple):
-    """Values that a number of a policy is tuned between."""
+    """Range in which a number of a policy is tuned."""
 
     low: float
     high: float
     log: bool = False
-    """Whether values are drawn evenly on a logarithmic scale."""
+    """Whether values are drawn uniformly on a logarithmic scale."""
 
 
 class ProportionalPolicy:
     """The tutorial's law: ``v = clip(kv d)``, ``omega = clip(komega wrap(theta_ref - theta))``.
 
-    It turns to the *reference's heading*, never to the bearing of the point, so it gets where it should only if the point
-    happens to lie ahead. It is here to be shown failing.
+    It turns to the *reference's heading*, never to the bearing of the point, so it arrives only if the point happens to lie
+    ahead. It is included to show how it fails.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot; commands are clipped to its limits, axis by axis.
-        dt: Control interval, s; taken as every policy takes it, but the law does not depend on it.
+        dt: Control interval, s; accepted for a common signature, but unused by the law.
         kv: Gain on the distance, 1/s.
-        komega: Gain on the heading still to turn, 1/s.
+        komega: Gain on the remaining turn, 1/s.
     """
 
     RANGES: ClassVar[Mapping[str, Range]] = {"kv": Range(0.1, 5.0, log=True), "komega": Range(0.3, 10.0, log=True)}
@@ -62,21 +62,22 @@ class ProportionalPolicy:
 class BearingPolicy:
     """Steer to the bearing of the waypoint, forwards or backwards, whichever needs the smaller turn.
 
-    A command acts one step late: until then the robot still moves and turns as it was told before. All is therefore decided
-    on where the waypoint *will* lie in the body frame. Decided on the present bearing, the direction falls into a cycle of
-    two steps where the bearing is near 90 degrees.
+    A command acts one step late: until then the robot executes the previous one. All decisions therefore use where the waypoint
+    *will* lie in the body frame. With the current bearing instead, the direction would alternate every step at bearings near 90
+    degrees.
 
     The defaults suit the task Nav under most noises; `turtlebot-gym tune-baseline` finds others for another scenario.
 
     Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot; one that must not reverse is driven forwards only.
+        robot: A name in `turtlebot_gym.ROBOTS`, or a robot; one that must not reverse drives forwards only.
         dt: Control interval, s.
         gain: Turning rate per angle to turn, 1/s.
-        focus: How strictly to turn first and drive then: the speed goes with this power of the cosine of the angle to turn.
-        tolerance: Bearings that pass the waypoint by less than this are left alone, m. Turning takes speed from a robot whose
-            wheels are at their limit, and noise would have it turn all the time.
-        slow: Distance below which the speed goes with the distance, m. Without it a robot that nobody stops would shuttle
-            across its goal.
+        focus: How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle
+            to turn.
+        tolerance: Bearings that pass the waypoint by less than this are not corrected, m. Turning costs speed when the wheels
+            are at their limit, and noise would cause constant turning.
+        slow: Distance below which the speed is proportional to the distance, m. Without it a robot that is not stopped would
+            shuttle across its goal.
     """
 
     RANGES: ClassVar[Mapping[str, Range]] = {
@@ -116,18 +117,19 @@ class BearingPolicy:
 
 
 class CornerPolicy:
-    """Cut the corners: steer as `BearingPolicy` does, but to a point inside the bend, on the way to the following waypoint.
+    """Cut corners: steer as `BearingPolicy` does, but to a point inside the bend towards the following waypoint.
 
-    The point lies on the bisector of the angle at the waypoint, between the robot and the following waypoint: a shortest way
-    that touches a circle round the waypoint touches it, to first order, there. It is ``cut`` away from the waypoint, but no
-    further along the bisector than a share of the nearer of the two. So it never lies beyond the straight line between them,
-    and a robot whose estimate is in the circle while its true pose is not still comes nearer. Without a following waypoint
-    this is `BearingPolicy`.
+    The point lies on the bisector of the angle at the waypoint, between the robot and the following waypoint: to first order, a
+    shortest path that touches a circle around the waypoint touches it there. The point is ``cut`` away from the waypoint, but
+    no further along the bisector than a share of the distance to the nearer of the two. So it never lies beyond the straight
+    line between them, and a robot whose estimate is in the circle while its true pose is not still comes nearer. Without a
+    following waypoint this is `BearingPolicy`.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        cut: How far from the waypoint it aims, m; somewhat less than the radius in which a waypoint counts as reached.
+        cut: Distance of the aim point from the waypoint, m; somewhat less than the radius in which a waypoint counts as
+            reached.
         depth: That share, less than 1.
         **steering: Passed to `BearingPolicy`.
     """
@@ -165,7 +167,7 @@ class PolarPolicy:
     """The polar-coordinate law: drive a smooth path that ends in the right heading, forwards or backwards.
 
     ``v = gamma rho cos(alpha)`` and ``omega = k alpha + gamma sinc(alpha) cos(alpha) (alpha + h phi)``, with rho the distance,
-    alpha the bearing and phi the bearing minus the heading still to turn; slower, on the same path, where v is over the limit.
+    alpha the bearing and phi the bearing minus the remaining turn; slower on the same path if v exceeds the limit.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
@@ -236,17 +238,17 @@ class RotateDriveRotatePolicy:
 
 
 class Upcoming(NamedTuple):
-    """What will lie where when the next command acts, in the body frame: ahead + 1j left, m."""
+    """Positions when the next command acts, in the body frame: ahead + 1j left, m."""
 
     waypoint: NDArray[np.complex128]
     following: NDArray[np.complex128]
-    """The waypoint after it; the same where there is none."""
+    """The waypoint after it; the same one if it is the last."""
     turn: NDArray[np.float64]
-    """Heading still to turn, rad, in [-pi, pi)."""
+    """Remaining turn, rad, in [-pi, pi)."""
 
 
 def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> Upcoming:
-    """Return what will lie where, after an interval at the present speeds."""
+    """Return the positions after an interval at the current speeds."""
     o = _fields(observations)
     moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
     frame = np.exp(-1j * turned)
@@ -261,7 +263,7 @@ def wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _fields(observations: ArrayLike) -> Observation:
-    """Return the components of observations, each of shape (...), in double precision; in a room those before the ranges."""
+    """Return the components of observations, each of shape (...), in double precision; without the ranges of a room."""
     values = np.asarray(observations, np.float64)
     if values.ndim == 0 or values.shape[-1] not in SIZES.values():
         sizes = " or ".join(f"(..., {size})" for size in SIZES.values())
@@ -270,7 +272,7 @@ def _fields(observations: ArrayLike) -> Observation:
 
 
 def action_of(forward: Any, turn: Any) -> NDArray[np.float32]:
-    """Return actions (..., 2) of shares of the robot's limits."""
+    """Return actions (..., 2) from shares of the robot's limits."""
     return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
 
 

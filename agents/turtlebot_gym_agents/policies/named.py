@@ -1,4 +1,4 @@
-"""Policies by name: the baselines, the bundles that come with the package, files, and callables of one's own."""
+"""Policies by name: baselines, bundles shipped with the package, files, and users' callables."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from turtlebot_gym_agents.policies.policy import Policy
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 
 SAFETY = "+safety"
-"""What follows a policy's name where it is to drive within a `SafetyLayer`."""
+"""Suffix of a policy's name that wraps it in a `SafetyLayer`."""
 
 
 def pretrained_folder() -> Path:
-    """Return the folder with the bundles that come with the package."""
+    """Return the folder with the bundles shipped with the package."""
     installed = Path(str(resources.files("turtlebot_gym_agents"))) / "pretrained"
     return installed if installed.is_dir() else installed.parent.parent / "pretrained"
 
@@ -28,15 +28,16 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
 
     Args:
         name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap" or
-            "dwa"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which come with the package; a
-            bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a class is
-            made with ``robot`` and ``dt`` as keywords. In rooms any of them followed by "+safety": within a `SafetyLayer`.
+            "dwa"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which are shipped with the
+            package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a
+            class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps any of them in a
+            `SafetyLayer`.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
 
     Raises:
-        ValueError: If there is none of that name, or a file was made for another robot or rate.
-        ImportError: If a bundle is asked for and onnxruntime is missing.
+        ValueError: If the name is unknown, or a file was made for another robot or rate.
+        ImportError: If the policy is a bundle and onnxruntime is missing.
     """
     if name.endswith(SAFETY):
         return SafetyLayer(make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt), robot, dt)

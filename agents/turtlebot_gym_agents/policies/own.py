@@ -1,4 +1,4 @@
-"""A policy of somebody's own, ``module:callable``: what fails in it is told with its own file and line."""
+"""Users' own policies, ``module:callable``: errors in them are reported with their file and line."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from turtlebot_gym.robots import Robot
 
 
 def load_own(name: str, robot: Robot, dt: float) -> OwnPolicy:
-    """Import a policy; a class is made with ``robot`` and ``dt`` as keywords.
+    """Import a policy; a class is instantiated with ``robot`` and ``dt`` as keywords.
 
     Args:
         name: "module:callable".
-        robot: The robot that it is to drive.
+        robot: The robot to drive.
         dt: Control interval, s.
 
     Raises:
-        ValueError: If there is no such callable, or importing or making it fails.
+        ValueError: If there is no such callable, or importing or instantiating it fails.
     """
     module, _, attribute = name.partition(":")
     try:
@@ -39,12 +39,12 @@ def load_own(name: str, robot: Robot, dt: float) -> OwnPolicy:
 
 
 class OwnPolicy:
-    """A policy that answers as every policy must, or with one line that says where it failed.
+    """A policy whose actions are checked, and whose errors become one line that says where it failed.
 
-    It has all the attributes of the one that it wraps, ``reset`` and ``layout`` among them.
+    It has all the attributes of the wrapped policy, including ``reset`` and ``layout``.
 
     Args:
-        name: What messages call it.
+        name: Name of the policy in messages.
         policy: A callable from observations (..., n) to actions (..., 2).
     """
 
@@ -60,7 +60,7 @@ class OwnPolicy:
         """Return actions (..., 2) for observations (..., n).
 
         Raises:
-            ValueError: If the policy raises, or answers something else than as many pairs of finite numbers.
+            ValueError: If the policy raises, or does not return as many pairs of finite numbers.
         """
         try:
             answer = self._policy(observations)
@@ -79,7 +79,7 @@ class OwnPolicy:
 
 
 def _told(name: str, error: Exception) -> str:
-    """Return on one line what an error of somebody's own code is, and where."""
+    """Describe an error in a user's code on one line, with its place."""
     if isinstance(error, SyntaxError):
         return f"{name}: SyntaxError: {error.msg} ({error.filename}, line {error.lineno})."
     frames = traceback.extract_tb(error.__traceback__)

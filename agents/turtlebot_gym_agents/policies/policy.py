@@ -1,7 +1,7 @@
-"""What a policy is: any callable from observations (..., n) to actions (..., 2); one with memory also has ``reset(mask)``.
+"""A policy is any callable from observations (..., n) to actions (..., 2); one with memory also has ``reset(mask)``.
 
-How many numbers it observes is said by its attribute ``layout``: 1 for the 13 of open ground, 2 for the 50 of a room. One that
-says nothing takes the first 13 of either.
+Its attribute ``layout`` says how many numbers it observes: 1 for the 13 of open ground, 2 for the 50 of a room. A policy
+without the attribute takes the first 13 of either.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from turtlebot_gym.systems import SIZES
 
 
 class Policy(Protocol):
-    """What drives: a callable from observations to actions."""
+    """A callable from observations to actions."""
 
     def __call__(self, observations: NDArray[np.float32], /) -> NDArray[np.float32]:
         """Return actions (..., 2) in [-1, 1], shares of the robot's limits, for observations (..., n)."""
@@ -24,15 +24,15 @@ class Policy(Protocol):
 
 @runtime_checkable
 class PolicyWithMemory(Policy, Protocol):
-    """A policy that remembers."""
+    """A policy with memory."""
 
     def reset(self, mask: NDArray[np.bool_], /) -> None:
-        """Forget what was observed where the mask (...) is true: an episode begins there."""
+        """Clear the memory where the mask (...) is true, because an episode begins there."""
         ...
 
 
 def layout_of(policy: object) -> int | None:
-    """Return the layout of the observations that a policy, or a class of policies, is made for; None where it says nothing.
+    """Return the observation layout of a policy, or of a class of policies; None if it states none.
 
     Raises:
         ValueError: If there is no such layout.

@@ -1,4 +1,4 @@
-"""A safety layer: whatever a policy commands in a room, its speed is limited by the time to contact on the commanded arc."""
+"""A safety layer for any policy in a room: the speed is limited by the time to contact on the commanded arc."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
 from turtlebot_gym_agents.policies.sight import look, time_to_contact
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
-"""Shares of the commanded speed that are tried, the greatest first; the last one is always safe."""
+"""Shares of the commanded speed to try, largest first; the last one is always safe."""
 
 
 class SafetyLayer:
-    """Take the greatest share of the commanded speed at which no contact is near; the turning rate stays.
+    """Use the largest share of the commanded speed at which no contact is near; the turning rate is unchanged.
 
-    A round robot turns on the spot and meets nothing, so it never is caught. An obstacle is taken to be anywhere in its sector,
-    at the sector's range. The margin covers what a Burger's LiDAR cannot see: nearer than 0.12 m, and so up to 0.047 m from the
-    back of the robot.
+    A round robot can turn on the spot without contact, so it never gets stuck. An obstacle is assumed anywhere in its sector,
+    at the sector's range. The margin covers the blind zone of a Burger's LiDAR: nearer than 0.12 m, and so up to 0.047 m from
+    the back of the robot.
 
     Args:
-        policy: What commands.
+        policy: The policy to protect.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         reserve: Least time to contact, s.
-        margin: What is to be kept clear around the robot, m.
-        lag: How much older the beams are, on average, than the scan says, s.
+        margin: Clearance to keep around the robot, m.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
 
     Raises:
         ValueError: If a number is out of its range, or the policy was made for open ground and sees no obstacles.
@@ -53,12 +53,12 @@ class SafetyLayer:
         require_positive(dt=dt, reserve=reserve)
         require_non_negative(margin=margin, lag=lag)
         self.card = getattr(policy, "card", None)
-        """What the policy was trained for, if it says so."""
+        """Card of the policy, if it has one."""
         self._policy, self._robot, self._dt = policy, make_robot(robot), dt
         self._reserve, self._radius, self._lag = reserve, self._robot.radius + margin, lag
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
-        """Let a policy with memory forget."""
+        """Clear the memory of a policy that has one."""
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(mask)
 
@@ -68,7 +68,7 @@ class SafetyLayer:
         actions = np.clip(np.asarray(self._policy(rows), np.float32), -1.0, 1.0)
         points = look(rows, self._robot, self._dt, self._lag, edges=True).points
         reach = self._radius + self._robot.max_linear * self._reserve
-        near = np.abs(points).min(axis=-1) <= reach  # all others may drive as they like
+        near = np.abs(points).min(axis=-1) <= reach  # all others are not limited
         limited = actions.copy()
         limited[near, 0] *= self._share(actions[near], points[near])
         return limited

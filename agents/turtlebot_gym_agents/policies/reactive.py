@@ -1,6 +1,6 @@
-"""Policies that find their way through a room from the observation alone: what every learned one is compared with.
+"""Reactive policies that cross a room by the observation alone, with which every learned policy is compared.
 
-All of them drive forwards only, see `sight.look` for what they know, and are tuned by `turtlebot-gym tune-baseline`. Their
+All of them drive forwards only, use the inputs of `sight.look`, and can be tuned by `turtlebot-gym tune-baseline`. Their
 defaults are the best of 30 tries each in the world "dense", with the LiDAR "lds01" and the noise "tutorial".
 """
 
@@ -21,7 +21,7 @@ from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, look, time_t
 
 _TURNS = 72
 _ANGLES = wrap(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
-"""Directions that are chosen from, the first one ahead, rad; shape (72,)."""
+"""Candidate directions, the first one ahead, rad; shape (72,)."""
 SEEING: Mapping[str, Range] = {"margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True)}
 _DRIVING: Mapping[str, Range] = {
     "gain": Range(1.0, 10.0, log=True),
@@ -31,21 +31,22 @@ _DRIVING: Mapping[str, Range] = {
 
 
 class _Reactive:
-    """What the policies that choose a direction have in common.
+    """Base of the policies that choose a direction.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        margin: What is to be kept clear around the robot, m.
-        lag: How much older the beams are, on average, than the scan says, s.
-        sight: Distance beyond which obstacles do not count, m.
+        margin: Clearance to keep around the robot, m.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
+        sight: Distance beyond which obstacles are ignored, m.
         gain: Turning rate per angle to turn, 1/s.
-        focus: How strictly to turn first and drive then: the speed goes with this power of the cosine of the angle to turn.
-        caution: Time to contact below which the speed goes with it, s.
+        focus: How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle
+            to turn.
+        caution: Time to contact below which the speed is proportional to it, s.
     """
 
     layout: ClassVar[int] = ROOM_LAYOUT
-    """Layout of the observations that it takes."""
+    """Layout of its observations."""
 
     def __init__(
         self,
@@ -78,7 +79,7 @@ class _Reactive:
         return np.any(between > cosine[..., None, :], axis=-1)
 
     def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return actions (..., 2) towards directions (...), slower the sooner there would be a contact."""
+        """Return actions (..., 2) towards directions (...), slower when contact is closer in time."""
         robot = self._robot
         v = np.maximum(np.cos(angle), 0.0) ** self._focus * robot.max_linear
         omega = np.clip(self._gain * angle, -robot.max_angular, robot.max_angular)
@@ -87,15 +88,15 @@ class _Reactive:
 
 
 class VectorFieldHistogramPolicy(_Reactive):
-    """VFH+: of the directions that are free for a robot of its size, take the one nearest to the goal's, to the present one
-    and to the last one chosen.
+    """VFH+: choose the free direction for the robot's size with the least weighted angle to the goal, to the current direction
+    and to the last choice.
 
-    Where none is free it turns on the spot, to the side of the last one.
+    If none is free, the robot turns on the spot towards the last choice.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        ahead: Weight of the angle to the present direction, that to the goal's having 1.
+        ahead: Weight of the angle to the current direction; the angle to the goal has the weight 1.
         last: Weight of the angle to the last direction chosen.
         margin: See `_Reactive`, as of the next five.
         lag: See there.
@@ -141,20 +142,20 @@ class VectorFieldHistogramPolicy(_Reactive):
         cost = cost + self._weight * np.abs(wrap(_ANGLES - last[..., None]))
         blocked = self._blocked(to)
         angle = _ANGLES[np.argmin(np.where(blocked, np.inf, cost), axis=-1)]
-        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # not to the raster: to the goal itself
+        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # not the nearest candidate: the goal itself
         stuck = blocked.all(axis=-1)
         self._last = np.where(stuck, last, angle)
         return self._drive(to, np.where(stuck, np.where(last >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))
 
 
 class FollowTheGapPolicy(_Reactive):
-    """Follow the gap: steer between the goal and the middle of the widest gap, more to the gap the nearer an obstacle is.
+    """Follow the gap: steer between the goal and the middle of the widest gap, closer to the gap the nearer an obstacle is.
 
     Args:
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
-        alpha: Distance of an obstacle at which gap and goal count alike, m.
-        field: Angle to both sides of the goal in which gaps are looked for, rad.
+        alpha: Distance of an obstacle at which gap and goal have equal weight, m.
+        field: Angle on both sides of the goal in which gaps are considered, rad.
         margin: See `_Reactive`, as of the next five.
         lag: See there.
         sight: See there.

@@ -1,6 +1,6 @@
-"""What a policy sees in a room: where obstacles and goal will be when its command acts, and when an arc would meet them.
+"""A policy's view of a room: obstacles and goal at the time its command acts, and the time at which an arc meets them.
 
-Points of the plane are complex numbers in the body frame: ahead + 1j left, m. Only numpy is needed here.
+Points of the plane are complex numbers in the body frame: ahead + 1j left, m. This module needs only numpy.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from turtlebot_gym.tasks import Observation
 from turtlebot_gym_agents.policies.geometric import upcoming
 
 HALF_SECTOR = np.pi / SECTORS
-"""Half the angle that a sector's range stands for, rad."""
+"""Half the angle of a sector, rad."""
 DIRECTIONS = np.exp(2j * np.pi * np.arange(SECTORS) / SECTORS)
 """The middles of the sectors, as unit vectors; shape (`SECTORS`,)."""
 EDGE = np.exp(1j * HALF_SECTOR)
 """From the middle of a sector to its edge."""
 UNSEEN = 1e3
-"""Distance at which a point lies that stands for a sector without an obstacle, m."""
+"""Distance of the point that represents a sector without an obstacle, m."""
 
 
 class Sight(NamedTuple):
-    """What will lie where when the next command acts."""
+    """Goal and obstacles at the time the next command acts."""
 
     goal: NDArray[np.complex128]
     """The goal, shape (...)."""
     points: NDArray[np.complex128]
-    """The nearest point of each sector, shape (..., `SECTORS`), or three of each; `UNSEEN` away where there is none."""
+    """The nearest point of each sector, shape (..., `SECTORS`), or three for each; `UNSEEN` away if there is none."""
     omega: NDArray[np.float64]
     """Turning rate until then, shape (...), rad/s."""
 
 
 def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges: bool = False) -> Sight:
-    """Return what a policy sees.
+    """Return a policy's view.
 
-    A scan is old: since it was measured the robot has driven and turned, by and large as it does now.
+    A scan is old, and the robot has moved since its measurement, approximately at its current speeds.
 
     Args:
         observations: Shape (..., 50), layout 2.
         robot: The robot.
         dt: Control interval, s; a command acts one interval late.
-        lag: How much older the beams are, on average, than the scan says, s.
-        edges: Whether an obstacle is at both edges of its sector as well, so that there are three points for each.
+        lag: Mean age of the beams beyond the stated age of the scan, s.
+        edges: Whether to place an obstacle at both edges of its sector too, which makes three points for each.
 
     Raises:
-        ValueError: If the observations are of another layout.
+        ValueError: If the observations have another layout.
     """
     rows = np.asarray(observations, np.float64)
     if rows.ndim == 0 or rows.shape[-1] != SIZES[ROOM_LAYOUT]:
@@ -71,24 +71,24 @@ def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[
 
 
 def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: float) -> NDArray[np.float64]:
-    """Return when a round robot that drives an arc meets points, s; infinite where it never does, 0 where it does already.
+    """Return the time at which a round robot on an arc meets points, s; infinite if never, 0 if it already does.
 
     Args:
         points: Shape (..., n).
-        v: Speed, shape (..., 1) or such, m/s.
-        omega: Turning rate, as ``v``, rad/s.
-        radius: Of the robot, m.
+        v: Speed, broadcastable to (..., 1), m/s.
+        omega: Turning rate, of the shape of ``v``, rad/s.
+        radius: Radius of the robot, m.
 
     Returns:
         Shape (..., n).
     """
     v, omega = np.broadcast_arrays(np.asarray(v, np.float64), np.asarray(omega, np.float64))
-    ahead, left = points.real * np.where(v < 0.0, -1.0, 1.0), points.imag  # backwards is forwards in a mirror
+    ahead, left = points.real * np.where(v < 0.0, -1.0, 1.0), points.imag  # driving backwards mirrors driving forwards
     speed, rate = np.abs(v), np.where(v < 0.0, -omega, omega)
     with np.errstate(divide="ignore", invalid="ignore"):
         straight = (ahead - np.sqrt(radius * radius - left * left)) / speed
-        straight = np.where(straight >= 0.0, straight, np.inf)  # also where the root is of a negative number
-        turn = speed / rate  # the centre of the arc lies so far to the left
+        straight = np.where(straight >= 0.0, straight, np.inf)  # also for the root of a negative number
+        turn = speed / rate  # distance of the arc's centre to the left
         from_centre = ahead + 1j * (left - turn)
         away = np.abs(from_centre)
         # The robot's and the point's directions from the centre differ by this when the two are a radius apart.
@@ -97,7 +97,7 @@ def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: 
         curved = np.mod(to_point - apart, 2.0 * np.pi) / np.abs(rate)
         curved = np.where(np.isfinite(apart), curved, np.inf)
     time = np.where(np.abs(rate) > 1e-3, curved, straight)
-    time = np.where(speed > 1e-6, time, np.inf)  # a round robot turns on the spot and meets nothing
+    time = np.where(speed > 1e-6, time, np.inf)  # a round robot that turns on the spot meets nothing
     return np.where(np.abs(points) <= radius, np.where(is_towards(points, v), 0.0, np.inf), time)
 
 

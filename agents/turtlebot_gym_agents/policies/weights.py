@@ -1,6 +1,6 @@
-"""What the weights of an ONNX model must be in a policy bundle: inside the file, and finite.
+"""Checks that the weights of an ONNX model in a policy bundle are inside the file and finite.
 
-The format's messages are read by their field numbers with protobuf, which onnxruntime brings; a robot has no ``onnx``.
+The format's messages are read by field number with protobuf, a dependency of onnxruntime; a robot has no ``onnx``.
 
 References:
     ONNX, *onnx.proto* (onnx.ai/onnx/repo-docs/IR.html), field numbers of ModelProto, GraphProto, NodeProto, TensorProto.
@@ -23,22 +23,22 @@ _PARTS: dict[str, dict[int, str]] = {
     "sparse": {1: "tensor", 2: "tensor"},
     "tensor": {},
 }
-"""In each kind of message, the numbers of the fields that hold messages, and their kinds."""
+"""Field numbers that hold messages in each kind of message, and the kinds of these."""
 _DATA_TYPE, _FLOATS, _RAW, _EXTERNAL_DATA, _LOCATION = 2, 4, 9, 13, 14
 _FLOAT32 = 1
 _BYTES = 2
-"""Wire type of what has a length: messages, texts and packed numbers."""
+"""Wire type of fields with a length: messages, texts and packed numbers."""
 
 
 def require_own_finite_weights(path: object, content: bytes) -> None:
     """Refuse an ONNX model whose weights are in other files, or not all finite.
 
     Args:
-        path: Its file, for the message.
-        content: What the file holds.
+        path: The model's file, for the message.
+        content: Content of the file.
 
     Raises:
-        ValueError: If a weight is elsewhere or not finite, or the file cannot be read so far.
+        ValueError: If a weight is in another file or not finite, or the file cannot be parsed.
     """
     from google.protobuf.message import DecodeError
 

@@ -1,1 +1,1 @@
-"""The benchmark of speed: contenders that take turns, peers in environments of their own, and a guard against losses."""
+"""The speed benchmark: contenders that take turns, peers in their own environments, and a guard against regressions."""

@@ -1,8 +1,8 @@
-"""A guard against losses of speed: measured ratios beside those of a file.
+"""A guard against speed regressions: compare measured ratios with those in a file.
 
-A ratio of a scalar environment, or of one thread, is judged by CPU seconds, which holds on a busy machine too. That of all
-threads is judged by wall time, and only where other programs leave the cores free: how long threads wait for a core says
-nothing about the code.
+Ratios of scalar environments and of one thread are judged by CPU seconds, which also hold on a busy machine. Ratios of all
+threads are judged by wall time, and only if other programs leave the cores free, since the time that threads wait for a core
+says nothing about the code.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from turtlebot_gym_agents.speed.environments import OURS
 from turtlebot_gym_agents.speed.turns import Row
 
 TOLERANCE = 0.25
-"""Share of a ratio that may be lost."""
+"""Tolerated loss of a ratio, as a share of it."""
 FREE = 0.9
-"""Share of the cores that other programs must leave free where threads are judged."""
+"""Share of the cores that other programs must leave free for threads to be judged."""
 
 
 class Verdict(NamedTuple):
-    """What became of one ratio."""
+    """Verdict on one ratio."""
 
     name: str
     """Contender."""
     clock: Literal["CPU seconds", "wall time"]
-    """By what it is judged."""
+    """Clock by which the ratio is judged."""
     before: float
-    """Ratio of the file."""
+    """Ratio in the file."""
     now: float | None
-    """Ratio that was measured; None if it was not."""
+    """Measured ratio; None if it was not measured."""
     state: Literal["ok", "LOST", "left out"]
     """Whether it is worse than the tolerance allows; left out if the machine is too busy to tell."""
 
     def __str__(self) -> str:
-        """Return one line for people."""
+        """Return the verdict as one line."""
         if self.state == "left out":
             return f"left out  {self.name}: other programs keep the cores busy"
         if self.now is None:
@@ -46,23 +46,23 @@ class Verdict(NamedTuple):
 
 
 def free(used_by_others: float | None, cores: int) -> bool:
-    """Return whether threads can be judged; where it is not known what others use, they are."""
+    """Return whether threads can be judged; true if the use by others is unknown."""
     return used_by_others is None or used_by_others <= (1.0 - FREE) * cores
 
 
 def judge(
     before: Mapping[str, Mapping[str, Any]], now: Mapping[str, Row], *, quiet: bool, tolerance: float = TOLERANCE
 ) -> list[Verdict]:
-    """Return a verdict on each of our ratios in a file.
+    """Return a verdict on each of this package's ratios in a file.
 
     Args:
         before: Rows of the file, by name.
         now: Rows that were measured.
         quiet: Whether threads can be judged.
-        tolerance: Share of a ratio that may be lost, in [0, 1).
+        tolerance: Tolerated loss of a ratio, as a share of it, in [0, 1).
 
     Raises:
-        ValueError: If the file has no ratio of ours, or the tolerance is out of range.
+        ValueError: If the file has no ratio of this package, or the tolerance is out of range.
     """
     if not 0.0 <= tolerance < 1.0:
         raise ValueError(f"tolerance must be in [0, 1), got {tolerance}.")
@@ -83,12 +83,12 @@ def judge(
 
 
 def lost(verdicts: Iterable[Verdict]) -> list[str]:
-    """Return the names of the contenders that lost."""
+    """Return the names of the contenders that got slower."""
     return [verdict.name for verdict in verdicts if verdict.state == "LOST"]
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return the result in a file that `turtlebot-gym benchmark --json` has written.
+    """Return the result in a file written by `turtlebot-gym benchmark --json`.
 
     Raises:
         ValueError: If it is another file.
@@ -104,7 +104,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def elsewhere(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
-    """Return what differs between the machine of a file and this one, if ratios may differ for it; else None."""
+    """Describe differences between a file's machine and this one that may affect ratios; None if there are none."""
     differing = [key for key in ("cpu", "cores", "numba", "numpy", "gymnasium") if before.get(key) != now.get(key)]
     told = ", ".join(f"{key} {before.get(key)} there and {now.get(key)} here" for key in differing)
     return f"The file comes from elsewhere, and ratios differ between machines: {told}." if told else None

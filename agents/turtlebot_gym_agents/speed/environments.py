@@ -1,6 +1,6 @@
-"""The environments that are measured in this process: ours, and Gymnasium's CartPole, which they are compared with.
+"""The environments measured in this process: this package's, and Gymnasium's CartPole as their base.
 
-Actions are sampled beforehand, infos are the default ones, and all returned arrays are fresh.
+Actions are sampled beforehand, infos are the default ones, and all returned arrays are new.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def one_thread() -> Iterator[None]:
 
 
 def base_of(size: int) -> str:
-    """Return the name of the contender that others of this number of environments are compared with."""
+    """Return the name of the contender with which others of this number of environments are compared."""
     return name_of(size, CARTPOLE)
 
 
@@ -71,7 +71,7 @@ def contenders(sizes: Sequence[int] = SIZES) -> dict[str, Contender]:
     """Return scalar environments, and vector environments of each size, by name; CartPole is the first of each size.
 
     Args:
-        sizes: Numbers of environments that are stepped together; of the first one, more options are measured.
+        sizes: Numbers of environments stepped together; more options are measured for the first one.
     """
     found = {
         base_of(1): _scalar(CARTPOLE, by=GYMNASIUM, key=True),

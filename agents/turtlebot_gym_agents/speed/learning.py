@@ -1,4 +1,4 @@
-"""Speed of training: what the adapter adds to a step, and PPO beside the usual route of Stable-Baselines3.
+"""Speed of training: the adapter's overhead per step, and PPO compared with the usual route of Stable-Baselines3.
 
 The usual route is a ``DummyVecEnv`` of 64 scalar environments, with the same algorithm and the same batches. Both train on one
 thread, as ``turtlebot-gym train`` does: a second one gains torch little, and burns a core where the machine is busy.
@@ -22,17 +22,17 @@ class Trained(NamedTuple):
     """Medians of trainings with PPO."""
 
     steps_per_second: float
-    """Of ours: the vector environment in `Sb3VecEnv`, by wall time."""
+    """Steps per second of the vector environment in `Sb3VecEnv`, by wall time."""
     cpu_seconds_per_million: float
-    """Of ours: CPU seconds of all threads for a million steps."""
+    """Its CPU seconds of all threads for a million steps."""
     dummy_vec_env: float | None = None
-    """Of the usual route, steps per second."""
+    """Steps per second of the usual route."""
     ratio: float | None = None
-    """Of ours to the usual route's, in the same round."""
+    """Ratio of the two rates in the same round."""
 
 
 def adapter(*, num_envs: int = 512, rounds: int = 7, steps: int = 500) -> float:
-    """Return what `Sb3VecEnv` adds to a step of the vector environment, in ns for each environment."""
+    """Return the overhead of `Sb3VecEnv` per step of the vector environment, in ns for each environment."""
     from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
     envs = gym.make_vec(NAV, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
@@ -58,13 +58,13 @@ def training(
     usual: bool = True,
     progress: Callable[[int], None] = lambda rounds: None,
 ) -> Trained:
-    """Return the speed of the whole PPO loop, ``model.learn``, with the hyperparameters that come with the package.
+    """Return the speed of the whole PPO loop, ``model.learn``, with the hyperparameters shipped with the package.
 
     Args:
-        steps: Of a training; the usual route makes a quarter of them.
-        rounds: How often each trains.
-        usual: Whether the usual route is measured too.
-        progress: Is called with the number of rounds that are over.
+        steps: Steps of a training; the usual route makes a quarter of them.
+        rounds: Number of trainings of each.
+        usual: Whether to measure the usual route too.
+        progress: Called with the number of finished rounds.
     """
     import torch
     from stable_baselines3 import PPO

@@ -1,4 +1,4 @@
-"""The machine on which speed is measured: its description, what other programs take of it, and processes that keep it busy."""
+"""The machine on which speed is measured: its description, its load by other programs, and processes that keep it busy."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 _BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    for _ in range(10**6): pass"
-"""Ends by itself where the process that started it is gone."""
+"""Program that ends by itself when the process that started it is gone."""
 
 
 def machine() -> dict[str, Any]:
-    """Return the description of this machine; None for what this system does not tell."""
+    """Return the description of this machine, with None for values that the system does not report."""
     from llvmlite import binding
     from numba import get_num_threads
 
@@ -51,7 +51,7 @@ def _cpu() -> str:
 
 
 def _caches(folder: Path) -> dict[str, str] | None:
-    """Return the size of each cache of a core, by name, as Linux tells it."""
+    """Return the size of each cache of a core by name, as Linux reports it."""
     found = {}
     try:
         for each in sorted(folder.glob("index*")):
@@ -70,16 +70,16 @@ def _memory() -> float | None:
 
 
 class Watch:
-    """Watches from now on how much of the machine's cores is free, on Linux."""
+    """Watches how much of the machine's cores is free from now on, on Linux."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter(), _idle_seconds()
 
     def used_by_others(self, own: float) -> float | None:
-        """Return the mean number of our cores that other programs have kept busy; None where that is not known.
+        """Return the mean number of this process's cores that other programs kept busy; None if unknown.
 
         Args:
-            own: CPU seconds that were ours.
+            own: CPU seconds used by this process.
         """
         wall, before, after = time.perf_counter() - self._start[0], self._start[1], _idle_seconds()
         if before is None or after is None:
@@ -88,7 +88,7 @@ class Watch:
 
 
 def _idle_seconds() -> float | None:
-    """Return how long the machine's cores have been idle since it started, all of them together."""
+    """Return the total idle time of all cores since the machine started."""
     try:
         first = Path("/proc/stat").read_text(encoding="utf-8").splitlines()[0].split()
         return (int(first[4]) + int(first[5])) / os.sysconf("SC_CLK_TCK")
@@ -98,7 +98,7 @@ def _idle_seconds() -> float | None:
 
 @contextmanager
 def busy(processes: int) -> Iterator[None]:
-    """Keep the machine busy with so many processes that do nothing but count."""
+    """Keep the machine busy with a number of processes that only count."""
     started = [subprocess.Popen([sys.executable, "-I", "-c", _BUSY, str(os.getpid())]) for _ in range(processes)]
     try:
         yield

@@ -1,7 +1,7 @@
-"""The program of a peer, which runs in its own virtual environment and without this package.
+"""Program of a peer, which runs in its own virtual environment without this package.
 
-``python peer.py NAME ENV SIZE FORM`` prints ``ready`` with the versions. For each number of calls that it reads, it makes them
-and prints ``turn`` with their wall time and the CPU seconds of all threads.
+``python peer.py NAME ENV SIZE FORM`` prints ``ready`` with the versions. For each number that it reads, it makes that many
+calls and prints ``turn`` with their wall time and the CPU seconds of all threads.
 
 References:
     Lange, *gymnax: A JAX-based Reinforcement Learning Environment Library* (2022), https://github.com/RobertTLange/gymnax.
@@ -24,13 +24,13 @@ SCANNED = 16
 
 
 def gymnax_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
-    """Return a function that makes the k-th call, and returns when its results are there.
+    """Return a function that makes the k-th call and waits for its results.
 
     Args:
         env_id: Environment.
-        size: How many are stepped together.
-        form: "step": a call is one compiled step, as a library without JAX would use it. "scan": it is `SCANNED` steps in one
-            compiled loop, which returns all observations, rewards and ends, as a rollout in JAX does.
+        size: Number of environments stepped together.
+        form: "step": a call is one compiled step, as a library without JAX would use it. "scan": a call is `SCANNED` steps in
+            one compiled loop, which returns all observations, rewards and ends, as a rollout in JAX does.
     """
     import gymnax  # pyright: ignore[reportMissingImports]
     import jax  # pyright: ignore[reportMissingImports]
@@ -63,11 +63,11 @@ def gymnax_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
 
 
 def envpool_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
-    """Return a function that makes the k-th call, one step of all environments; with as many threads as EnvPool takes.
+    """Return a function that makes the k-th call, one step of all environments, with as many threads as EnvPool uses.
 
     Args:
         env_id: Environment.
-        size: How many are stepped together.
+        size: Number of environments stepped together.
         form: Only "step".
     """
     import envpool  # pyright: ignore[reportMissingImports]
@@ -87,11 +87,11 @@ def envpool_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
 
 
 CALLS = {"gymnax": (gymnax_calls, ("gymnax", "jax", "jaxlib", "numpy")), "envpool": (envpool_calls, ("envpool", "numpy"))}
-"""What makes the calls of each peer, and the packages whose versions are told."""
+"""Function that makes the calls of each peer, and packages whose versions are reported."""
 
 
 def main(name: str, env_id: str, size: str, form: str) -> None:
-    """Make the calls that standard input asks for, until it ends."""
+    """Make the calls requested on standard input until it ends."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     make, packages = CALLS[name]
     call = make(env_id, int(size), form)

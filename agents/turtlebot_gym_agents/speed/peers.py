@@ -1,4 +1,4 @@
-"""Peers: other libraries' environments, each installed into a virtual environment of its own, each in a process of its own."""
+"""Peers: environments of other libraries, each in its own virtual environment and process."""
 
 from __future__ import annotations
 
@@ -20,38 +20,38 @@ PENDULUM = "Pendulum-v1"
 
 
 class Entry(NamedTuple):
-    """What a peer is measured with."""
+    """Environment of a peer's measurement."""
 
     env_id: str
     """Environment."""
     size: int
-    """How many are stepped together."""
+    """Number of environments stepped together."""
     form: str
-    """How: see `turtlebot_gym_agents.speed.peer`."""
+    """Form of a call, see `turtlebot_gym_agents.speed.peer`."""
 
 
 class Peer(NamedTuple):
-    """A library that is measured beside ours."""
+    """A library measured for comparison."""
 
     title: str
-    """Its name."""
+    """Name of the library."""
     requirements: tuple[str, ...]
-    """What pip installs, from wheels alone."""
+    """Requirements for pip, installed from wheels only."""
     pythons: str
-    """For which versions of Python there are wheels of that."""
+    """Versions of Python that have wheels."""
 
 
 PEERS = {
-    # six: gymnax imports it, but does not ask for it
+    # six: gymnax imports it without requiring it
     "gymnax": Peer("gymnax", ("gymnax==1.0.1", "jax==0.10.2", "six==1.17.0"), "3.11 to 3.14"),
     "envpool": Peer("EnvPool", ("envpool==1.2.5",), "3.11 to 3.14"),
 }
 
 
 def entries(name: str, sizes: Sequence[int]) -> list[Entry]:
-    """Return what a peer is measured with; CartPole in its fastest form at each size, the rest at the first.
+    """Return the measurements of a peer: CartPole in its fastest form at each size, the rest at the first size.
 
-    EnvPool is measured at 1024 too, where it is faster.
+    EnvPool is also measured at 1024, where it is faster.
     """
     if name == "envpool":
         return [Entry(CARTPOLE, size, "step") for size in dict.fromkeys((1024, sizes[0]))]
@@ -60,7 +60,7 @@ def entries(name: str, sizes: Sequence[int]) -> list[Entry]:
 
 
 def install(name: str, folder: Path) -> Path:
-    """Return the Python of a peer's virtual environment, which is made where it is missing or has other versions.
+    """Return the Python of a peer's virtual environment, which is created if it is missing or has other versions.
 
     Args:
         name: The peer.
@@ -88,14 +88,14 @@ def install(name: str, folder: Path) -> Path:
 
 
 class Process:
-    """A peer that waits for its turns.
+    """A peer's process, which waits for its turns.
 
     Args:
-        command: Starts it.
-        log: The file that takes what it writes to standard error.
+        command: Command that starts the process.
+        log: File for its standard error.
 
     Raises:
-        ChildProcessError: If it ends instead of being ready.
+        ChildProcessError: If the process ends before it is ready.
     """
 
     def __init__(self, command: Sequence[str], log: Path) -> None:
@@ -117,16 +117,16 @@ class Process:
             self._process.stdin.write(f"{calls}\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            pass  # it has ended, which reading finds out
+            pass  # the process has ended, which reading detects
         return Turn(*self._read("turn"))
 
     def stop(self) -> None:
-        """End it."""
+        """End the process."""
         self._process.kill()
         self._process.communicate()
 
     def _read(self, word: str) -> Any:
-        """Return what stands after a word; libraries may print other lines."""
+        """Return the rest of the line that starts with a word; libraries may print other lines."""
         assert self._process.stdout is not None
         for line in self._process.stdout:
             if line.startswith(f"{word} "):
@@ -136,21 +136,22 @@ class Process:
 
 
 class Present(NamedTuple):
-    """The peers that take part."""
+    """Available peers."""
 
     contenders: dict[str, Contender]
     """By name."""
     versions: dict[str, dict[str, str]]
-    """Versions of each peer, or under "missing" why it does not take part."""
+    """Versions of each peer, or under "missing" why it is not available."""
 
 
 @contextmanager
 def peers(folder: Path, sizes: Sequence[int]) -> Iterator[Present]:
-    """Install and start all peers, and end them; one that cannot be installed or started is left out, with the reason.
+    """Install and start all peers, and end them afterwards; one that cannot be installed or started is left out with the
+    reason.
 
     Args:
-        folder: Where their virtual environments are.
-        sizes: Numbers of environments that are stepped together.
+        folder: Folder of their virtual environments.
+        sizes: Numbers of environments stepped together.
     """
     contenders: dict[str, Contender] = {}
     versions: dict[str, dict[str, str]] = {}
@@ -179,7 +180,7 @@ def label(title: str, entry: Entry) -> str:
 
 
 def contender(process: Process, name: str, entry: Entry, sizes: Sequence[int]) -> Contender:
-    """Return the contender that a process is; its base has as many environments, or the first size if none has."""
+    """Return the contender of a process; its base has as many environments, or the first size if none has."""
     base = base_of(entry.size if entry.size in sizes else sizes[0])
     steps = peer.SCANNED if entry.form == "scan" else 1
     return Contender(run=process.turn, size=entry.size, base=base, by=name, steps=steps)

@@ -1,4 +1,4 @@
-"""The benchmark's results for people: tables for the terminal, and a figure."""
+"""Report of the benchmark: tables for the terminal, and a figure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COLOURS = {OURS: BLUE, GYMNASIUM: "#777777", "gymnax": ORANGE, "envpool": GREEN}
 
 
 def tables(result: Mapping[str, Any]) -> list[Table]:
-    """Return the tables of a result: of environments, beside busy processes if there were any, and of training.
+    """Return the tables of a result: environments, also beside busy processes if measured, and training.
 
     Args:
         result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
@@ -34,7 +34,7 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
 
 
 def conditions(result: Mapping[str, Any]) -> str:
-    """Return on what machine it was measured, and how busy it was."""
+    """Describe the machine of the measurement, and its load."""
     machine, others = result["machine"], result["used_by_others"]
     busy = f"load {machine['load_before']:.1f} before"
     if others is not None:
@@ -43,12 +43,12 @@ def conditions(result: Mapping[str, Any]) -> str:
 
 
 def beside(processes: int) -> str:
-    """Return how a machine is called that so many processes keep busy."""
+    """Describe a machine that a number of processes keep busy."""
     return f"beside {processes} busy process{'' if processes == 1 else 'es'}"
 
 
 def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> Table:
-    """Return rates and ratios of environments.
+    """Return a table of rates and ratios of environments.
 
     Args:
         rows: By name.
@@ -69,7 +69,7 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
 
 
 def _training_table(result: Mapping[str, Any]) -> Table:
-    """Return the speed of PPO, with CPU seconds, and both beside busy processes if there were any."""
+    """Return a table of the speed of PPO with CPU seconds, also beside busy processes if measured."""
     one = result["training"]
     table = Table("training with PPO", "", title=f"the adapter adds {result['adapter_ns']:.0f} ns a step")
     table.add_row("Sb3VecEnv over the vector environment, steps/s", f"{one['steps_per_second']:,.0f}")
@@ -85,9 +85,9 @@ def _training_table(result: Mapping[str, Any]) -> Table:
 
 
 def figure(result: Mapping[str, Any]) -> Figure:
-    """Return the rates as bars on logarithmic scales, with marks for CPU seconds and for a busy machine.
+    """Return a figure of the rates as bars on logarithmic scales, with marks for CPU seconds and for a busy machine.
 
-    Rows of one thread are drawn where they were also measured beside busy processes.
+    Rows of one thread are drawn if they were also measured beside busy processes.
 
     Args:
         result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
@@ -125,12 +125,12 @@ _BESIDE: dict[str, Any] = {"marker": "o", "color": VERMILLION, "markersize": 7.0
 
 
 def draw_group(axes: Axes, rows: Mapping[str, Any], busy: Mapping[str, Any], base: str) -> Axes:
-    """Draw contenders that have the same base, with lines at the base's rate and at twice that.
+    """Draw contenders with the same base, with lines at the base's rate and at twice that rate.
 
     Args:
         axes: Where to draw.
         rows: Rows by name, from top to bottom.
-        busy: Rows beside busy processes, those that there are.
+        busy: Rows measured beside busy processes.
         base: Name of the base.
     """
     from matplotlib.ticker import LogLocator, NullFormatter
@@ -164,7 +164,7 @@ def draw_group(axes: Axes, rows: Mapping[str, Any], busy: Mapping[str, Any], bas
 
 
 def _limits(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
-    """Return the ends of a scale that all rates fit in."""
+    """Return the ends of a scale that holds all rates."""
     rates = [rate for row in rows for rate in (row["steps_per_second"], row["steps_per_cpu_second"])]
     return 0.5 * min(rates), 2.5 * max(rates)
 

@@ -29,17 +29,17 @@ class Contender:
     """One row of the table."""
 
     run: Callable[[int], Turn]
-    """Makes a number of calls."""
+    """Function that makes a number of calls."""
     size: int
-    """Environments that are stepped together."""
+    """Number of environments stepped together."""
     base: str
-    """Name of the contender that it is compared with; its own name if it is a base."""
+    """Name of the contender with which it is compared; its own name if it is a base."""
     by: str
-    """Whose environment it is: turtlebot_gym, gymnasium or a peer."""
+    """Library of the environment: turtlebot_gym, gymnasium or a peer."""
     steps: int = 1
-    """Steps of each environment in a call."""
+    """Steps of each environment per call."""
     threads: int | None = None
-    """Number of threads that it is limited to; None for as many as it takes."""
+    """Limit on the number of threads; None for no limit."""
     key: bool = False
     """Whether it is also measured beside busy processes."""
 
@@ -48,23 +48,23 @@ class Row(NamedTuple):
     """Medians of a contender's turns."""
 
     by: str
-    """Whose environment it is."""
+    """Library of the environment."""
     size: int
     """Environments that are stepped together."""
     threads: int | None
-    """Limit on its threads."""
+    """Limit on the number of threads."""
     base: str
-    """Contender that it is compared with."""
+    """Contender with which it is compared."""
     steps_per_second: float
-    """By wall time."""
+    """Rate by wall time."""
     steps_per_cpu_second: float
-    """By CPU seconds of all threads."""
+    """Rate by CPU seconds of all threads."""
     ratio: float
-    """Rate by wall time over the base's in the same round."""
+    """Ratio of the rate by wall time to the base's in the same round."""
     cpu_ratio: float
-    """The same of rates by CPU seconds."""
+    """The same ratio of rates by CPU seconds."""
     ratio_range: tuple[float, float]
-    """Least and greatest `ratio` of a round."""
+    """Least and greatest `ratio` over the rounds."""
 
 
 class Sitting(NamedTuple):
@@ -73,15 +73,15 @@ class Sitting(NamedTuple):
     environments: dict[str, Row]
     """A row for each contender."""
     used_by_others: float | None
-    """Mean number of cores that other programs kept busy meanwhile; None where that is not known."""
+    """Mean number of cores that other programs kept busy meanwhile; None if unknown."""
 
 
 def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) -> Callable[[int], Turn]:
-    """Return a function that makes a number of calls in this process, and says how long they took.
+    """Return a function that makes a number of calls in this process and returns their duration.
 
     Args:
-        step: Is called with 0, 1, 2, ...
-        limit: Returns the context in which the calls are made.
+        step: Called with 0, 1, 2, ...
+        limit: Returns a context for the calls.
     """
 
     def run(calls: int) -> Turn:
@@ -95,13 +95,13 @@ def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) ->
 
 
 def grouped(contenders: Mapping[str, Contender]) -> dict[str, Contender]:
-    """Return contenders with those of the same base together, in the order in which the bases come first."""
+    """Return contenders grouped by base, in the order in which the bases first appear."""
     bases = list(dict.fromkeys(one.base for one in contenders.values()))
     return dict(sorted(contenders.items(), key=lambda each: bases.index(each[1].base)))
 
 
 def calls_for(run: Callable[[int], Turn], seconds: float) -> int:
-    """Return how many calls a contender makes in about so many seconds of wall time; the first calls compile."""
+    """Return the number of calls that a contender makes in about ``seconds`` of wall time; the first calls compile."""
     run(1)
     calls, wall = 1, run(1).wall
     while wall < seconds / 4.0:
@@ -117,13 +117,13 @@ def take_turns(
     seconds: float,
     progress: Callable[[int], None] = lambda turns: None,
 ) -> Sitting:
-    """Let contenders take turns, back and forth, and return their rates.
+    """Let contenders take turns, forwards and backwards, and return their rates.
 
     Args:
-        contenders: Contender of each row; the bases of all are among them.
-        rounds: How often each has its turn.
-        seconds: How long a turn takes, s.
-        progress: Is called with the number of turns that are over.
+        contenders: Contender of each row, including all bases.
+        rounds: Number of turns of each.
+        seconds: Length of a turn, s.
+        progress: Called with the number of finished turns.
     """
     calls = {name: calls_for(one.run, seconds) for name, one in contenders.items()}
     turns: dict[str, list[Turn]] = {name: [] for name in contenders}
@@ -144,7 +144,7 @@ def rows_of(
 
     Args:
         contenders: Contender of each row.
-        calls: How many calls each makes in a turn.
+        calls: Number of calls per turn of each.
         turns: The turns of each, in the order of the rounds.
     """
     rates = {

@@ -1,1 +1,1 @@
-"""Training with Stable-Baselines3, and what belongs to it: adapter, hyper-parameters, checkpoints, export."""
+"""Training with Stable-Baselines3: adapter, hyper-parameters, checkpoints and export."""

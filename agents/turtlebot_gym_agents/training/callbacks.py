@@ -1,6 +1,6 @@
 """Callbacks for training with Stable-Baselines3: progress, evaluation on separate seeds, checkpoints that survive a kill.
 
-They know nothing of the command line: a script of one's own passes them to ``model.learn(callback=[...])``.
+They do not depend on the command line: scripts can pass them to ``model.learn(callback=[...])``.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies import Policy
 
 EVALUATION_SEED = 2**40
-"""First seed of the evaluation's episodes, far from those that people choose and that a training reaches."""
+"""First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
 
 
 def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model so that the file is, at every moment, either the old one or the new one, and whole."""
+    """Save a model atomically: at any moment the file is the complete old or the complete new one."""
     with replacing(path) as beside, beside.open("wb") as file:
         model.save(file)
 
 
 def policy_of(model: BaseAlgorithm) -> Policy:
-    """Return what a model does without exploring: ``model.predict``, to the bit, in half its time where its parts are known."""
+    """Return a model's deterministic policy: bit-identical to ``model.predict``, in half the time for known architectures."""
     policy: Any = model.policy
     seen, done = model.observation_space, model.action_space
     gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
@@ -56,11 +56,11 @@ def policy_of(model: BaseAlgorithm) -> Policy:
 
 
 def figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) -> dict[str, float]:
-    """Return success rate, mean return and mean steps of one episode of each environment.
+    """Return success rate, mean return and mean length in steps, over one episode of each environment.
 
     Args:
         envs: Vector environment in the mode SAME_STEP.
-        policy: What drives.
+        policy: The policy.
         seed: Environment i has the seed ``seed + i``.
     """
     observations, _ = envs.reset(seed=seed)
@@ -78,11 +78,11 @@ def figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) -> 
 
 
 class CheckpointCallback(BaseCallback):
-    """Save the model every so many seconds and at the end; of an algorithm that has a replay buffer, that too.
+    """Save the model at intervals and at the end, including the replay buffer of algorithms that have one.
 
     Args:
-        path: The file, replaced in one step. The replay buffer lies beside it, see `replay_path`.
-        seconds: Least time between two checkpoints; longer where more than a twentieth of the time would go into saving.
+        path: The file, replaced atomically. The replay buffer is beside it, see `replay_path`.
+        seconds: Least time between two checkpoints, extended if saving would take more than a twentieth of the time.
     """
 
     def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
@@ -107,7 +107,7 @@ class CheckpointCallback(BaseCallback):
         self.save()
 
     def save(self) -> None:
-        """Save now."""
+        """Save a checkpoint now."""
         begun = time.monotonic()
         if isinstance(self.model, OffPolicyAlgorithm):
             with replacing(replay_path(self._path)) as beside, beside.open("wb") as file:
@@ -119,20 +119,20 @@ class CheckpointCallback(BaseCallback):
 
 
 def replay_path(checkpoint: Path) -> Path:
-    """Return where a checkpoint's replay buffer lies."""
+    """Return the path of a checkpoint's replay buffer."""
     return checkpoint.with_suffix(".replay.pkl")
 
 
 class EvaluationCallback(BaseCallback):
-    """Evaluate the deterministic policy on seeds of its own, on the way and at the end; keep the best model, and log.
+    """Evaluate the deterministic policy on separate seeds, during training and at its end; keep the best model, and log.
 
     Args:
-        envs: Vector environment in the mode SAME_STEP, not the one that is trained on; one episode of each is driven.
+        envs: Vector environment in the mode SAME_STEP, not the training's; each environment drives one episode.
         every: Steps between evaluations.
-        path: Where the model with the highest mean return is kept; None to keep none. A training that goes on keeps
-            the one that lies there until there is a better one.
-        seed: The first of the evaluation's seeds.
-        go_on: Called with the figures; the training stops where it returns false.
+        path: File of the model with the highest mean return; None to keep none. A resumed training keeps the existing file
+            until there is a better model.
+        seed: First seed of the evaluation.
+        go_on: Called with the figures; the training stops if it returns false.
     """
 
     def __init__(
@@ -154,14 +154,14 @@ class EvaluationCallback(BaseCallback):
         self.stopped = False
         """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
-        """Figures of the best model, with the steps that it was trained for."""
+        """Figures of the best model, with its number of training steps."""
         self.history: list[dict[str, float]] = []
         """Figures of all evaluations."""
 
     def _on_training_start(self) -> None:
         self._next = self.num_timesteps + self._every
         if self.num_timesteps > 0 and self._path is not None and self._path.is_file():
-            # The same seeds give the same figures again: they need no file, which a kill could part from the model's.
+            # The same seeds reproduce the figures, so they need no file, which a kill could leave out of step with the model.
             self.best = self._evaluate(type(self.model).load(self._path, device=self.model.device))
 
     def _on_step(self) -> bool:
@@ -178,7 +178,7 @@ class EvaluationCallback(BaseCallback):
             self.logger.dump(self.num_timesteps)
 
     def run(self) -> dict[str, float]:
-        """Evaluate now."""
+        """Run an evaluation now."""
         found = self._evaluate(self.model)
         self.history.append(found)
         for name, value in found.items():
@@ -195,11 +195,11 @@ class EvaluationCallback(BaseCallback):
 
 
 class ProgressCallback(BaseCallback):
-    """Show a bar on standard error, with the share of the last 200 episodes that were a success.
+    """Show a bar on standard error, with the success rate of the last 200 episodes.
 
     Args:
         total: Steps of the whole training.
-        label: What stands before it.
+        label: Text before the bar.
     """
 
     def __init__(self, total: int, *, label: str = "training") -> None:
@@ -238,5 +238,5 @@ class ProgressCallback(BaseCallback):
         self.stop()
 
     def stop(self) -> None:
-        """Give the terminal back; for a training that an exception ends, which SB3 does not tell."""
+        """Release the terminal after a training that an exception ended, of which SB3 does not notify callbacks."""
         self._progress.stop()

@@ -1,4 +1,4 @@
-"""What a training run depends on; apart from the training, so that it is checked before torch is imported."""
+"""Configuration of a training run; separate from the training, so that it is checked before torch is imported."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ DEVICES = ("cpu", "cuda", "auto")
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfig:
-    """What a training run depends on."""
+    """Configuration of a training run."""
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """Environment id."""
     algo: str = "ppo"
     """Algorithm of Stable-Baselines3, in lower case."""
     seed: int = 0
-    """Of the network, and what the environments' seeds follow from."""
+    """Seed of the network, from which the environments' seeds follow."""
     robot: str | Robot = "burger"
     """Robot preset, or a robot."""
     noise: str = "tutorial"
@@ -33,36 +33,36 @@ class TrainingConfig:
     filter: str = "matched"
     """Filter preset."""
     observation: str = "ekf"
-    """What the policy sees: ekf, odometry or truth."""
+    """The robot's pose that the policy observes: ekf, odometry or truth."""
     arrival: str = "truth"
-    """Who says that the robot has arrived: truth or belief."""
+    """Pose that decides on arrival: truth or belief."""
     delay: int = 0
-    """Steps by which commands come late."""
+    """Delay of commands in steps."""
     fix: str | None = None
-    """What measures the pose from outside; None for nothing."""
+    """External pose sensor; None for none."""
     world: str | None = None
     """In rooms: the world; None for the environment's own."""
     lidar: str | None = None
     """In rooms: the LiDAR; None for the environment's own."""
     randomize: bool = False
-    """Whether noise, speed scale and delay (in rooms: world and LiDAR, too) differ from environment to environment, see
-    `randomization`; ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
+    """Whether noise, speed scale and delay (in rooms also world and LiDAR) are randomized per environment, see `randomization`;
+    ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
     speed_error: float = SPEED_ERROR
-    """With ``randomize``: greatest error of the executed speed, as a share of it."""
+    """With ``randomize``: largest error of the executed speed, as a share of it."""
     steps: int | None = None
-    """Environment steps; the hyper-parameters' n_timesteps where it is not given."""
+    """Environment steps; None for n_timesteps of the hyper-parameters."""
     config: Path | None = None
-    """Hyper-parameters, YAML; those that come with the package where it is not given."""
+    """Hyper-parameters, YAML; None for those shipped with the package."""
     evaluations: int = 8
-    """How often the policy is evaluated on the way."""
+    """Number of evaluations during training."""
     episodes: int = 500
     """Episodes of each evaluation."""
     checkpoint_seconds: float = 5.0
     """Least time between two checkpoints, s."""
     device: str = "cpu"
-    """Where the network learns: cpu, cuda or auto, see `devices.choose_device`."""
+    """Device of the network: cpu, cuda or auto, see `devices.choose_device`."""
     threads: int = 1
-    """Torch's threads, and those of the compiled loop: small networks gain nothing from more."""
+    """Threads of torch and of the compiled loop; small networks gain nothing from more."""
 
     def __post_init__(self) -> None:
         for name in ("steps", "evaluations", "episodes", "threads"):
@@ -76,7 +76,7 @@ class TrainingConfig:
             raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
 
     def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
-        """Return environments; randomized ones differ from each other."""
+        """Return environments; with ``randomize`` they differ from each other."""
         names = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
         envs = gym.make_vec(
             self.env,
@@ -92,4 +92,4 @@ class TrainingConfig:
 
 
 FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
-"""Fields of the configuration that may be others when a run is resumed; what is in the file ``config`` may not."""
+"""Fields of the configuration that may differ when a run is resumed; the contents of the file ``config`` may not."""

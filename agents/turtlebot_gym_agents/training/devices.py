@@ -1,4 +1,4 @@
-"""Where a network learns."""
+"""Choice of the device on which a network learns."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ def choose_device(device: str, algorithm: type[BaseAlgorithm]) -> str:
 
     Args:
         device: Either of them, or "auto": the CPU for on-policy algorithms, whose rollouts pass each observation through a
-            small network by itself; a GPU, where there is one, for off-policy ones, which spend their time on batches.
-        algorithm: What learns.
+            small network by itself; a GPU, if there is one, for off-policy ones, which spend their time on batches.
+        algorithm: The algorithm.
 
     Raises:
-        ValueError: If a GPU is asked for and torch finds none.
+        ValueError: If ``device`` is "cuda" and torch finds no GPU.
 
     References:
         Stable-Baselines3 2.9, documentation of PPO: "meant to be run primarily on the CPU" unless the policy is a CNN.

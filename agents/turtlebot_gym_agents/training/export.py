@@ -1,4 +1,4 @@
-"""From a Stable-Baselines3 model to a policy bundle, with the proof that both do the same."""
+"""Convert a Stable-Baselines3 model into a policy bundle, and verify that both act alike."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from turtlebot_gym_agents.training.graph import graph_of
 from turtlebot_gym_agents.training.network import program_of, write_checked
 
 _MARKS = {"target_entropy": "SAC", "policy_delay": "TD3", "clip_range_vf": "PPO", "gae_lambda": "A2C"}
-"""What a saved model has of an algorithm's own."""
+"""Attribute of a saved model that identifies its algorithm."""
 
 
 def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
-    """Return a model that Stable-Baselines3 has saved, as SAC, TD3 (also DDPG), PPO or A2C, whichever it is.
+    """Load a model saved by Stable-Baselines3, with SAC, TD3 (also DDPG), PPO or A2C as the file's content says.
 
     Args:
         path: A zip file.
-        allow_pickle: Must be true: the file holds pickled objects, and loading those runs whatever code is in them.
+        allow_pickle: Must be true: the file holds pickled objects, and loading them runs any code in them.
 
     Raises:
-        ValueError: If it is not, or the file is not such a model.
+        ValueError: If ``allow_pickle`` is false, or the file is not such a model.
     """
     if not allow_pickle:
         raise ValueError(
@@ -49,7 +49,7 @@ def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
 
 
 class _Deterministic(torch.nn.Module):
-    """The deterministic action of an SB3 policy, without the distributions that it is otherwise wrapped in."""
+    """The deterministic action of an SB3 policy, without its distributions."""
 
     def __init__(self, policy: torch.nn.Module) -> None:
         super().__init__()
@@ -60,7 +60,7 @@ class _Deterministic(torch.nn.Module):
         if hasattr(policy, "mlp_extractor"):  # PPO, A2C
             features = policy.extract_features(observation, policy.pi_features_extractor)
             action = policy.action_net(policy.mlp_extractor.forward_actor(features))
-        elif hasattr(policy.actor, "get_action_dist_params"):  # SAC, whose actor draws
+        elif hasattr(policy.actor, "get_action_dist_params"):  # SAC, whose actor is stochastic
             action = torch.tanh(policy.actor.get_action_dist_params(observation)[0])
         else:  # TD3, DDPG
             action = policy.actor(observation)
@@ -68,19 +68,19 @@ class _Deterministic(torch.nn.Module):
 
 
 def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_000) -> float:
-    """Write a model's deterministic policy as a bundle, if the two do the same.
+    """Write a model's deterministic policy as a bundle, if the two act alike.
 
     Args:
         model: A trained model for one of this package's environments.
-        path: The bundle's file, replaced in one step.
-        card: What it is for.
-        samples: Observations on which the actions are compared, uniform in the observation space.
+        path: The bundle's file, replaced atomically.
+        card: Card of the bundle.
+        samples: Number of observations, uniform in the observation space, on which the actions are compared.
 
     Returns:
         The largest difference between their actions.
 
     Raises:
-        ValueError: If the model's observations or actions are others.
+        ValueError: If the model's observations or actions have other shapes.
         RuntimeError: If the difference is larger than `network.TOLERANCE`.
     """
     size = SIZES[card.layout]

@@ -1,7 +1,7 @@
-"""The ONNX graph of a chain of layers, written directly: torch's exporter takes seconds for what takes milliseconds.
+"""The ONNX graph of a chain of layers, written directly in milliseconds, where torch's exporter takes seconds.
 
-It knows the layers that this package's policies are made of. `export` leaves networks with others to torch's exporter, and
-compares either graph with its network.
+It supports the layers of this package's policies. `export` uses torch's exporter for networks with other layers, and compares
+either graph with its network.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 OPSET, IR_VERSION = 20, 10
-"""What torch's exporter writes, too; onnxruntime reads them from 1.18 on."""
+"""The same versions as torch's exporter; onnxruntime reads them from 1.18."""
 
 
 def graph_of(policy: Any) -> ModelProto | None:
     """Return the ONNX model from observations (n, size) to deterministic actions of an SB3 policy, clipped to [-1, 1].
 
     Args:
-        policy: With a box of one dimension on either side.
+        policy: A policy with one-dimensional box spaces.
 
     Returns:
-        The model; None if the policy or one of its layers is of a kind that is not known here.
+        The model; None if the policy or one of its layers is of an unsupported kind.
     """
     from onnx import TensorProto, helper
 
@@ -56,7 +56,7 @@ def graph_of(policy: Any) -> ModelProto | None:
 
 
 def _layers_of(policy: Any) -> list[nn.Module]:
-    """Return the layers from an observation to the deterministic action; none if the policy is of an unknown kind."""
+    """Return the layers from an observation to the deterministic action; empty if the policy is of an unsupported kind."""
     if type(policy) is ActorCriticPolicy:  # PPO, A2C
         return [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net]
     if type(policy) is SACPolicy:
@@ -79,7 +79,7 @@ def _numbers(values: Any) -> np.ndarray:
 
 
 class _Graph:
-    """A graph that grows by one operation after the other, each with the result of the one before as its first input."""
+    """A graph to which operations are appended, each with the previous result as its first input."""
 
     def __init__(self, begin: str) -> None:
         self.nodes: list[Any] = []
@@ -136,4 +136,4 @@ _WRITERS: dict[type[nn.Module], Callable[[_Graph, Any], None]] = {
     nn.ReLU: lambda graph, layer: graph.add("Relu"),
     nn.Tanh: lambda graph, layer: graph.add("Tanh"),
 }
-"""What each kind of layer adds to a graph."""
+"""Function that adds each kind of layer to a graph."""

@@ -1,4 +1,4 @@
-"""Hyper-parameters from YAML, in the form that rl-baselines3-zoo reads; nothing in them is evaluated as code.
+"""Hyper-parameters from YAML in the form of rl-baselines3-zoo; nothing in them is evaluated as code.
 
 The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and as it is to the algorithm where it is a mapping; a
 mapping cannot name an activation function. So the files hold ``policy_kwargs: dict(net_arch=[64, 64], activation_fn=nn.ReLU)``.
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 OURS = ("n_envs", "n_timesteps", "policy")
 """Keys that are not arguments of the algorithm; all of them must be given."""
 OPTIONS = {"env": "--env", "seed": "--seed", "device": "--device", "tensorboard_log": "--out"}
-"""Arguments of the algorithm that are options of the training, and no hyper-parameters."""
+"""Arguments of the algorithm that are options of the training, not hyper-parameters."""
 
 
 def configs_folder() -> Path:
-    """Return the folder with the configurations that come with the package."""
+    """Return the folder with the configurations shipped with the package."""
     installed = Path(str(resources.files("turtlebot_gym_agents"))) / "configs"
     return installed if installed.is_dir() else installed.parent.parent / "configs"
 
@@ -178,5 +178,5 @@ class _Linear:
         self.start = start
 
     def __call__(self, progress_remaining: float) -> float:
-        # The last rollout goes beyond the total, and a negative rate would unlearn.
+        # The last rollout exceeds the total, and a negative rate would unlearn.
         return self.start * max(progress_remaining, 0.0)

@@ -1,7 +1,7 @@
-"""From a torch network of any library to a policy bundle, with the proof that both do the same.
+"""Convert a torch network of any library into a policy bundle, and verify that both act alike.
 
-A library's policy becomes a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to actions (n, 2), the mean ones,
-without exploration. torch, onnx and onnxscript suffice: Stable-Baselines3, whose models `export` takes, need not be there.
+Wrap a library's policy as a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to mean actions (n, 2) without
+exploration. torch, onnx and onnxscript suffice; Stable-Baselines3, for whose models there is `export`, is not needed.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 TOLERANCE = 1e-5
-"""Largest difference between an action of the network and one of its bundle: both compute in float32."""
+"""Largest accepted difference between an action of the network and of its bundle; both compute in float32."""
 
 
 def export_network(
     network: nn.Module, path: str | Path, env: str, *, training: Mapping[str, Any] | None = None, **options: Any
 ) -> float:
-    """Write a network as a bundle, if the two do the same; actions beyond 1 are clipped.
+    """Write a network as a bundle, if the two act alike; actions beyond 1 are clipped.
 
     Args:
-        network: From float32 observations (n, 13), in a room (n, 50), to actions (n, 2). It is left in evaluation mode.
-        path: The bundle's file, replaced in one step.
-        env: Id of the environment that it was trained in.
-        training: What the card says about the training, such as library, version, algorithm, steps and seed.
-        **options: What the environment was made with: ``robot``, ``noise``, ``filter`` and so on.
+        network: A map from float32 observations (n, 13), in a room (n, 50), to actions (n, 2). It is left in evaluation mode.
+        path: The bundle's file, replaced atomically.
+        env: Id of the environment in which it was trained.
+        training: Entries for the card about the training, such as library, version, algorithm, steps and seed.
+        **options: Arguments of the environment, ``robot``, ``noise``, ``filter`` and so on.
 
     Returns:
         The largest difference between their actions, on 10,000 observations, uniform in the observation space.
 
     Raises:
-        ValueError: If the network's actions have another shape, or it works for one number of observations only.
+        ValueError: If the network's actions have another shape, or it only works for a fixed number of observations.
         RuntimeError: If the difference is larger than `TOLERANCE`.
     """
     made = gym.make(env, **options)
@@ -72,20 +72,20 @@ def export_network(
 def write_checked(
     model: ModelProto, path: str | Path, card: Card, observations: NDArray[np.float32], expected: NDArray[np.float32]
 ) -> float:
-    """Write a bundle, if it does what its network does.
+    """Write a bundle, if it acts like its network.
 
     Args:
         model: The network as ONNX.
-        path: The file, replaced in one step.
-        card: What it is for.
+        path: The file, replaced atomically.
+        card: Card of the bundle.
         observations: Shape (n, size), float32.
         expected: The network's actions for them, shape (n, 2).
 
     Returns:
-        The largest difference between the bundle's actions and those.
+        The largest difference between the bundle's actions and the network's.
 
     Raises:
-        RuntimeError: If it is larger than `TOLERANCE`; nothing is written then.
+        RuntimeError: If it is larger than `TOLERANCE`; then nothing is written.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -108,7 +108,7 @@ class _Clipped(nn.Module):
 
 
 def _card(env: str, parameters: Parameters, training: Mapping[str, Any], options: Mapping[str, Any]) -> Card:
-    """Return the card of a policy for an environment that was made with these options."""
+    """Return the card of a policy for an environment made with these options."""
 
     def named(name: str, default: str) -> str:
         given = options.get(name, default)
@@ -127,13 +127,13 @@ def _card(env: str, parameters: Parameters, training: Mapping[str, Any], options
 
 
 def program_of(network: nn.Module, size: int) -> ModelProto:
-    """Return a network from observations (n, size) as ONNX, by torch's exporter, whose noise is kept out of the terminal."""
+    """Return a network from observations (n, size) as ONNX by torch's exporter, with its output suppressed."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # torch's exporter uses what torch deprecates
+            warnings.simplefilter("ignore")  # torch's exporter uses deprecated parts of torch
             program = torch.onnx.export(
                 network,
                 (torch.zeros(2, size),),

@@ -1,7 +1,7 @@
-"""Normalization of observations that is part of the policy, so that it cannot be lost.
+"""Normalization of observations as part of the policy, so that it cannot be lost.
 
-Ranges enter as logarithms: a centimetre decides where an obstacle is near, and tells little where it is far. One training of 8
-million steps in `dense` came to 96.0 % success with it and to 94.0 % without, and to 93 % of the way in a sixth of the steps.
+Ranges enter as logarithms: a centimetre is decisive near an obstacle and irrelevant far from it. One training of 8 million
+steps in `dense` reached 96.0 % success with it and 94.0 % without, and 93 % in a sixth of the steps.
 
 The statistics are measured once, before training, on episodes of a baseline policy (a fraction of a second on the compiled
 loop), and then frozen as buffers of the network. There is no second file beside a policy, and no drift while it learns.
@@ -26,11 +26,11 @@ CLIP = 10.0
 CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
 NEAR = 0.03
-"""Share of `turtlebot_gym.rooms.lidar.SIGHT` that is added to a range before its logarithm is taken: 0.1 m, about a radius."""
+"""Share of `turtlebot_gym.rooms.lidar.SIGHT` added to a range before taking its logarithm: 0.1 m, about a robot's radius."""
 
 
 def spread_ranges(observations: torch.Tensor) -> torch.Tensor:
-    """Return observations (..., n) with the ranges of a room as logarithms; those of open ground as they are."""
+    """Return observations (..., n) with the ranges of a room as logarithms; those of open ground are unchanged."""
     if observations.shape[-1] != SIZES[ROOM_LAYOUT]:
         return observations
     belief, ranges, age = observations.split((len(Observation._fields), SECTORS, 1), dim=-1)
@@ -60,13 +60,13 @@ class NormalizedObservation(BaseFeaturesExtractor):
 
 
 def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> tuple[list[float], list[float]]:
-    """Return mean and standard deviation of the observations, after `spread_ranges`, on the way of a policy.
+    """Return mean and standard deviation of the observations of a policy's episodes, after `spread_ranges`.
 
     Args:
         envs: Vector environment that resets by itself.
-        policy: The baseline; half of its actions are replaced by random ones, so that the neighbourhood of its way counts too.
-        seed: Of the environments and of the random actions.
-        steps: How many.
+        policy: The baseline; half of its actions are replaced by random ones, to cover the neighbourhood of its paths too.
+        seed: Seed of the environments and of the random actions.
+        steps: Number of steps.
     """
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)
@@ -79,5 +79,5 @@ def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> 
         seen.append(observations)
     rows = spread_ranges(torch.from_numpy(np.concatenate(seen))).numpy().astype(np.float64)
     std = rows.std(axis=0)
-    # What is constant here (the deviations of the truth are 0) keeps its scale: blown up, it would rule wherever it is not.
+    # Constant entries (the deviations of the truth are 0) keep their scale: scaled up, they would dominate wherever they vary.
     return rows.mean(axis=0).tolist(), np.where(std < CONSTANT, 1.0, std).tolist()

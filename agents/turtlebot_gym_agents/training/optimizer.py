@@ -1,4 +1,4 @@
-"""torch's Adam without what takes a second to import."""
+"""torch's Adam without imports that take a second."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 import torch
 
 EPS = 1e-5
-"""What Stable-Baselines3's on-policy algorithms give Adam by default: larger than torch's, against NaN."""
+"""Default epsilon of Stable-Baselines3's on-policy algorithms: larger than torch's, against NaN."""
 
 
 class Adam(torch.optim.Adam):
-    """torch's Adam, to the bit.
+    """torch's Adam, bit-identical.
 
-    torch's optimizers import ``torch._dynamo``, and with it sympy and more, to hide themselves from ``torch.compile``. Here
-    their methods are called without that: a training step with this one is not to be compiled.
+    torch's optimizers import ``torch._dynamo``, and with it sympy and more, to exclude themselves from ``torch.compile``. This
+    class calls their methods without that, so a training step with it must not be compiled.
     """
 
     state_dict = inspect.unwrap(torch.optim.Adam.state_dict)

@@ -1,4 +1,4 @@
-"""Parameters that differ from environment to environment, so that a policy learns to live with what it cannot know."""
+"""Domain randomization: parameters that differ between environments, so that a policy learns to cope with unknown ones."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import RoomParameters, make_room
 
 PRESETS = ("clean", "tutorial", "documented", "rough")
-"""Noise models that are drawn from; `wheel` is another kind of odometry."""
+"""Noise models to draw from; `wheel` is a different kind of odometry."""
 NOISE_SCALE = (0.5, 1.5)
 """Range of the factor on the odometry's standard deviations."""
 SPEED_ERROR = 0.02
-"""Greatest error of the executed speed, as a share of it; the filter does not know it."""
+"""Largest error of the executed speed, as a share of it, unknown to the filter."""
 DELAYS = (0, 1)
-"""Steps by which commands come late."""
+"""Delays of commands in steps."""
 WORLDS = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1}
-"""In rooms: worlds that are drawn from, with their weights."""
+"""In rooms: worlds to draw from, with their weights."""
 
 
 def randomized(
     base: Parameters, count: int, *, seed: int, presets: Sequence[str] = PRESETS, speed_error: float = SPEED_ERROR
 ) -> list[Parameters]:
-    """Draw parameters for each environment of a batch: noise model, its size, the speed's scale, and a delay; in rooms, a world
-    and a LiDAR as well.
+    """Draw parameters for each environment of a batch: noise model and scale, speed scale and delay; in rooms also world and
+    LiDAR.
 
-    The filter is matched to the noise that was drawn, as it would be on a robot whose odometry was measured.
+    The filter is matched to the drawn noise, as on a robot whose odometry was calibrated.
 
     Args:
-        base: What is not drawn.
-        count: How many environments.
-        seed: Of the draws.
+        base: Parameters that are not drawn.
+        count: Number of environments.
+        seed: Seed of the draws.
         presets: Noise models to draw from.
-        speed_error: Greatest error of the executed speed and turning rate, as a share of them. Wheels that creep on a slippery
+        speed_error: Largest error of the executed speed and turning rate, as a share of them. Wheels that creep on a slippery
             floor lose a tenth.
     """
     random = np.random.default_rng(seed)

@@ -1,11 +1,11 @@
 """A Stable-Baselines3 ``VecEnv`` over any native Gymnasium vector environment.
 
-The two interfaces differ in four things, which are all that this adapter does: SB3 resets finished environments within the
-step and wants their last observation in the infos; it wants one dictionary per environment; ``reset`` returns observations
-only; and time-outs are told apart by ``TimeLimit.truncated``.
+The adapter bridges the four differences between the two interfaces: SB3 resets finished environments within the step and
+expects their last observation in the infos; it expects one dictionary per environment; ``reset`` returns observations only; and
+``TimeLimit.truncated`` marks time-outs.
 
-SB3's on-policy algorithms evaluate the value of every timed-out episode's last observation with a forward pass of its own. With
-thousands of environments that is most of the time. After ``bootstrap_with(model)`` the adapter does it for all rows at once.
+SB3's on-policy algorithms evaluate the value of each timed-out episode's last observation in a separate forward pass, which
+takes most of the time with thousands of environments. After ``bootstrap_with(model)`` the adapter does it for all rows at once.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 _PURE = ("compute_reward",)
-"""Methods of which any row may be asked, since the answer does not depend on it: `HerReplayBuffer` asks the first one."""
+"""Methods that may be called on any row, since the result does not depend on it; `HerReplayBuffer` uses the first one."""
 
 
 class Sb3VecEnv(VecEnv):
     """Present a Gymnasium vector environment to Stable-Baselines3.
 
-    Over `SyncVectorEnv` the rows are addressed one by one, as in SB3's `DummyVecEnv`. Those of a native vector environment
-    share their attributes and methods, and those of `AsyncVectorEnv` answer together: what cannot be asked of some rows alone
-    is refused. Rows whose options differ are reset by ``reset_mask``.
+    With `SyncVectorEnv`, rows are addressed individually, as in SB3's `DummyVecEnv`. Rows of a native vector environment share
+    their attributes and methods, and those of `AsyncVectorEnv` answer together; requests for only some of these rows are
+    refused. Rows with different options are reset by ``reset_mask``.
 
     Infos hold, for the environments whose episode has just ended, ``terminal_observation``, ``TimeLimit.truncated``,
-    ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and whatever ``final_info`` has, such as
-    ``is_success``. All others' are empty.
+    ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and the contents of ``final_info``, such as
+    ``is_success``. All other infos are empty.
 
     Args:
-        envs: A vector environment in the mode ``AutoresetMode.SAME_STEP`` whose steps return fresh arrays.
+        envs: A vector environment in the mode ``AutoresetMode.SAME_STEP`` whose steps return new arrays.
 
     Raises:
-        ValueError: If its autoreset mode is another one.
+        ValueError: If its autoreset mode is not SAME_STEP.
     """
 
     def __init__(self, envs: VectorEnv) -> None:
@@ -69,14 +69,14 @@ class Sb3VecEnv(VecEnv):
     def bootstrap_with(self, model: OnPolicyAlgorithm) -> None:
         """Add ``gamma V(last observation)`` of timed-out episodes to their rewards, in one batch, instead of leaving it to SB3.
 
-        Their infos then have ``TimeLimit.truncated`` false, so that it is not done twice.
+        Their infos then have ``TimeLimit.truncated`` set to false, so that SB3 does not do it again.
 
         Args:
-            model: An on-policy one (those with a replay buffer need the flag) that works on this adapter directly: under
-                `VecNormalize` its values would belong to other observations and rewards.
+            model: An on-policy model (those with a replay buffer need the flag) whose env is this adapter itself: under
+                `VecNormalize` its values would refer to other observations and rewards.
 
         Raises:
-            ValueError: If the model is not such a one.
+            ValueError: If the model is not one of these.
         """
         if not isinstance(model, OnPolicyAlgorithm) or model.env is not self:
             raise ValueError(f"model must be an on-policy algorithm whose env is this adapter, got {model!r}.")
@@ -90,11 +90,11 @@ class Sb3VecEnv(VecEnv):
         self._model = model
 
     def reset(self) -> Any:
-        """Start all episodes, with the seeds and options that `seed` and `set_options` have left, and return observations."""
-        # VecEnv.seed(s) has left s + i, which is what Gymnasium makes of the int s; not all vector environments take lists.
+        """Start all episodes with the seeds and options set by `seed` and `set_options`, and return observations."""
+        # VecEnv.seed(s) sets s + i, as Gymnasium does for the int s; not all vector environments accept lists.
         seed, groups, observations = self._seeds[0], self._groups(), None
         if len(groups) > 1 and not self._begun:
-            self.envs.reset(seed=seed)  # the first reset must be one of all rows
+            self.envs.reset(seed=seed)  # the first reset must include all rows
         for options, rows in groups:
             options = {**options, "reset_mask": rows} if len(groups) > 1 else options
             begins = options.get("reset_mask", rows)
@@ -109,7 +109,7 @@ class Sb3VecEnv(VecEnv):
         return observations
 
     def _groups(self) -> list[tuple[dict[str, Any], NDArray[np.bool_]]]:
-        """Return the different options of the rows, and which rows have each."""
+        """Return the distinct options of the rows, and the rows of each."""
         if len(self._options) != self.num_envs:
             raise ValueError(f"options must be one for all or {self.num_envs}, got {len(self._options)}.")
         groups: list[tuple[dict[str, Any], NDArray[np.bool_]]] = []
@@ -124,7 +124,7 @@ class Sb3VecEnv(VecEnv):
         return groups
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the actions for `step_wait`."""
+        """Store the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
@@ -163,11 +163,11 @@ class Sb3VecEnv(VecEnv):
         self.envs.close()
 
     def _chosen(self, indices: Any) -> list[int]:
-        """Return the rows that some indices mean."""
+        """Return the rows for some indices."""
         return [int(index) for index in (range(self.num_envs) if indices is None else np.atleast_1d(indices))]
 
     def _rows(self) -> Sequence[gym.Env] | None:
-        """Return the environments of the rows, where each has one that can be reached."""
+        """Return the environments of the rows, if they are accessible."""
         return self.envs.unwrapped.envs if isinstance(self.envs.unwrapped, SyncVectorEnv) else None
 
     def _require_all(self, chosen: list[int], what: str) -> None:
@@ -182,7 +182,7 @@ class Sb3VecEnv(VecEnv):
         return layer
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of each of the rows; of a native vector environment, that of all rows."""
+        """Return an attribute of each row; for a native vector environment, the one that all rows share."""
         rows, chosen = self._rows(), self._chosen(indices)
         if rows is not None:
             return [rows[row].get_wrapper_attr(attr_name) for row in chosen]
@@ -192,7 +192,7 @@ class Sb3VecEnv(VecEnv):
         return [getattr(self._layer_of(attr_name), attr_name)] * len(chosen)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of each of the rows; of a native vector environment, that of all rows.
+        """Set an attribute of each row; for a native vector environment, the one that all rows share.
 
         Raises:
             ValueError: If only some rows are meant and they share it.
@@ -210,7 +210,7 @@ class Sb3VecEnv(VecEnv):
             setattr(layer if hasattr(layer, attr_name) else self.envs, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of each of the rows; of a native vector environment once, with the result for each of the rows.
+        """Call a method of each row; for a native vector environment call it once, with the same result for each row.
 
         Raises:
             ValueError: If only some rows are meant and they share it.
@@ -226,14 +226,14 @@ class Sb3VecEnv(VecEnv):
         return [getattr(self._layer_of(method_name), method_name)(*args, **kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return for each of the rows whether it is wrapped; by a `Monitor` all are, for the infos have what it would tell."""
+        """Return whether each row is wrapped; all count as wrapped by a `Monitor`, since the infos have its entries."""
         rows, chosen = self._rows(), self._chosen(indices)
         if rows is None or wrapper_class is Monitor:
             return [wrapper_class is Monitor] * len(chosen)
         return [is_wrapped(rows[row], wrapper_class) for row in chosen]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Return the pictures that the vector environment draws, if it draws any."""
+        """Return the vector environment's pictures, if it draws any."""
         images: Any = self.envs.render()
         return [None] * self.num_envs if images is None else list(images)
 

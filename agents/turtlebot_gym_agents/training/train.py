@@ -1,9 +1,9 @@
-"""Train a policy with Stable-Baselines3 on the native vector environment, so that an interruption costs seconds.
+"""Train a policy with Stable-Baselines3 on the native vector environment; an interruption costs only seconds of work.
 
-A run's folder holds ``config.json`` (all that the run depends on), ``checkpoint.zip`` (the last state, to resume from; with
-``checkpoint.replay.pkl`` where there is a replay buffer), ``best.zip`` (the best model on the evaluation's seeds),
-``policy.onnx`` (its bundle, when it is done), ``result.json`` and TensorBoard's logs. Every file is replaced in one step: a
-killed run leaves them whole.
+A run's folder holds ``config.json`` (everything that the run depends on), ``checkpoint.zip`` (the last state, to resume from;
+with ``checkpoint.replay.pkl`` if there is a replay buffer), ``best.zip`` (the best model on the evaluation's seeds),
+``policy.onnx`` (its bundle, once the run is done), ``result.json`` and TensorBoard logs. Files are replaced atomically, so a
+killed run leaves them complete.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 }
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
-"""A run's environments have seeds from (1 + its seed) times this on: apart from other runs', and from the evaluation's."""
+"""Environments of a run have seeds from (1 + its seed) times this, separate from other runs and from the evaluation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingResult:
-    """What a training run has come to."""
+    """Result of a training run."""
 
     steps: int
-    """Environment steps, those before an interruption included."""
+    """Environment steps, including those before an interruption."""
     seconds: float
     """Wall time of this call, s."""
     steps_per_second: float
@@ -76,19 +76,19 @@ def train(
     """Train one policy.
 
     Args:
-        config: What to train.
-        folder: Where the run's files go.
-        resume: Go on from the folder's checkpoint, if there is one.
+        config: Configuration of the training.
+        folder: Folder for the run's files.
+        resume: Resume from the folder's checkpoint, if there is one.
         progress: Whether to show a bar.
-        hyper: Hyper-parameters, where the configuration's file has been read elsewhere.
-        callbacks: Called besides the training's own.
+        hyper: Hyper-parameters, if the configuration's file was already read.
+        callbacks: Additional callbacks.
 
     Returns:
-        What it has come to; the folder holds the policy.
+        The result; the folder holds the policy.
 
     Raises:
-        ValueError: If a name in the configuration is unknown, or the folder holds a run and ``resume`` is not set, or a run
-            of another configuration.
+        ValueError: If a name in the configuration is unknown, or the folder holds a run of another configuration, or any run
+            without ``resume``.
     """
     start = time.perf_counter()
     hyper = dict(hyper or hyperparameters.load(config.algo, config.env, config.config))
@@ -114,7 +114,7 @@ def train(
     bar = ProgressCallback(total, label=f"{config.env.partition('/')[2]} seed {config.seed}")
     own = [judge, CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds), *([bar] if progress else [])]
     try:
-        # A finished run has nothing to learn, but the callbacks find its best model again.
+        # A finished run has nothing left to learn, but the callbacks restore its best model.
         learn(model, total, [*own, *callbacks], threads=config.threads)
     finally:
         bar.stop()
@@ -151,13 +151,13 @@ def train(
 
 
 def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv, *, tensorboard: Path | None) -> BaseAlgorithm:
-    """Return a model at the beginning of its training.
+    """Return a new model.
 
     Args:
-        config: What to train.
-        hyper: Its hyper-parameters.
-        envs: Where it trains.
-        tensorboard: Folder of its logs.
+        config: Configuration of the training.
+        hyper: Hyper-parameters.
+        envs: Environments to train in.
+        tensorboard: Folder of the logs.
     """
     algorithm = choose("algo", config.algo, ALGORITHMS)
     keywords = hyperparameters.arguments(dict(hyper), algorithm)
@@ -182,12 +182,12 @@ def make_model(config: TrainingConfig, hyper: Mapping[str, Any], envs: VectorEnv
 
 
 def load_checkpoint(config: TrainingConfig, checkpoint: Path, envs: VectorEnv) -> BaseAlgorithm:
-    """Return the model of a checkpoint that `CheckpointCallback` has left in the run's own folder: it is unpickled.
+    """Load the model of a checkpoint by `CheckpointCallback` from the run's own folder; loading unpickles it.
 
     Args:
-        config: What it was made for.
+        config: Configuration of the training.
         checkpoint: The file.
-        envs: Where it goes on.
+        envs: Environments in which training continues.
     """
     algorithm = choose("algo", config.algo, ALGORITHMS)
     model = algorithm.load(checkpoint, env=Sb3VecEnv(envs), device=choose_device(config.device, algorithm))
@@ -206,26 +206,26 @@ def _set_up(model: BaseAlgorithm, config: TrainingConfig) -> BaseAlgorithm:
 
 
 def learn(model: BaseAlgorithm, total: int, callbacks: list[Any], *, threads: int = 1) -> None:
-    """Train a model until it has made so many steps, those that it has made already included.
+    """Train a model up to a total number of steps, including those it has already made.
 
     Args:
-        model: What learns.
-        total: Steps.
-        callbacks: Called on the way.
-        threads: Of the compiled loop.
+        model: The model.
+        total: Total number of steps.
+        callbacks: Callbacks of the training.
+        threads: Threads of the compiled loop.
     """
     with limited(threads):
         model.learn(max(0, total - model.num_timesteps), callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
 
 
 def _parameters(envs: VectorEnv) -> Parameters:
-    """Return the environments' parameters; the first one's, where they differ."""
+    """Return the environments' parameters; those of the first one if they differ."""
     found: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     return found if isinstance(found, Parameters) else found[0]
 
 
 def _require_same(old: Mapping[str, Any], new: Mapping[str, Any], folder: Path) -> None:
-    """Raise ValueError if a folder's run is of another configuration."""
+    """Raise ValueError if a folder's run has another configuration."""
     for part in ("config", "hyperparameters"):
         keys = set(old[part]) | set(new[part])
         for key in sorted(keys - set(FREE_TO_CHANGE)):

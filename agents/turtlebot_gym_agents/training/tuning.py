@@ -1,8 +1,8 @@
-"""Search for hyper-parameters with Optuna: resumable, with trials that fall behind cut short.
+"""Search for hyper-parameters with Optuna: resumable, with pruning of poor trials.
 
-A study's folder holds ``study.db`` (Optuna's sqlite storage, unless another is named: stop whenever you like and go on
-later, or have several processes work on it at once) and ``best.yaml``, the best hyper-parameters so far in the form that
-training reads.
+A study's folder holds ``study.db`` (Optuna's sqlite storage, unless another is named; a study can be interrupted and resumed at
+any time, and several processes can share it) and ``best.yaml``, the best hyper-parameters so far in the form that training
+reads.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ SPACES: dict[str, dict[str, BaseDistribution]] = {
     "sac": {**_COMMON, **_NETWORK, **_OFF_POLICY},
     "td3": {**_COMMON, **_NETWORK, **_OFF_POLICY, "noise_std": FloatDistribution(0.05, 0.5)},
 }
-"""What is searched for each algorithm: the hyper-parameter's name, with a dot where it is nested, and its range."""
+"""Search space of each algorithm: names of hyper-parameters, with a dot if nested, and their ranges."""
 
 
 def tune(
@@ -69,14 +69,14 @@ def tune(
 ) -> optuna.Study:
     """Search for the hyper-parameters with which the last evaluation's mean return is highest.
 
-    All trials have the same seed and budget. The first one has the hyper-parameters that the search starts from, as far as
-    they are in the space. What is not searched stays as it is there.
+    All trials have the same seed and budget. The first one has the initial hyper-parameters as far as they are in the search
+    space. All others keep their initial values.
 
     Args:
-        config: What to train; its ``steps`` are each trial's.
-        folder: The study's; one that holds a study is gone on with.
-        trials: How many finished trials the study is to have, earlier ones and those of other processes included.
-        storage: Where the study is, see `open_study`; ``study.db`` in the folder where it is not given.
+        config: Configuration of the training; its ``steps`` are those of each trial.
+        folder: Study folder; an existing study is resumed.
+        trials: Total number of finished trials, including earlier ones and those of other processes.
+        storage: Storage of the study, see `open_study`; None for ``study.db`` in the folder.
         progress: Called with the number of finished trials.
 
     Returns:
@@ -94,7 +94,7 @@ def tune(
     while (finished := len(finished_trials(study))) < trials:
         progress(finished)
         trial = study.ask()
-        # A seed for each trial: processes that share a study draw other hyper-parameters.
+        # A seed for each trial, so that processes that share a study draw different hyper-parameters.
         study.sampler = Sampler([config.seed, trial.number], {} if trial.number else starting_point(space, base))
         suggest(trial, space)
         study.tell(trial, *run_trial(trial, config, with_parameters(base, trial.params)))
@@ -104,18 +104,18 @@ def tune(
 
 
 def open_study(folder: Path, storage: str | None, about: Mapping[str, Any]) -> optuna.Study:
-    """Return a study, which is made where there is none.
+    """Return a study, which is created if there is none.
 
     Args:
-        folder: The study's; made where it is missing.
-        storage: A database's URL, as SQLAlchemy takes it, or a file, Optuna's journal, which a network's file system may hold;
-            by default ``study.db`` in the folder.
-        about: What the study depends on, in JSON's own types.
+        folder: Study folder; created if missing.
+        storage: URL of a database for SQLAlchemy, or a file (Optuna's journal), which may be on a network file system; None for
+            ``study.db`` in the folder.
+        about: Everything that the study depends on, as JSON types.
 
     Raises:
-        ValueError: If there is one of another configuration, or the storage cannot be used.
+        ValueError: If an existing study has another configuration, or the storage cannot be used.
     """
-    about = {**about, "config": {name: value for name, value in about["config"].items() if name != "device"}}  # any goes on
+    about = {**about, "config": {name: value for name, value in about["config"].items() if name != "device"}}  # any resumes it
     folder.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
@@ -145,17 +145,17 @@ def _storage(name: str) -> optuna.storages.BaseStorage | str:
 
 
 def pruner() -> optuna.pruners.BasePruner:
-    """Return what cuts trials short: those below the median of the earlier ones."""
+    """Return the pruner, which stops trials below the median of the earlier ones."""
     return optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=1)
 
 
 def finished_trials(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
-    """Return the trials that have come to an end of their own."""
+    """Return the trials that ended regularly."""
     return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
 
 
 def save_best(study: optuna.Study, folder: Path, config: TrainingConfig, base: Mapping[str, Any]) -> None:
-    """Write ``best.yaml``, once there is a best trial."""
+    """Write ``best.yaml`` as soon as there is a best trial."""
     if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
         hyperparameters.save(folder / "best.yaml", config.env, with_parameters(base, study.best_params))
 
@@ -164,14 +164,14 @@ class Sampler(optuna.samplers.TPESampler):
     """Optuna's tree-structured Parzen estimator, with some parameters given.
 
     Args:
-        seed: Numbers that the draws follow from.
-        given: Parameters that are not drawn.
+        seed: Seed of the draws.
+        given: Fixed parameters.
     """
 
     def __init__(self, seed: Sequence[int], given: Mapping[str, Any]) -> None:
         super().__init__(seed=int(np.random.SeedSequence(seed).generate_state(1)[0]), multivariate=False)
         self.given = given
-        """Parameters that are not drawn; they may be replaced between trials."""
+        """Fixed parameters, which are not drawn; they may be replaced between trials."""
 
     def sample_independent(
         self, study: optuna.Study, trial: optuna.trial.FrozenTrial, param_name: str, param_distribution: BaseDistribution
@@ -192,7 +192,7 @@ def suggest(trial: optuna.Trial, space: Mapping[str, BaseDistribution]) -> dict[
 
 
 def with_parameters(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return hyper-parameters with those of a trial in their places."""
+    """Return hyper-parameters with those of a trial inserted."""
     hyper = deepcopy(dict(base))
     for name, value in parameters.items():
         *path, key = name.split(".")
@@ -208,7 +208,7 @@ def with_parameters(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> d
 
 
 def starting_point(space: Mapping[str, BaseDistribution], base: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of the hyper-parameters that lie in the space, as a trial has them."""
+    """Return the hyper-parameters that are in the search space, in the form of a trial."""
     found: dict[str, Any] = {}
     for name, distribution in space.items():
         value: Any = base
@@ -231,11 +231,11 @@ def starting_point(space: Mapping[str, BaseDistribution], base: Mapping[str, Any
 
 
 def run_trial(trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]) -> tuple[float | None, TrialState]:
-    """Return a trial's value, and whether it was cut short."""
+    """Return a trial's value, and whether it was pruned."""
     total = config.steps or hyper["n_timesteps"]
 
     def go_on(figures: dict[str, float]) -> bool:
-        # Evaluations are numbered: rollouts of other lengths do not end at the same steps.
+        # Evaluations are numbered, since rollouts of different lengths end at different steps.
         trial.report(figures["return"], len(judge.history))
         return not trial.should_prune()
 

@@ -1,4 +1,4 @@
-"""The current policy in a browser while it learns."""
+"""Show the current policy in a browser while it learns."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from turtlebot_gym_agents.watch import Growing, Track, record_episode
 from turtlebot_gym_agents.watch.server import Server
 
 SHARE = 20.0
-"""An episode takes at most one in so many parts of the time."""
+"""Inverse of the largest share of the time that episodes may take."""
 _OPTIONS = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
 
 
 class WatchCallback(BaseCallback):
-    """Drive an episode with the current policy now and then, always the same one, and serve the newest to browsers.
+    """Drive the same episode with the current policy now and then, and serve the newest drive to browsers.
 
     Args:
-        config: What is trained.
+        config: Configuration of the training.
         seconds: Least time between two episodes.
-        port: Where it is served on this machine; 0 for any port that is free.
+        port: Port on this machine; 0 for any free port.
     """
 
     def __init__(self, config: TrainingConfig, *, seconds: float = 5.0, port: int = 5006) -> None:
@@ -31,7 +31,7 @@ class WatchCallback(BaseCallback):
         self._config, self._seconds, self._port = config, seconds, port
         self._due = 0.0
         self.server: Server | None = None
-        """What serves the view, while it learns."""
+        """Server of the view during training."""
 
     def _on_training_start(self) -> None:
         self.drive = Growing(self._record())

@@ -1,4 +1,4 @@
-"""Drives in a browser: one record, `Track`, that episodes, recordings and live graphs fill, and one view that draws it.
+"""Drives in a browser: a record, `Track`, filled by episodes, recordings and live graphs, and a view that draws it.
 
 The view needs Bokeh, the extra [watch]; the record does not.
 """

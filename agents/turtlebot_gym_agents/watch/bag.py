@@ -1,7 +1,7 @@
 """A bag as a track, without ROS: the topics of the graph, decoded by `rosbags`.
 
-A row is a message on ``odom``. What has the same stamp belongs to it; otherwise the last value before it holds, and the truth
-is interpolated. Topics may stand in a namespace.
+A row is a message on ``odom``. Values with the same stamp belong to it; otherwise the last earlier value holds, and the truth
+is interpolated. Topics may be in a namespace.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from turtlebot_gym_agents.watch.track import Seen, Surroundings, Track, of_traje
 GUARD = "cmd_vel_guard"
 """Name of the guard's node."""
 FRESH = 1.0
-"""Age up to which a value holds, s; a waypoint holds for ever."""
+"""Age up to which a value holds, s; a waypoint holds indefinitely."""
 _CUBE, _CYLINDER, _LINE_STRIP = 1, 3, 4
-"""Types of ``visualization_msgs/msg/Marker`` that a room consists of."""
+"""Types of ``visualization_msgs/msg/Marker`` in a room."""
 
 
 class Heard(NamedTuple):
-    """A message, when it was stamped and when it was recorded, s."""
+    """A message with the times of its stamp and of its recording, s."""
 
     stamp: float
     received: float
@@ -46,11 +46,11 @@ def read_bag_track(path: Path, around: Surroundings, *, lidar: str = "lds01") ->
 
     Args:
         path: The bag's folder, or its file.
-        around: The drive's label; room and map are taken from the bag.
-        lidar: How the LiDAR is mounted, a name in `turtlebot_gym.rooms.lidar.LIDARS`.
+        around: Label of the drive; room and map come from the bag.
+        lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
 
     Raises:
-        ValueError: If it is no bag, or has no odometry.
+        ValueError: If the path is not a bag, or the bag has no odometry.
         ImportError: If rosbags is missing.
     """
     heard = _read(path)
@@ -98,12 +98,12 @@ def _read(path: Path) -> dict[str, list[Heard]]:
 
 
 def _header(message: Any) -> Any:
-    """Return a message's header; markers have one each."""
+    """Return a message's header; in a marker array, each marker has one."""
     return message.header if hasattr(message, "header") else message.markers[0].header
 
 
 def _increasing(messages: Sequence[Heard]) -> list[Heard]:
-    """Return messages without those whose stamp does not go on, such as a step that was published again."""
+    """Return messages without those whose stamp does not increase, such as a step that was published again."""
     kept: list[Heard] = []
     for each in messages:
         if not kept or each.stamp > kept[-1].stamp:
@@ -112,12 +112,12 @@ def _increasing(messages: Sequence[Heard]) -> list[Heard]:
 
 
 def _before(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the number of the last time at or before each wanted one; -1 where there is none."""
+    """Return the index of the last time at or before each wanted one; -1 if there is none."""
     return np.searchsorted(times, wanted + 1e-6, side="right") - 1
 
 
 def _held(messages: Sequence[Heard], time: NDArray[np.float64], read: Any, *, fresh: float = FRESH) -> NDArray[np.float64]:
-    """Return a number, or a tuple of numbers, of the last message at each time; NaN where it is too old."""
+    """Return a number, or a tuple of numbers, from the last message at each time; NaN if it is too old."""
     kept = _increasing(messages)
     if not kept:
         return np.full(len(time), np.nan)
@@ -148,7 +148,7 @@ def _trajectory(
 
 
 def _covariance(message: Any) -> NDArray[np.float64]:
-    """Return the covariance of x, y, heading, v and omega in an Odometry message; what is between the two parts is not told."""
+    """Return the covariance of x, y, heading, v and omega in an Odometry message; it lacks that between pose and twist."""
     P = np.zeros((5, 5))
     pose, twist = (np.asarray(part.covariance, np.float64).reshape(6, 6) for part in (message.pose, message.twist))
     P[:3, :3], P[3:, 3:] = pose[np.ix_((0, 1, 5), (0, 1, 5))], twist[np.ix_((0, 5), (0, 5))]
@@ -160,7 +160,7 @@ def _nis(message: Any) -> float:
 
 
 def _reports(messages: Sequence[Heard], received: NDArray[np.float64]) -> list[tuple[float, str]] | None:
-    """Return what the guard reported last at each row, by the recorder's clock; None where there was no guard."""
+    """Return the guard's last report at each row, by the recorder's clock; None if there was no guard."""
     told = [
         (each.received, (float(status.level), str(status.message)))
         for each in messages
@@ -174,7 +174,7 @@ def _reports(messages: Sequence[Heard], received: NDArray[np.float64]) -> list[t
 
 
 def _scans(messages: Sequence[Heard], time: NDArray[np.float64], drive: Trajectory, lidar: Lidar) -> list[Seen]:
-    """Return the scans, each where the robot was when it was complete: by the truth, else the estimate, else odometry."""
+    """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
     scans: list[Seen] = []
     states = np.where(np.isfinite(drive.true_state[:, :3]), drive.true_state[:, :3], drive.estimate[:, :3])
     states = np.where(np.isfinite(states), states, drive.odometry)
@@ -192,7 +192,7 @@ def _scans(messages: Sequence[Heard], time: NDArray[np.float64], drive: Trajecto
 
 
 def _obstacles(message: Any) -> Obstacles | None:
-    """Return a room that was drawn with markers: a line round it, cylinders and cubes; None for other markers."""
+    """Return a room from its markers: a line around it, cylinders and cubes; None for other markers."""
     walls, circles, boxes = None, [], []
     for marker in message.markers:
         at, q, size = marker.pose.position, marker.pose.orientation, marker.scale

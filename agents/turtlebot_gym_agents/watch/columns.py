@@ -1,4 +1,4 @@
-"""A track as the columns that a browser gets: numbers in single precision, ranges in millimetres."""
+"""A track as columns for a browser: numbers in single precision, ranges in millimetres."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from turtlebot_gym_agents.watch.track import Seen, Track
 
 MILLIMETRES = 1000.0
 NOTHING = 0
-"""What stands for a beam that returned nothing."""
+"""Value for a beam that returned nothing."""
 
 
 def rows_of(track: Track, *, scans_before: int = 0, start: float = 0.0) -> dict[str, Any]:
     """Return the columns of a track's rows, all of length T; angles in rad, lengths in m.
 
-    ``x, y, theta, v, omega`` are the truth, those that begin with ``e`` the estimate, with ``o`` the odometry, with ``g`` the
-    goal; ``width, height, tilt`` the axes of the estimate's ellipse.
+    ``x, y, theta, v, omega`` are the truth; names with the prefix ``e`` are the estimate, ``o`` the odometry and ``g`` the
+    goal; ``width, height, tilt`` are the axes of the estimate's ellipse.
 
     Args:
         track: The track, or a piece of one.
-        scans_before: Scans of the pieces before it.
+        scans_before: Number of scans in earlier pieces.
         start: Time that is shown as 0, s.
     """
     drive = track.drive
@@ -83,6 +83,6 @@ def _axes(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 
 
 def _millimetres(ranges: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Return ranges as whole millimetres; `NOTHING` where nothing was returned, or from farther than 65 m."""
+    """Return ranges as whole millimetres; `NOTHING` for beams without a return, or beyond 65 m."""
     rounded = np.round(MILLIMETRES * np.where(np.isfinite(ranges), ranges, 0.0))
     return np.where(rounded < 2**16, rounded, NOTHING).astype(np.uint16)

@@ -25,12 +25,12 @@ from turtlebot_gym_agents.watch.track import Seen, Surroundings, Track, of_traje
 
 
 class _Row(NamedTuple):
-    """What an environment tells at a step."""
+    """Data of an environment at a step."""
 
     info: dict[str, Any]
     room: Obstacles | None
     ranges: NDArray[np.float32] | None
-    """The newest scan's, shape (beams,), m."""
+    """Ranges of the newest scan, shape (beams,), m."""
 
 
 def record_episode(
@@ -47,9 +47,9 @@ def record_episode(
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
         env: The id of an environment of this package.
-        seed: The episode's.
-        label: What the view calls it; by default the policy's name.
-        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
+        seed: Seed of the episode.
+        label: Label in the view; by default the policy's name.
+        allow_mismatch: Whether a bundle made for another task or observation may drive.
         **options: Passed to the environment: robot, noise, filter, observation, arrival, world, lidar ...
 
     Raises:
@@ -69,13 +69,13 @@ def record_episode(
 
 
 def _scene_of(envs: VectorEnv) -> Scene | None:
-    """Return what surrounds the first robot, whose arrays the environment changes; None on open ground."""
+    """Return the surroundings of the first robot, whose arrays the environment updates; None on open ground."""
     truth = getattr(envs.unwrapped, "truth", None)
     return scene_at(truth()[0], 0) if truth else None
 
 
 def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
-    """Yield what the environment tells at the start and after each step of an episode."""
+    """Yield the environment's data at the start and after each step of an episode."""
     observations, info = envs.reset(seed=seed)
     if isinstance(policy, PolicyWithMemory):
         policy.reset(np.ones(1, np.bool_))
@@ -135,7 +135,7 @@ def _scans(rows: Sequence[_Row], drive: Trajectory, p: Parameters) -> list[Seen]
 
 
 def _grid_of(scene: Scene | None) -> GridMap | None:
-    """Return the map of a scene, without the border that is added to it; None where there is none."""
+    """Return the map of a scene without its added border; None if there is none."""
     if scene is None or scene.squares.shape[1] == 0:
         return None
     inside = slice(1, -1), slice(1, -1)

@@ -15,11 +15,11 @@ from turtlebot_gym_agents.watch.view import fill
 
 
 def to_html(tracks: Sequence[Track], *, title: str) -> str:
-    """Return the view of some drives as a page that has everything in it.
+    """Return the view of some drives as a self-contained page.
 
     Args:
         tracks: The drives; several are shown side by side.
-        title: What stands above.
+        title: Title of the page.
 
     Raises:
         ValueError: See `view.fill`.

@@ -1,4 +1,4 @@
-"""The map of a run: the room, and what the client moves in it."""
+"""The map of a run: the room, and the objects that the client moves in it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from turtlebot_gym_agents.watch.theme import Theme
 from turtlebot_gym_agents.watch.track import Track
 
 PAD = 0.3
-"""Room round what is to be seen, m."""
+"""Margin around the visible contents, m."""
 PIXELS = 800
 """Longest side of a map's picture."""
 _NOW = (
@@ -32,21 +32,21 @@ class Map(NamedTuple):
 
     figure: Figure
     aspect: float
-    """Width by height of what it shows."""
+    """Ratio of width to height of the visible area."""
     now: ColumnDataSource
-    """What is at present, in one row."""
+    """The current state, in one row."""
     trail: ColumnDataSource
     points: ColumnDataSource
     circles: ColumnDataSource
     still: list[float]
-    """x, y and radius of the circles that stand still, one after the other."""
+    """x, y and radius of each static circle in sequence."""
     sizes: list[float]
-    """Radius of the robot, and that of a waypoint, m."""
+    """Radii of the robot and of a waypoint, m."""
     seen: list[float]
-    """What is to be seen: least x and y, greatest x and y, m."""
+    """Visible area: least x and y, greatest x and y, m."""
 
     def models(self) -> dict[str, Any]:
-        """Return what the client needs of it, by name."""
+        """Return the models that the client needs, by name."""
         names = ("figure", "now", "trail", "points", "circles", "still", "sizes", "seen")
         return {name: getattr(self, name) for name in names}
 
@@ -56,10 +56,10 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
 
     Args:
         track: The run.
-        tracks: All runs: each map shows where any of them was.
-        theme: Where its colours are entered.
-        name: The figure's.
-        beside: Another run's map, which is panned and zoomed together with this one.
+        tracks: All runs; each map covers the area of all of them.
+        theme: Registry of the colours.
+        name: Name of the figure.
+        beside: Another run's map, panned and zoomed together with this one.
     """
     low, high = extent(tracks)
     x_range, y_range = (
@@ -87,7 +87,7 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
 
 
 def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower left and the upper right corner of what is to be seen, m: rooms, paths and waypoints."""
+    """Return the lower left and the upper right corner of the visible area, m: rooms, paths and waypoints."""
     points = []
     for track in tracks:
         drive, room = track.drive, track.around.room
@@ -109,7 +109,7 @@ def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
-    """Return a map as an upright picture: 0 free or outside, 1 not known, 2 occupied; the first row is the lowest.
+    """Return a map as an axis-aligned picture: 0 free or outside, 1 unknown, 2 occupied; the first row is the lowest.
 
     Returns:
         The picture, and its lower left corner, width and height, m.
@@ -120,7 +120,7 @@ def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float
     columns, rows = np.maximum(np.round((high - low) / side), 1).astype(int)
     shades = np.where(grid.cells == OCCUPIED, 2, np.where(grid.cells == FREE, 0, 1)).astype(np.uint8)
     shown = np.zeros((rows, columns), np.uint8)
-    fine = max(1, int(np.ceil(side / grid.resolution)))  # several cells to a pixel: the darkest counts, or thin walls were lost
+    fine = max(1, int(np.ceil(side / grid.resolution)))  # several cells per pixel: the darkest counts, to keep thin walls
     for du in range(fine):
         for dv in range(fine):
             x = low[0] + (np.arange(columns)[None, :] + (du + 0.5) / fine) * side
@@ -139,7 +139,7 @@ def _corners(grid: GridMap) -> NDArray[np.float64]:
 
 
 def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
-    """Draw what stands still, circles apart, which the client draws with those that walk."""
+    """Draw static objects except circles, which the client draws together with walkers."""
     room, grid = track.around.room, track.around.grid
     if grid is not None:
         shown, (x, y, width, height) = picture(grid)
@@ -167,7 +167,7 @@ def _draw_present(
     points: ColumnDataSource,
     circles: ColumnDataSource,
 ) -> None:
-    """Draw what the client moves."""
+    """Draw the objects that the client moves."""
 
     def paint(renderer: Any, ink: style.Ink, *names: str) -> None:
         theme.paint(renderer.glyph, ink, *names)

@@ -16,11 +16,11 @@ from turtlebot_gym_agents.watch.theme import Theme
 from turtlebot_gym_agents.watch.track import ERROR, OK, WARNING, Track
 
 HEIGHT = 112
-"""Of a plot, pixels."""
+"""Height of a plot, pixels."""
 MARGIN = 58
-"""To the left of each frame, pixels: the same for all, so that times stand one above the other."""
+"""Space to the left of each frame, pixels, equal for all, so that times are aligned."""
 CONFIDENCE = 0.95
-"""Share of the NIS that is below its line where the filter is right."""
+"""Share of the NIS below its line for a consistent filter."""
 
 
 class Plots(NamedTuple):
@@ -28,13 +28,13 @@ class Plots(NamedTuple):
 
     figures: list[Figure]
     cursors: list[Span]
-    """The present, in each."""
+    """Cursor at the current time in each plot."""
     range: Range1d
     """Times, shared by all, s."""
 
 
 class Curve(NamedTuple):
-    """A column that is drawn over time; the last one of a plot is drawn of several runs."""
+    """A column drawn over time; the last one of a plot is drawn for several runs."""
 
     column: str
     ink: Ink
@@ -44,7 +44,7 @@ class Curve(NamedTuple):
 
 
 def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
-    """Return the plots; those of which no drive has any number are left out, unless drives still grow."""
+    """Return the plots; those without any data are left out, unless drives still grow."""
     end = max(float(track.drive.time[-1] - track.drive.time[0]) for track in tracks)
     plots = Plots([], [], Range1d(start=0.0, end=max(end, 1.0)))
     several = len(tracks) > 1
@@ -90,7 +90,7 @@ def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme:
 
 
 def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
-    """Return an empty plot, with the cursor; a tap on it moves the present there."""
+    """Return an empty plot with the cursor; a tap on it moves the cursor there."""
     values = DataRange1d(range_padding=0.12)
     if floor is not None:
         values.start = floor

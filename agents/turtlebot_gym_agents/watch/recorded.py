@@ -16,7 +16,7 @@ from turtlebot_gym_agents.watch.bag import read_bag_track
 from turtlebot_gym_agents.watch.track import Surroundings, Track, of_trajectory
 
 _SNAPSHOT = {"true_state": 5, "odom": 3, "estimate": 5, "reference": 3}
-"""Topics in a snapshot, and how many components of each are used."""
+"""Topics in a snapshot, and the number of components used of each."""
 _COMPONENTS = ("x", "y", "theta", "v", "omega")
 
 
@@ -26,14 +26,14 @@ def read_recorded(path: str | Path, *, label: str | None = None, lidar: str = "l
     Args:
         path: A bag (folder, ``.mcap`` or ``.db3``), ``snapshots.csv`` of ``data_logger``, or a table as
             `evaluation.replay.read_drive` takes it, over which the filter is run.
-        label: What the view calls it; by default the name of the file.
-        lidar: Of a bag: how the LiDAR is mounted, a name in `turtlebot_gym.rooms.lidar.LIDARS`.
-        **options: Of a table: passed to `evaluation.replay.replay`.
+        label: Label in the view; by default the name of the file.
+        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        **options: For a table, passed to `evaluation.replay.replay`.
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If it holds no drive; the message says what is missing.
-        ImportError: If it is a bag and rosbags is missing.
+        ValueError: If the file holds no drive; the message says what is missing.
+        ImportError: If the file is a bag and rosbags is missing.
     """
     path = Path(path)
     around = Surroundings(label or path.name)
@@ -50,7 +50,7 @@ def _is_snapshots(path: Path) -> bool:
 
 
 def _read_snapshots(path: Path) -> Trajectory:
-    """Read what ``data_logger`` writes ten times a second; what was not fresh is not known."""
+    """Read the snapshots that ``data_logger`` writes ten times a second; stale values count as unknown."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file))
     if len(rows) < 2:

@@ -1,6 +1,6 @@
-"""Drives in a browser, served by this machine: those that are whole, and those that grow while they are watched.
+"""Serve drives to a browser: complete ones, and those that grow while they are watched.
 
-The page and all that it needs come from this server; by default it listens on this machine only.
+The page and all its resources come from this server; by default it listens on this machine only.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from turtlebot_gym_agents.watch.track import Growing, Track
 from turtlebot_gym_agents.watch.view import View, fill
 
 LOCAL = ("localhost", "127.0.0.1")
-"""Names of this machine that only itself can reach."""
+"""Names of this machine that only it can reach."""
 EVERYWHERE = ("", "0.0.0.0")
-"""Addresses that stand for all of this machine's."""
+"""Wildcard addresses."""
 PERIOD_MS = 150
-"""Time between two looks at what has grown."""
+"""Time between two checks for new pieces."""
 
 
 class Server:
-    """A server that runs until its ``with`` block ends, in a thread of its own.
+    """A server that runs in its own thread until its ``with`` block ends.
 
-    Each browser gets a view of its own: it scrubs for itself.
+    Each browser has its own view and scrubs independently.
 
     Args:
-        drives: What to show; each has rows.
-        title: What stands above.
+        drives: The drives to show; each has rows.
+        title: Title of the page.
         live: Whether the drives grow.
-        host: Name or address to listen on; others than this machine's own let others see the view.
-        port: 0 for any that is free.
+        host: Name or address to listen on; with any but a loopback address, other machines can see the view.
+        port: Port to listen on; 0 for any free port.
 
     Raises:
-        ValueError: If the port is none.
+        ValueError: If the port is out of range.
         OSError: If the port is taken or the address is not this machine's.
     """
 
@@ -69,7 +69,7 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Where the view is."""
+        """URL of the view."""
         return f"http://{socket.gethostname() if self._host in EVERYWHERE else self._host}:{self._port}/"
 
     def _run(self) -> None:
@@ -85,7 +85,7 @@ class Server:
                 allow_websocket_origin=self._origins(),
             )
             server.start()
-        except BaseException as error:  # it is raised where the block begins
+        except BaseException as error:  # raised again at the start of the block
             self._error = _explained(error, self._host, self._port)
         self._ready.set()
         if server is not None and self._error is None:
@@ -94,13 +94,13 @@ class Server:
         loop.close()
 
     def _origins(self) -> list[str]:
-        """Return from which pages a browser may connect: from this server's own."""
+        """Return the origins from which a browser may connect: this server's own pages."""
         if self._host in EVERYWHERE:
             return ["*"]  # it has as many names as the machine
         return [f"{name}:{self._port}" for name in {self._host, *(LOCAL if self._host in LOCAL else ())}]
 
     def _show(self, document: Document) -> None:
-        """Fill a browser's document, and let it grow."""
+        """Fill a browser's document, and keep it updated."""
         read = [drive.read() for drive in self._drives]
         tracks = [track for _, track, _ in read if track is not None]
         view = fill(document, tracks, title=self._title, live=self._live)
@@ -110,25 +110,25 @@ class Server:
 
 
 def serve(tracks: Sequence[Track], *, title: str, host: str = "localhost", port: int = 5006) -> None:
-    """Serve drives that are whole, say where, and return when the process is interrupted (Ctrl-C)."""
+    """Serve complete drives, print the URL, and return when the process is interrupted (Ctrl-C)."""
     with Server([Growing(track) for track in tracks], title=title, live=False, host=host, port=port) as server:
         wait(server)
 
 
 def wait(server: Server) -> None:
-    """Say where a view is, and return when the process is interrupted."""
+    """Print the URL of a view, and return when the process is interrupted."""
     print(f"{server.url}  (Ctrl-C ends)", flush=True)
     with suppress(KeyboardInterrupt):
         Event().wait()
 
 
 def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) -> None:
-    """Bring what has grown to one browser; where another drive has begun, its page loads anew.
+    """Send new pieces to one browser, or reload its page if another drive has begun.
 
     Args:
-        drives: What is shown.
-        view: Its view in this browser.
-        seen: Number of each drive, and how many of its pieces are there; brought up to date.
+        drives: The drives shown.
+        view: The view in this browser.
+        seen: Number of each drive, and how many of its pieces the view has; updated in place.
     """
     for at, (drive, run) in enumerate(zip(drives, view.runs, strict=True)):
         number, track, pieces = drive.read(*seen[at])
@@ -140,10 +140,10 @@ def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) 
 
 
 async def _end(server: BokehServer) -> None:
-    """Stop listening, and let go of all connections."""
+    """Stop listening and close all connections."""
     server.stop()
     server.unlisten()
-    await asyncio.sleep(0.05)  # in which the connections are closed
+    await asyncio.sleep(0.05)  # time for the connections to close
     rest = asyncio.all_tasks() - {asyncio.current_task()}
     for task in rest:
         task.cancel()
@@ -151,17 +151,17 @@ async def _end(server: BokehServer) -> None:
 
 
 def _free_port(host: str, port: int) -> int:
-    """Return a port, or for 0 any that is free at present.
+    """Return a port, or for 0 any free one.
 
     Raises:
-        OSError: If it is taken, or the address is not this machine's.
+        OSError: If the port is taken, or the address is not this machine's.
     """
     with socket.create_server((host, port)) as free:
         return int(free.getsockname()[1])
 
 
 def _explained(error: BaseException, host: str, port: int) -> BaseException:
-    """Return the error that says what to do where a server cannot listen."""
+    """Return an error that says what to do if a server cannot listen."""
     if not isinstance(error, OSError):
         return error
     why = error.strerror or error

@@ -1,4 +1,4 @@
-"""Colours and dashes of the view: those of `turtlebot_gym.plotting`, each with a form for dark pages."""
+"""Colours and dashes of the view: those of `turtlebot_gym.plotting`, each with a variant for dark pages."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ UNKNOWN = Ink("#dddddd", "#3a3f46")
 TEXT = Ink("#24292f", "#d7dce2")
 FAINT = Ink("#e3e6ea", "#343a42")
 LIMIT = Ink("#8a6d00", ORANGE)
-"""Limits: the NIS's 95 % line, contact."""
+"""Colour of limits: the NIS's 95 % line, contact."""
 LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a"))
-"""Of the guard's reports: fine, warning, error."""
+"""Colours of the guard's reports: fine, warning, error."""
 
 _BRIGHTER = {BLUE: "#4aa8e0", VERMILLION: "#f0813a"}
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}

@@ -1,4 +1,4 @@
-"""What changes its colour between light pages and dark ones."""
+"""Colours that differ between light and dark pages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bokeh.plotting import figure as Figure
 from turtlebot_gym_agents.watch.style import FAINT, TEXT, Ink
 
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
-"""Fonts that are there: nothing is fetched."""
+"""System fonts, so that nothing is fetched."""
 
 
 class Theme:
@@ -20,13 +20,13 @@ class Theme:
         """Model, name of the property, colour on light pages, colour on dark ones."""
 
     def paint(self, model: Any, ink: Ink, *names: str) -> None:
-        """Give properties of a model, such as ``line_color``, a colour."""
+        """Set the colour of properties of a model, such as ``line_color``."""
         for name in names:
             setattr(model, name, ink.light)
             self.entries.append([model, name, ink.light, ink.dark])
 
     def dress(self, figure: Figure) -> None:
-        """Give a figure's axes, grid and title the page's colours and font; its ground is the page's."""
+        """Set the page's colours and font for a figure's axes, grid and title, with a transparent background."""
         figure.background_fill_color = figure.border_fill_color = None
         figure.toolbar.logo = None
         for axis in figure.axis:

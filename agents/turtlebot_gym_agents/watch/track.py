@@ -1,4 +1,4 @@
-"""The record of a drive that the viewer draws: a trajectory, with what was around and what was reported at each time."""
+"""The record of a drive for the viewer: a trajectory with its surroundings and the guard's reports."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose
 
 OK, WARNING, ERROR = 0.0, 1.0, 2.0
-"""Levels of a report, as in ``diagnostic_msgs/DiagnosticStatus``; NaN where nothing was reported."""
+"""Levels of a report, as in ``diagnostic_msgs/DiagnosticStatus``; NaN without a report."""
 
 
 class Seen(NamedTuple):
-    """A scan, and where it was taken."""
+    """A scan with its pose."""
 
     row: int
-    """Row of the track at which it is the newest scan for the first time."""
+    """First row of the track at which it is the newest scan."""
     lidar: Pose
     """Pose of the LiDAR's frame in the world."""
     scan: Scan
 
 
 class Surroundings(NamedTuple):
-    """What does not change during a drive."""
+    """Constant data of a drive."""
 
     label: str
-    """What tells this drive from others in the same view."""
+    """Label that distinguishes this drive from others in the same view."""
     room: Obstacles | None = None
     """Walls and obstacles; None on open ground."""
     grid: GridMap | None = None
@@ -47,7 +47,7 @@ class Surroundings(NamedTuple):
 
 
 class Track(NamedTuple):
-    """A drive of T rows; NaN where something is not known."""
+    """A drive of T rows; unknown values are NaN."""
 
     around: Surroundings
     drive: Trajectory
@@ -55,17 +55,17 @@ class Track(NamedTuple):
     nis: NDArray[np.float64]
     """Normalized innovation squared of the newest measurement, shape (T,)."""
     clearance: NDArray[np.float64]
-    """Distance between the footprint and what is nearest, shape (T,), m."""
+    """Distance from the footprint to the nearest surface, shape (T,), m."""
     level: NDArray[np.float64]
     """Level of the guard's report, shape (T,): `OK`, `WARNING` or `ERROR`."""
     report: tuple[str, ...]
-    """What the guard reports at each row; empty where it is silent."""
+    """The guard's report at each row; empty if there is none."""
     circles: tuple[NDArray[np.float64], ...]
-    """Obstacles that walk at each row, shape (C, 3) each: x, y, radius, m. An empty one stands for those of ``around.room``."""
+    """Walkers at each row, shape (C, 3) each: x, y, radius, m. An empty array stands for those of ``around.room``."""
     scans: tuple[Seen, ...] = ()
     """The scans, in order."""
     outcome: str = ""
-    """How the drive ended, in a few words."""
+    """Short description of how the drive ended."""
 
     @property
     def rows(self) -> int:
@@ -84,15 +84,15 @@ def of_trajectory(
     scans: Sequence[Seen] = (),
     outcome: str = "",
 ) -> Track:
-    """Return the track of a trajectory; what is not told is not known.
+    """Return the track of a trajectory; omitted data are unknown.
 
     Args:
         drive: The trajectory, T rows.
-        around: What does not change.
+        around: Constant data of the drive.
         nis: Shape (T,).
         clearance: Shape (T,), m.
         reports: Level and text of the guard's report at each row.
-        circles: Obstacles that walk at each row, shape (C, 3) each.
+        circles: Walkers at each row, shape (C, 3) each.
         scans: The scans, in order.
         outcome: How the drive ended.
     """
@@ -112,7 +112,7 @@ def of_trajectory(
 
 
 def concatenate(pieces: Sequence[Track]) -> Track:
-    """Return the pieces of a drive as one track; what does not change, and the outcome, are the last piece's.
+    """Return the pieces of a drive as one track; constant data and the outcome are those of the last piece.
 
     Raises:
         ValueError: If there are none.
@@ -137,7 +137,7 @@ def concatenate(pieces: Sequence[Track]) -> Track:
 
 
 class Growing:
-    """A drive that grows: whoever records it adds pieces, and each browser reads at its own pace. Safe between threads.
+    """A drive that grows: the recorder adds pieces, and each browser reads at its own pace. Thread-safe.
 
     A `restart` begins another drive, such as the next episode; readers notice it by the drive's number.
     """
@@ -146,7 +146,7 @@ class Growing:
         self._lock, self._pieces, self._number = Lock(), list(pieces), 0
 
     def add(self, piece: Track) -> None:
-        """Add what came next; a piece without rows changes the outcome only."""
+        """Add the next piece; a piece without rows changes only the outcome."""
         with self._lock:
             self._pieces.append(piece)
 
@@ -156,14 +156,14 @@ class Growing:
             self._pieces, self._number = [piece], self._number + 1
 
     def read(self, number: int = -1, after: int = 0) -> tuple[int, Track | None, int]:
-        """Return the drive's number, what a reader has not yet read of it, and how many pieces there are.
+        """Return the drive's number, the part that a reader has not yet read, and the number of pieces.
 
         Args:
-            number: Of the drive that the reader has read from; another one is read from its start.
-            after: Pieces of it that were read.
+            number: Number of the drive that the reader has read; another drive is read from its start.
+            after: Number of pieces already read.
 
         Returns:
-            The track is None where there is nothing new.
+            The track is None if there is nothing new.
         """
         with self._lock:
             fresh = self._pieces[after if number == self._number else 0 :]

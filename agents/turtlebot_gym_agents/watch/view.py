@@ -1,7 +1,7 @@
-"""The view: a map for each run, plots over time for all of them, and what the page around them needs. Made with Bokeh.
+"""The view: a map for each run, plots over time for all runs, and variables for the page template. Made with Bokeh.
 
-Everything that a browser shows at a moment is drawn by `client.js` from the columns of `columns`, so that a file needs no
-server. A live view is the same page, whose columns grow.
+`client.js` draws the state at a time from the columns of `columns`, so that a file needs no server. A live view is the same
+page with growing columns.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Run(NamedTuple):
     """Time that is shown as 0, s."""
 
     def add(self, piece: Track) -> None:
-        """Append what came next."""
+        """Append the next piece."""
         if piece.rows:
             before = len(self.scans.data["x"])
             self.scans.stream(scans_of(piece.scans))
@@ -49,10 +49,10 @@ class View(NamedTuple):
 
     runs: list[Run]
     again: ColumnDataSource
-    """Where it changes, the page loads anew."""
+    """Model whose change reloads the page."""
 
     def reload(self) -> None:
-        """Let the browser load the page anew."""
+        """Let the browser reload the page."""
         self.again.data = {"times": [len(self.again.data["times"]) + 1.0]}
 
 
@@ -62,7 +62,7 @@ def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool 
     Args:
         document: An empty document.
         tracks: The drives, of the same world where there are several.
-        title: What stands above.
+        title: Title of the page.
         live: Whether the drives grow: the view then follows their end.
 
     Raises:
@@ -86,7 +86,7 @@ def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool 
     again = ColumnDataSource({"times": [0.0]})
     again.js_on_change("data", CustomJS(code="window.location.reload()"))
     for run in runs:
-        run.rows.tags = [run.scans, again]  # nothing that is drawn refers to them, and only then would they be kept in step
+        run.rows.tags = [run.scans, again]  # no drawn model refers to them, and only referenced models are synchronized
     document.js_on_event("document_ready", CustomJS(args=client, code=_text("client.js")))
     document.title = title
     document.template = _template()
@@ -109,7 +109,7 @@ def _maps(tracks: Sequence[Track], runs: Sequence[Run], theme: Theme) -> list[Ma
 
 
 def _variables(tracks: Sequence[Track], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:
-    """Return what the page's template is filled with."""
+    """Return the variables of the page's template."""
     several = len(tracks) > 1
     scans, known = any(track.scans for track in tracks), any(np.isfinite(track.drive.true_state).any() for track in tracks)
     symbols = [

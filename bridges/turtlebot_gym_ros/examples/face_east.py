@@ -1,4 +1,4 @@
-"""A block of one's own as a node: turn the robot until it faces east.
+"""A custom block as a node: turn the robot until it faces east.
 
 python face_east.py --ros-args -p gain:=2.0 -p start_enabled:=true
 """
@@ -28,10 +28,10 @@ class FaceEast:
         self.gain = params.gain
 
     def reset(self) -> None:
-        """There is nothing to forget."""
+        """Do nothing: the block has no state."""
 
     def step(self, dt: float, odometry: State) -> dict[str, Command]:
-        """Turn against the heading."""
+        """Turn against the heading error."""
         return {"command": Command(0.0, -self.gain * odometry.theta)}
 
 

@@ -26,7 +26,7 @@ REMEDIES = {
     "matplotlib": WHOLE,
     "PIL": WHOLE,
 }
-"""What brings a module that is missing."""
+"""How to install a missing module."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,4 +61,4 @@ if __name__ == "__main__":
     code = main()
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(code)  # the interpreter's own end can hang in DDS, and a refusal would no longer be one
+    os._exit(code)  # the interpreter's shutdown can hang in DDS and would change the exit code of a refusal

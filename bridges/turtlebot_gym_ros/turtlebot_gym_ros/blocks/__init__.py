@@ -1,4 +1,4 @@
-"""The blocks of the closed loop: plain objects that know no ROS."""
+"""The blocks of the closed loop: plain objects that do not depend on ROS."""
 
 from turtlebot_gym_ros.blocks.calibration_drive import CalibrationDrive
 from turtlebot_gym_ros.blocks.controller import VelocityController

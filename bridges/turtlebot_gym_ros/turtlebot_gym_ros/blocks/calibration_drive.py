@@ -1,4 +1,4 @@
-"""A drive that shows what a robot's odometry is worth: all speeds and turning rates, both ways, within a circle."""
+"""A drive for calibrating a robot's odometry: all speeds and turning rates, in both directions, within a circle."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from turtlebot_gym.values import STOP, Command, Pose, Senses
 from turtlebot_gym_ros.node.block import Input, On, Output, ranged
 
 LEVELS = (1.0, 0.5, 0.75, 0.25)
-"""Shares of the highest speed and turning rate at which everything is driven; the quick ones first."""
+"""Speed levels, as shares of the highest speed and turning rate; fast ones first."""
 REACH = 0.5
 """Length of a straight, and diameter of both circles side by side, as shares of the radius ..."""
 LONGEST = 1.0
 """... but no longer than this, m."""
 PAUSE = 1.0
-"""Length of a stop, s: at rest only the noise of the measurement is left."""
+"""Length of a stop, s: at rest only measurement noise remains."""
 MARGIN = 0.25
-"""So far inside the circle it turns back, m: what it drives until a command has its effect, and noise of the measurement."""
+"""Margin inside the circle at which the robot turns back, m: for the distance until a command acts, and measurement noise."""
 HOME = 0.25
-"""Share of the radius within which it has come back."""
+"""Share of the radius within which the robot counts as back."""
 ASIDE = 0.5
-"""Bearing of the centre from which on it turns on the spot instead of driving an arc, rad."""
+"""Bearing of the centre above which the robot turns on the spot instead of driving an arc, rad."""
 
 
 class Leg(NamedTuple):
-    """A command, and for how long it holds."""
+    """A command and its duration."""
 
     command: Command
     duration: float
@@ -39,13 +39,13 @@ class Leg(NamedTuple):
 
 
 def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[Leg]:
-    """Yield one round of the drive, which would end where it began if the robot did just what it is told.
+    """Yield one round of the drive, which would end where it began if the robot executed commands exactly.
 
-    On each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
+    For each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
     circle to the right, with a stop after each.
 
     Args:
-        robot: Its limits hold, with the curvature that is asked for.
+        robot: Robot whose limits hold, with the commanded curvature.
         speed: Highest speed, m/s.
         turning: Highest turning rate, rad/s.
         reach: Length of the straights, m.
@@ -66,14 +66,14 @@ def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Itera
 
 
 class CalibrationDrive:
-    """Drive a script that excites what a calibration needs, and stay within a circle about the start.
+    """Drive a script with all the motion that a calibration needs, within a circle around the start.
 
-    It repeats straights, turns on the spot, circles and stops, at four speeds and both ways, for a given time, and then leaves
-    the robot to others. The circle is judged by the odometry: before its edge the robot turns back to the centre, and goes on
-    from there. It knows of NO OBSTACLE. It starts disabled, and is to speak to the guard, on ``cmd_vel_in``.
+    It repeats straights, turns on the spot, circles and stops, at four speeds and in both directions, for a given time, and
+    then releases the robot. The circle is judged by the odometry: before its edge the robot turns back to the centre and
+    continues from there. It does NOT SEE OBSTACLES. It starts disabled, and should publish to the guard, on ``cmd_vel_in``.
 
-    A reset begins the script again. The centre stays, unless the robot was carried out of the circle: so a gap in the odometry
-    does not move the circle.
+    A reset restarts the script. The centre stays, unless the robot was carried out of the circle, so a gap in the odometry does
+    not move the circle.
 
     Inputs: ``odometry`` (`Senses`, on ``odom``, every message).
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
@@ -87,13 +87,13 @@ class CalibrationDrive:
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
         duration: float = ranged(300.0, 0.0, math.inf, "positive")
-        """Time after which it is done, s."""
+        """Length of the drive, s."""
         radius: float = ranged(2.0, 0.6, 100.0, "in [0.6, 100] m")
-        """Radius of the circle about the start that it stays in, as the odometry says, m."""
+        """Radius of the circle around the start in which the robot stays by its odometry, m."""
         speed: float = ranged(0.2, 0.0, 10.0, "positive, at most 10 m/s")
-        """Highest speed, m/s; the robot's limits hold besides."""
+        """Highest speed, m/s; the robot's limits hold too."""
         turning: float = ranged(1.5, 0.0, 10.0, "positive, at most 10 rad/s")
-        """Highest turning rate, rad/s; the robot's limits hold besides."""
+        """Highest turning rate, rad/s; the robot's limits hold too."""
 
         def __post_init__(self) -> None:
             for name, high in (("duration", math.inf), ("speed", 10.0), ("turning", 10.0)):
@@ -115,12 +115,12 @@ class CalibrationDrive:
         self.reset()
 
     def reset(self) -> None:
-        """Begin the script again."""
+        """Restart the script."""
         self._elapsed, self._at, self._left = 0.0, 0, self._legs[0].duration
         self._returns, self._is_first = False, True
 
     def step(self, dt: float, odometry: Senses) -> dict[str, Command]:
-        """Return the command of the present time; nothing after the end."""
+        """Return the command for the current time; nothing after the end."""
         pose = odometry.odometry
         if self._center is None or (self._is_first and self._distance(pose, self._center) > self._p.radius):
             self._center = pose

@@ -1,4 +1,4 @@
-"""The controller: any policy, given the environment's observation, answering with a command within the robot's limits."""
+"""The controller: any policy, from the environment's observation to a command within the robot's limits."""
 
 from __future__ import annotations
 
@@ -23,20 +23,19 @@ from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
 from turtlebot_gym_ros.node.values import Nis
 
 VARIANCE_FLOOR = 1e-6
-"""A stated variance of exactly zero is taken as (1 mm)^2 or (1 mrad)^2: nobody knows a pose exactly."""
+"""Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
 
 
 class VelocityController:
-    """Drive to the reference by a policy. One of observation layout 2 sees the room by a LiDAR; any other sees poses only.
+    """Drive to the reference with a policy. A policy of observation layout 2 sees the room by LiDAR; others see only poses.
 
-    It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: the
-    robot is stopped and left to others, until the reference changes.
+    It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: it
+    stops and releases the robot until the reference changes.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
-    ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0
-    of a filter that does not say it); for a policy of layout 2 also ``scan`` (`Scan`, on ``scan``, of a whole turn).
-    Outputs: ``command`` (`Command`, on ``cmd_vel``).
-    Parameters: those of `Params`.
+    ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0 for a
+    filter that does not publish it); for a policy of layout 2 also ``scan`` (`Scan`, on ``scan``, of a full revolution).
+    Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,14 +47,14 @@ class VelocityController:
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         period: float = ranged(0.1, 0.001, 10.0, "in [0.001, 10] s")
-        """Period for which the policy was made, s. Estimates that come more slowly are an error."""
+        """Period for which the policy was made, s. Slower estimates are an error."""
         goal_tolerance: float = ranged(0.15, 0.0, math.inf, "0, or at least 0.01 m")
-        """Distance to a last waypoint within which the robot is done, m, and the belief inside by 0.05 m, or a third of it; 0
-        never is."""
+        """Distance to a last waypoint within which the robot is done, m; the belief must be inside by 0.05 m, or a third of it.
+        With 0 it is never done."""
         lidar_yaw: float = 0.0
-        """Direction of the LiDAR's frame in the robot's, rad: pi/2 on a TurtleBot 4."""
+        """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4."""
         lidar_beams: int = 0
-        """How many beams a scan must have; 0 for any number."""
+        """Number of beams that a scan must have; 0 for any."""
 
         def __post_init__(self) -> None:
             if not 0.001 <= self.period <= 10.0:
@@ -88,13 +87,13 @@ class VelocityController:
             self.inputs = {**self.inputs, "scan": scan}
         self._pool = Pooling(yaw=params.lidar_yaw, beams=params.lidar_beams)
         self.observation: NDArray[np.float32] = np.zeros(SIZES[layout], np.float32)
-        """What the policy was last given; shape (n,), as its layout says."""
+        """Last observation of the policy, shape (n,) by its layout."""
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
-        """What it answered; shape (2,)."""
+        """Last action of the policy, shape (2,)."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last episode, also in a policy with memory."""
+        """Forget the last episode, including a policy's memory."""
         self._done_with: Pose | None = None
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
@@ -108,7 +107,7 @@ class VelocityController:
         scan: Aged | None = None,
         nis: Nis | None = None,
     ) -> dict[str, Any]:
-        """Return the command, or nothing where the robot is done."""
+        """Return the command, or nothing if the robot is done."""
         mean, P = estimate.belief
         if min(P.xx, P.yy, P.tt) <= 0.0:
             P = P._replace(**{name: getattr(P, name) or VARIANCE_FLOOR for name in ("xx", "yy", "tt")})

@@ -1,4 +1,4 @@
-"""The estimator: the environment's own filter, run by the odometry."""
+"""The estimator: the environment's own filter, triggered by odometry."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
 from turtlebot_gym_ros.node.values import Nis
 
 REMEMBERED = depth_of(0.01)
-"""Steps that are remembered for late fixes: half a second of odometry at 100 Hz, and longer of slower."""
+"""Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
 
 
 class KalmanFilter:
     """Estimate the pose from odometry.
 
-    It begins with the first odometry, and predicts with the twist that the wheels executed. The simulator states it exactly; on
-    a robot it is the wheels' measured twist, with their noise. Where a pose drops out it predicts only; where messages are lost
-    it predicts period by period, and after ``max_gap`` it begins again. Nothing is published without odometry, so dead odometry
-    shows.
+    It begins with the first odometry, and predicts with the twist that the wheels executed: the exact one from the simulator,
+    or the wheels' measured twist, with its noise, on a robot. If a pose drops out, it only predicts; if messages are lost, it
+    predicts period by period, and restarts after ``max_gap``. Nothing is published without odometry, so a loss of odometry is
+    visible.
 
-    With ``takes_fixes`` it takes in poses that are measured from outside, each at its own stamp, up to 0.5 s late.
+    With ``takes_fixes`` it also uses external pose measurements, each at its own stamp, up to 0.5 s late.
 
-    Inputs: ``odometry`` (`Senses`, on ``odom``, every message); where ``twist`` is "commanded", ``command`` (`Command`, on
+    Inputs: ``odometry`` (`Senses`, on ``odom``, every message); with ``twist`` "commanded", ``command`` (`Command`, on
     ``cmd_vel``; optional, the last value holds); and with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional).
-    Outputs: ``nis`` (`Nis`, on ``nis``), how surprising the measurement was, and ``estimate`` (`Estimate`, on ``estimate``), at
+    Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp and in its frame.
     Parameters: those of `Params`.
     """
@@ -44,26 +44,26 @@ class KalmanFilter:
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
-        """The noise that the filter is matched to: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
+        """Noise to which the filter is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"
         """A name in `turtlebot_gym.presets.FILTERS`: matched, tutorial, gated, mixture, slip or scale."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         twist: str = "executed"
-        """What it predicts with: "executed", the twist in ``/odom``, or "commanded", the last ``/cmd_vel``. Nothing ties a
-        command to a step: on a busy machine the filter used another one than the robot in 109 of 402 steps, and its error rose
-        from 0.038 m to as much as 0.113 m. For odometry without a twist; not for lock-step."""
+        """Twist of the prediction: "executed", that in ``/odom``, or "commanded", the last ``/cmd_vel``, for odometry without a
+        twist; not in lock-step. Commands are not tied to steps: on a busy machine the filter used another one than the robot in
+        109 of 402 steps, and its error rose from 0.038 m to as much as 0.113 m."""
         takes_fixes: bool = False
-        """Whether it also takes in poses that something outside measures, such as localization in a map or motion capture, on
-        ``pose_fix``: in its own frame, with their variances; a heading whose variance is negative is left aside."""
+        """Whether to use external pose measurements on ``pose_fix`` too, such as localization in a map or motion capture: in
+        the filter's frame, with their variances; a heading with a negative variance is ignored."""
         period: float = ranged(0.1, 0.0, 60.0, "positive, at most max_gap")
-        """Longest interval that is predicted in one go, s."""
+        """Longest interval predicted in one step, s."""
         max_gap: float = ranged(1.0, 0.0, 60.0, "at least the period, below 60 s")
-        """Gap in the odometry from which on the filter begins again, s."""
+        """Gap in the odometry after which the filter restarts, s."""
 
         publish_tf: bool = False
-        """Whether the estimate is published on ``/tf`` too, from the world frame to the robot's. That transform has one owner:
-        only where the robot's bring-up does not publish it. Needs a ROS installation."""
+        """Whether to publish the estimate on ``/tf`` too, from the world frame to the robot's. That transform must have one
+        owner: set it only if the robot's bring-up does not publish it. Needs a ROS installation."""
 
         def __post_init__(self) -> None:
             if not 0.0 < self.period <= self.max_gap < 60.0:
@@ -92,7 +92,7 @@ class KalmanFilter:
             fix = Input(topic="pose_fix", type=Fix, required=False, lock_step="newest", aged=True, reliable=False)
             self.inputs = {**self.inputs, "fix": fix}
         self.notice: str | None = None
-        """The last fix that came too late, in words."""
+        """Notice of the last fix that came too late."""
         self.reset()
 
     @staticmethod
@@ -101,7 +101,7 @@ class KalmanFilter:
         return odometry.twist
 
     def reset(self) -> None:
-        """Begin again with the next odometry."""
+        """Restart with the next odometry."""
         self._estimate: Estimate | None = None
         self._senses = FixedSenses(Pose(0.0, 0.0, 0.0), STOP, False, no_fix())
         self._time = 0.0
@@ -109,7 +109,7 @@ class KalmanFilter:
         self.notice = None
 
     def step(self, dt: float, odometry: Senses, command: Command | None = None, fix: Aged | None = None) -> dict[str, Any]:
-        """Return the estimate after an odometry message that came ``dt`` after the one before."""
+        """Return the estimate after an odometry message that is ``dt`` later than the one before."""
         self._time += dt
         z, _, measured = odometry
         senses = FixedSenses(z, self._executed(odometry, command), measured, self._new(fix))
@@ -119,7 +119,7 @@ class KalmanFilter:
             estimate, before = self._estimate, self._senses
             nothing = FixedSenses(before.odometry, senses.twist, False, no_fix())
             n = max(1, round(dt / self._period))
-            share = round(dt / n, 9)  # stamps are whole nanoseconds, and so 0.3 s are three times exactly 0.1 s
+            share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
             for _ in range(n - 1):
                 estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
             estimate = self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
@@ -127,7 +127,7 @@ class KalmanFilter:
         return {"nis": Nis(estimate.nis), "estimate": estimate}
 
     def _new(self, fix: Aged | None) -> Fix:
-        """Return a fix with its age, if it is another one than the last, and recent."""
+        """Return a fix with its age, if it is new and recent enough."""
         if fix is None:
             return no_fix()
         stamp = self._time - fix.age

@@ -22,44 +22,44 @@ from turtlebot_gym_ros.node.block import Aged, Every, Input, Mount, Output, rang
 from turtlebot_gym_ros.node.values import Nis
 
 THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
-"""Topics over which a step's odometry leads to the command that answers it, in their order."""
+"""Topics from a step's odometry to the command that answers it, in order."""
 NO_FIX = ("none", "")
 FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
-"""What is said besides where something measures the pose from outside."""
+"""Additional outputs with an external pose sensor."""
 ROOM_OUTPUTS = {
     "scan": Output(topic="scan", type=Scan, newest=True, reliable=False),
     "goal": Output(topic="room_goal", type=Pose),
     "clearance": Output(topic="clearance", type=Clearance),
     "obstacles": Output(topic="obstacles", type=Obstacles),
 }
-"""What is said besides in a room."""
+"""Additional outputs in a room."""
 SCAN_FRAMES = {"a1": "rplidar_link"}
-"""Frames of the LiDARs on their robots, by the LiDAR's name."""
+"""Frames of LiDARs on their robots, by the LiDAR's name."""
 SCAN_FRAME = "base_scan"
-"""Frame of all others."""
+"""Frame of all other LiDARs."""
 MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
-"""What is said besides of a map, once."""
+"""Additional output for a map, published once."""
 OPEN_GROUND = ("open", "")
-"""Worlds without a room."""
+"""Names of worlds without a room."""
 _BURGER = MujocoBurger()
 SHOWN_EVERY = 5
-"""Steps from one picture of the obstacles to the next."""
+"""Steps between two pictures of the obstacles."""
 
 
 class TurtlebotSimulator:
-    """Simulate a TurtleBot: each step is the environment's, with the noise that it would have for the same seed and episode.
+    """Simulate a TurtleBot: each step is the environment's, with the same noise for the same seed and episode.
 
     With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, on a floor with ``friction``, and its odometry
-    comes from its wheels. In a ``world`` it stands in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a
-    LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot goes on.
+    comes from its wheels. In a ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a
+    LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot drives on.
 
-    Inputs: ``command`` (`Command`, on ``cmd_vel``; held for ever, as a TurtleBot3 does; none yet means at rest). Outputs:
-    ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked where it dropped
-    out, with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
-    with the stamp at which it was measured). In a room also ``scan`` (`Scan`, on ``scan``, each when it is complete, with the
-    LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on ``clearance``), of
-    the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and where the
-    world is a map, ``map`` (`GridMap`, on ``map``), once. Parameters: those of `Params`. A reset begins the next episode.
+    Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
+    ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked if it dropped out,
+    with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
+    stamped with the time of the measurement). In a room also ``scan`` (`Scan`, on ``scan``, each as soon as it is complete,
+    with the LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
+    ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and if the world
+    is a map, ``map`` (`GridMap`, on ``map``), once. Parameters: those of `Params`. A reset begins the next episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,36 +71,34 @@ class TurtlebotSimulator:
         noise: str = "tutorial"
         """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         fix: str = "none"
-        """What measures the pose from outside, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a
-        FILE.yaml."""
+        """External pose sensor, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of the odometry and of the simulation, s."""
         speed: float = ranged(1.0, 0.0, 1000.0, "positive, below 1000")
-        """How many times faster than real time it runs; other than at 1 it sets ``clock``. In lock-step this is the upper
-        limit, and 0 is as fast as the nodes answer."""
+        """Speed as a multiple of real time; at any but 1 the simulator publishes ``clock``. In lock-step this is the upper
+        limit, and 0 means as fast as the nodes answer."""
         seed: int = ranged(0, 0, MAX_SEED, "at least 0")
         """Seed of the noise."""
         witness: bool = False
-        """Whether in lock-step time also waits for the recorder of a `Graph`, which says on ``recorded`` how far it has
-        heard."""
+        """Whether in lock-step time also waits for the recorder of a `Graph`, which reports its progress on ``recorded``."""
         publish_tf: bool = False
-        """Whether the odometry's pose is published on ``/tf`` too, and the LiDAR's mount on ``/tf_static``, as a robot's
-        bring-up does; needs a ROS installation."""
+        """Whether to publish the odometry's pose on ``/tf`` too, and the LiDAR's mount on ``/tf_static``, as a robot's bring-up
+        does; needs a ROS installation."""
         random_start: bool = False
-        """Whether an episode starts where the navigation task draws it, instead of at the origin."""
+        """Whether an episode starts at a pose drawn by the navigation task instead of at the origin."""
         world: str = "open"
-        """The room around it: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo world or
-        of a map's YAML file."""
+        """The room around the robot: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo
+        world or of a map's YAML file."""
         lidar: str = "lds01"
-        """In a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
+        """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
         plant: str = "unicycle"
-        """What moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
+        """Model that moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
         friction: float = ranged(_BURGER.friction, 0.0, 10.0, "at least 0")
         """With the plant "mujoco", coefficient of friction between wheels and floor; 0.5 is slippery."""
         caster_friction: float = ranged(_BURGER.caster_friction, 0.0, 10.0, "at least 0")
-        """Likewise, between caster and floor; 0.3 is a clogged one."""
+        """With the plant "mujoco", coefficient of friction between caster and floor; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
             if self.in_room and self.plant != "unicycle":
@@ -113,14 +111,14 @@ class TurtlebotSimulator:
 
         @property
         def in_room(self) -> bool:
-            """Whether there is a room around it."""
+            """Whether there is a room around the robot."""
             return self.world not in OPEN_GROUND
 
         def physics(self) -> MujocoBurger | tuple[()]:
             """Return the plant with its friction.
 
             Raises:
-                ValueError: If there is none of that name, or a friction is given for the unicycle.
+                ValueError: If the name is unknown, or a friction is given for the unicycle.
             """
             named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
             given = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
@@ -156,7 +154,7 @@ class TurtlebotSimulator:
         self._map = plan.map if plan else None
         if self._map:
             self.outputs = {**self.outputs, **MAP_OUTPUTS}
-        self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # the waypoints are others' business
+        self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
@@ -164,7 +162,7 @@ class TurtlebotSimulator:
         self.outputs = {**self.outputs, "odometry": stated}
         self._begun = False
         self.notice: str | None = None
-        """The first contact of the episode, in words."""
+        """Notice of the episode's first contact."""
 
     def reset(self) -> None:
         """Begin the next episode."""
@@ -174,7 +172,7 @@ class TurtlebotSimulator:
         self.notice = None
 
     def step(self, dt: float, command: Command | None) -> dict[str, Any]:
-        """Return the first measurement; from the second call on, the result of a control interval."""
+        """Return the first measurement on the first call, and the result of a control interval on later ones."""
         if self._begun:
             self._episode.step(command or STOP)
         self._begun = True
@@ -189,7 +187,7 @@ class TurtlebotSimulator:
         return said if self._lidar is None else {**said, **self._look_round(self._lidar)}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:
-        """Return what is said of the room: a scan only where one is complete."""
+        """Return the outputs about the room; a scan only when one is complete."""
         episode, dt = self._episode, self._episode.parameters.dt
         at, room = int(episode.world.steps), episode.world.room
         if room.collided and self.notice is None:

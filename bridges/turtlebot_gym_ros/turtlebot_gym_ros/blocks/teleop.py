@@ -1,4 +1,4 @@
-"""A person at the keyboard, by a script."""
+"""A scripted person at the keyboard."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ SCRIPT = (
     (24.0, Command(0.0, 1.5)),
     (30.0, Command(0.15, 0.0)),
 )
-"""The reference system's 30 s: until which time, s, which command."""
+"""The 30 s of the reference system: end time, s, and command of each part."""
 
 
 class SimulatedTeleop:
-    """Drive as the tutorial's person does, for 30 s, then stop and leave the robot to others. A reset begins again.
+    """Drive like the person in the tutorial for 30 s, then stop and release the robot. A reset restarts the script.
 
-    Inputs: none. It drives as soon as somebody listens: whoever starts it is the person.
+    Inputs: none. It drives as soon as there is a listener, since starting it is the person's decision.
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
     Parameters: those of `Params`.
     """
@@ -34,7 +34,7 @@ class SimulatedTeleop:
         period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of the commands, s."""
         start_enabled: bool = True
-        """Whether it drives at once, without a call of ``~/enable``."""
+        """Whether to drive at once, without a call of ``~/enable``."""
 
     inputs = {}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
@@ -44,11 +44,11 @@ class SimulatedTeleop:
         self.reset()
 
     def reset(self) -> None:
-        """Begin the script again."""
+        """Restart the script."""
         self._steps = 0
 
     def step(self, dt: float) -> dict[str, Command]:
-        """Return the command of the present time; nothing after the end."""
-        time = (self._steps + 0.5) * dt  # half a step off the script's edges, so that rounding decides nothing
+        """Return the command for the current time; nothing after the end."""
+        time = (self._steps + 0.5) * dt  # half a step off the script's edges, so that the result does not depend on rounding
         self._steps += 1
         return next(({"command": command} for until, command in SCRIPT if time < until), {})

@@ -1,4 +1,4 @@
-"""What a simulated odometry states of its own error, as a driver does that knows its sensors."""
+"""Stated uncertainty of a simulated odometry, as from a well-calibrated driver."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from turtlebot_gym.values import Covariance, Senses
 class OdometryUncertainty:
     """The covariance of pose and twist in ``/odom``, from the noise model.
 
-    A measured pose has the variances of its noise, spikes and quantization; a bias is in no covariance. Integrated wheels begin
-    without an error, which then grows with the drift of the noise model, and its axes are correlated. The twist is what the
-    wheels did: its variance is that of what the robot made of it. Nothing is certain: the floors are `presets.matched`'s.
+    A measured pose has the variances of its noise, spikes and quantization; a bias is in no covariance. The error of integrated
+    wheels starts at zero and grows with the drift of the noise model, with correlated axes. The twist is that of the wheels,
+    and its variance is that of the robot's execution. Nothing is certain: the floors are those of `presets.matched`.
 
     Args:
-        noise: The noise in force.
+        noise: The true noise.
         dt: Control interval, s.
         middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
     """
@@ -30,12 +30,12 @@ class OdometryUncertainty:
         self.reset()
 
     def reset(self) -> None:
-        """Begin with the next measurement."""
+        """Restart with the next measurement."""
         self._before: Senses | None = None
         self._estimate: Estimate | None = None
 
     def hear(self, senses: Senses) -> None:
-        """Take what the odometry says after a control interval, or at the start."""
+        """Take the odometry after a control interval, or at the start."""
         if self._tuning.odometry_input:
             self._estimate = (
                 self._filter.start(senses.odometry, self._tuning)

@@ -1,4 +1,4 @@
-"""What a person wants to see of a running loop, beside the poses that viewers draw by themselves."""
+"""Visualization of a running loop, in addition to the poses that viewers draw by themselves."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ class Scene(NamedTuple):
     """Waypoints and paths, all in the world frame."""
 
     reference: Pose | None
-    """The waypoint to reach; None where there is none."""
+    """The waypoint to reach; None if there is none."""
     following: Pose | None
-    """The one after it; None where that is the last one."""
+    """The waypoint after it; None after the last one."""
     radius: float
     """Distance within which a waypoint counts as reached, m."""
     believed: Sequence[tuple[float, float]]
     """Path of the estimate, x and y, m."""
     true: Sequence[tuple[float, float]]
-    """True path, x and y, m; empty on a robot, where nobody knows it."""
+    """True path, x and y, m; empty on a robot, where it is unknown."""
 
 
 class Visualization:
-    """Collect waypoints and paths for viewers. Nothing depends on it; without estimates it says nothing.
+    """Collect waypoints and paths for viewers. No node depends on it; without estimates it publishes nothing.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``; optional), ``following``
     (`Pose`, on ``next_reference``; optional), ``truth`` (`State`, on ``true_state``; optional). All in the world frame.
@@ -39,14 +39,14 @@ class Visualization:
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
-        """Parameters of the picture."""
+        """Parameters of the visualization."""
 
         period: float = ranged(0.2, 0.0, math.inf, "positive, at most the trail")
-        """Shortest time between two pictures, and between two points of a path, s."""
+        """Least time between two pictures, and between two points of a path, s."""
         trail: float = ranged(120.0, 0.0, math.inf, "at least the period, at most 10000 periods")
-        """Time that a path goes back, s."""
+        """Time span of a path, s."""
         radius: float = ranged(0.3, 0.0, math.inf, "positive")
-        """Distance within which a waypoint counts as reached, m: that of ``waypoint_generator``."""
+        """Distance within which a waypoint counts as reached, m, as in ``waypoint_generator``."""
 
         def __post_init__(self) -> None:
             if not 0.0 < self.period <= self.trail <= 1e4 * self.period:
@@ -77,7 +77,7 @@ class Visualization:
     def step(
         self, dt: float, estimate: Estimate, reference: Pose | None, following: Pose | None, truth: State | None
     ) -> dict[str, Scene]:
-        """Return the scene with the present poses at the ends of the paths."""
+        """Return the scene with the current poses at the ends of the paths."""
         self._believed.append((estimate.belief.mean.x, estimate.belief.mean.y))
         if truth is not None:
             self._true.append((truth.x, truth.y))

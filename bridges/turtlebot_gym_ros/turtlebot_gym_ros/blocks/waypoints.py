@@ -1,4 +1,4 @@
-"""The reference: waypoints one after the other, by time or on arrival."""
+"""The reference: a sequence of waypoints, switched by time or on arrival."""
 
 from __future__ import annotations
 
@@ -17,16 +17,15 @@ from turtlebot_gym_ros.node.block import Every, Input, Output, ranged
 
 
 class WaypointGenerator:
-    """Publish the waypoint to reach and the one after it, again and again, so that their end shows.
+    """Publish the waypoint to reach and the one after it periodically, so that a loss of the node is visible.
 
     It steps by the clock; in lock-step it answers each estimate, and its rule is then the environment's with
-    ``arrival="belief"``. By time, the clock runs from the first estimate on, when there is a robot to follow; the last waypoint
-    stays. A pose from RViz takes the place of all waypoints. A reset begins with the first one again.
+    ``arrival="belief"``. By time, the clock starts with the first estimate; the last waypoint stays. A pose from RViz replaces
+    all waypoints. A reset restarts with the first one.
 
-    Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional), and where
-    ``waypoints`` is "room", ``room_goal`` (`Pose`, on ``room_goal``; optional).
-    Outputs: ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame.
-    Parameters: those of `Params`.
+    Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional), and if
+    ``waypoints`` is "room", ``room_goal`` (`Pose`, on ``room_goal``; optional). Outputs: ``reference`` (`Pose`, on
+    ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame. Parameters: those of `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,15 +36,15 @@ class WaypointGenerator:
         """"square", the tutorial's; "room", the goal of the simulator's room; or the path of a YAML or CSV file with x, y (m)
         and theta (rad)."""
         switch: str = "arrival"
-        """When the next waypoint is taken: on "arrival", as the filter believes, or after a "time", reached or not."""
+        """When to switch to the next waypoint: on "arrival" by the estimate, or after a "time", reached or not."""
         switch_period: float = ranged(SQUARE_PERIOD, 0.0, math.inf, "positive")
-        """Time after which the next waypoint is taken, s, where the switch is by "time"."""
+        """Time after which the next waypoint becomes current, s, with the switch by "time"."""
         radius: float = ranged(0.3, 0.0, math.inf, "positive")
         """Distance within which a waypoint counts as reached, m; the belief must be inside by 0.05 m, or a third of it."""
         laps: int = ranged(1, 1, 2**31, "at least 1")
-        """How often the waypoints are visited in turn."""
+        """Number of rounds through the waypoints."""
         relative: bool = False
-        """Whether they are meant relative to the first estimate instead of to the world frame."""
+        """Whether waypoints are relative to the first estimate instead of the world frame."""
         period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
         """Period of publishing, s."""
 
@@ -76,7 +75,7 @@ class WaypointGenerator:
         self.reset()
 
     def reset(self) -> None:
-        """Begin with the first waypoint again."""
+        """Restart with the first waypoint."""
         self._poses: Sequence[Pose] = () if self._relative or self._in_room else self._waypoints
         self._room_goal: Pose | None = None
         self._laps = self._task.laps
@@ -85,7 +84,7 @@ class WaypointGenerator:
 
     def step(self, dt: float, estimate: Estimate | None, goal: Pose | None, room_goal: Pose | None = None) -> dict[str, Pose]:
         """Return the waypoint to reach and the one after it; nothing before they are known."""
-        if room_goal is not None and room_goal != self._room_goal:  # another episode's
+        if room_goal is not None and room_goal != self._room_goal:  # the goal of another episode
             self._room_goal = room_goal
             goal = room_goal if goal is None else goal
         if goal is not None:
@@ -104,14 +103,14 @@ class WaypointGenerator:
     def _is_done_with(self, dt: float, estimate: Estimate | None) -> bool:
         steps, timed = self._steps, by_time(self._task)
         self._steps += estimate is not None or steps > 0
-        if timed or not steps:  # an episode's first step is not judged
+        if timed or not steps:  # the first step of an episode is not judged
             return steps > 0 and due(steps, self._visited, self._task, dt)
         reference = self._poses[self._visited % len(self._poses)]
         return estimate is not None and believed_to_arrive(estimate.belief.mean, reference, self._task)
 
 
 def _compose(origin: Pose, relative: Pose) -> Pose:
-    """Return in the world frame what is meant relative to a pose."""
+    """Transform a relative pose into the world frame."""
     sine, cosine = sincos(origin.theta)
     return Pose(
         origin.x + cosine * relative.x - sine * relative.y,
@@ -127,7 +126,7 @@ def load_waypoints(path: str) -> list[Pose]:
         path: The file, ending in .yaml, .yml or .csv.
 
     Raises:
-        ValueError: If it cannot be read; the message names the file and the entry.
+        ValueError: If the file cannot be read; the message names the file and the entry.
     """
     file = Path(path).expanduser()
     if file.suffix not in (".yaml", ".yml", ".csv"):
@@ -160,7 +159,7 @@ def _read_yaml(file: Path) -> list[Any]:
 
 
 def _pose(path: str, number: int, row: Any) -> Pose:
-    """Return an entry of a file as a pose."""
+    """Return a file's entry as a pose."""
     try:
         if isinstance(row, dict):
             return Pose(**{name: float(value) for name, value in row.items()})

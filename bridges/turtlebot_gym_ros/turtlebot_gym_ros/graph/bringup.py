@@ -1,4 +1,4 @@
-"""The whole graph with one command: its metrics, as the tutorial has them, and its figure."""
+"""Run the whole graph with one command, with the tutorial's metrics and a figure."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from turtlebot_gym_ros.graph.watch import View
 
 MAX_SEED = 2**63
-"""Seeds are below this: a ROS parameter has 64 bits."""
+"""Upper limit of seeds, since ROS parameters have 64 bits."""
 REACHED = 0.3
-"""A waypoint counts as reached where a position came this close, m."""
+"""Distance within which a waypoint counts as reached, m."""
 
 
 def metrics(trajectory: Trajectory) -> dict[str, float]:
-    """Return the tutorial's figures of a drive: mean errors in m and rad, and how the waypoints were met."""
+    """Return the tutorial's metrics of a drive: mean errors in m and rad, and the distances to waypoints."""
     truth, odometry, estimate, reference = (
         trajectory.true_state,
         trajectory.odometry,
@@ -49,10 +49,10 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
     known = np.isfinite(truth).all(1) & np.isfinite(estimate).all(1) & np.isfinite(odometry).all(1)
     followed = np.isfinite(reference).all(1) & np.isfinite(truth).all(1)
     pieces = np.split(np.flatnonzero(followed), np.flatnonzero(np.any(np.diff(reference[followed], axis=0), axis=1)) + 1)
-    # A row holds the reference that follows from it: in the row in which one is reached there stands the next.
+    # A row holds the reference that follows from it: the row in which a waypoint is reached holds the next one.
     pieces = [(np.append(piece, piece[-1] + 1)[: len(truth) - piece[0]], reference[piece[0]]) for piece in pieces if len(piece)]
     closest = [float(np.nanmin(position_error(truth[rows], waypoint))) for rows, waypoint in pieces]
-    # The generator goes by the estimate; without one all the time, fmin leaves out where there was none.
+    # The generator uses the estimate; fmin ignores times without one.
     believed = [np.fmin.reduce(position_error(estimate[rows], waypoint)) for rows, waypoint in pieces]
     return {
         "duration": float(trajectory.time[-1]),
@@ -69,13 +69,13 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
 
 
 def room_metrics(trajectory: Trajectory, clearance: NDArray[np.float64]) -> dict[str, float]:
-    """Return how an episode in a room ended, by the true pose, as the environment judges it.
+    """Return how an episode in a room ended by the true pose, as the environment judges it.
 
-    The first contact or arrival ends it; what came after does not count.
+    The first contact or arrival ends the episode; later ones are ignored.
 
     Args:
         trajectory: The drive.
-        clearance: Between the footprint and the room in each row, shape (T,), m.
+        clearance: Distance from the footprint to the room in each row, shape (T,), m.
     """
     poses = zip(trajectory.true_state.tolist(), trajectory.reference.tolist(), strict=True)
     there = [at > 0 and arrived(State(*state), Pose(*goal), ROOM) for at, (state, goal) in enumerate(poses)]
@@ -167,7 +167,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _view(given: dict[str, Any], port: int) -> View:
-    from turtlebot_gym_ros.graph.watch import View  # what it needs is slow to import
+    from turtlebot_gym_ros.graph.watch import View  # slow to import
 
     return View(given, title=f"bringup, policy {given.get('policy', 'bearing')}", port=port)
 
@@ -181,7 +181,7 @@ def _tell(
     figure: Path | None,
     report: Path | None,
 ) -> None:
-    """Print the metrics of a drive, and write what is asked for."""
+    """Print the metrics of a drive, and write the requested files."""
     if len(trajectory.time) < 2:
         return
     figures = metrics(trajectory)

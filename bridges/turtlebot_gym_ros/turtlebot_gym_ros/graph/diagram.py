@@ -1,7 +1,7 @@
-"""The graph as a picture: nodes are boxes, topics are arrows, from the declarations or from what is really connected.
+"""The graph as a picture, with nodes as boxes and topics as arrows, from the declarations or the actual connections.
 
-`declared` reads what blocks, guard and recorders say of themselves, `connected` asks ROS; both return the same kind of set, so
-that one can be compared with the other, and `draw` draws either of them. Drawing needs matplotlib.
+`declared` reads the declarations of blocks, guard and recorders, and `connected` asks ROS; both return the same kind of set, so
+that they can be compared, and `draw` draws either. Drawing needs matplotlib.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 BEHIND_GUARD = {name: entry.guarded for name, entry in NODES.items() if entry.guarded}
-"""Where those who command speak, instead of on ``cmd_vel``, when there is a guard."""
+"""Topic for commands, instead of ``cmd_vel``, if there is a guard."""
 HIDDEN = ("/rosout", "/parameter_events", "/diagnostics", "/clock", "/reset", "/recorded", "/scan/newest")
-"""Topics that nearly every node has; they carry nothing of the loop."""
+"""Topics of nearly every node that are not part of the loop."""
 
 
 class Connection(NamedTuple):
-    """A node that is heard by another one."""
+    """A topic from one node to another."""
 
     publisher: str
-    """Its name, without the first slash."""
+    """Name of the publisher, without the first slash."""
     topic: str
     """Its full name, "/odom"."""
     message: str
@@ -49,7 +49,7 @@ Connections = frozenset[Connection]
 
 
 def declared(names: Iterable[str], *, stamped: bool = True) -> Connections:
-    """Return who hears whom by what the nodes declare.
+    """Return the connections that the nodes declare.
 
     Args:
         names: The nodes of the graph: blocks, "cmd_vel_guard", "data_logger", and "bringup", which records a `Graph`.
@@ -72,7 +72,7 @@ def declared(names: Iterable[str], *, stamped: bool = True) -> Connections:
 
 
 def _says(name: str, *, guarded: bool) -> dict[str, type]:
-    """Return on which topics a node speaks, and with which values."""
+    """Return the topics that a node publishes, with their value types."""
     if name in ("data_logger", "bringup"):
         return {}
     if name == "cmd_vel_guard":
@@ -83,7 +83,7 @@ def _says(name: str, *, guarded: bool) -> dict[str, type]:
 
 
 def _hears(name: str, spoken: Mapping[str, type]) -> Iterable[str]:
-    """Return which topics a node listens to, of those on which somebody speaks."""
+    """Return the topics that a node subscribes to, among those with a publisher."""
     special = {"data_logger": spoken, "bringup": TOPICS, "cmd_vel_guard": BEHIND_GUARD.values()}
     return special[name] if name in special else [each.topic for each in _block(name).inputs.values()]
 
@@ -95,14 +95,14 @@ def _block(name: str) -> type:
 
 
 def connected(expected: Connections, *, domain: int | None = None, timeout: float = 10.0) -> Connections:
-    """Ask ROS who hears whom at present; types and quality of service must fit, or nothing would arrive.
+    """Return the current connections from ROS; types and quality of service must match, or nothing would arrive.
 
-    It asks through a node of its own, which needs a moment to learn of the others.
+    It uses a temporary node, which needs a moment to discover the others.
 
     Args:
-        expected: What to wait for; what there is besides is returned as well.
+        expected: Connections to wait for; others are returned too.
         domain: ROS domain; None for that of the environment.
-        timeout: Longest wait, s; what has been found until then is returned.
+        timeout: Longest wait, s; then the connections found so far are returned.
     """
     runner = Runner(domain=domain)
     node = Node("diagram", context=runner.context)
@@ -122,7 +122,7 @@ def _ask(node: Node) -> Connections:
         for topic, _ in node.get_topic_names_and_types()
         if topic not in HIDDEN
         for publisher in node.get_publishers_info_by_topic(topic)
-        if not topic.startswith(f"/{_name(publisher)}/")  # what a node says of itself
+        if not topic.startswith(f"/{_name(publisher)}/")  # a node's private topics
         for subscriber in node.get_subscriptions_info_by_topic(topic)
         if publisher.topic_type == subscriber.topic_type
         and qos_check_compatible(publisher.qos_profile, subscriber.qos_profile)[0] != QoSCompatibility.ERROR
@@ -134,7 +134,7 @@ def _name(info: TopicEndpointInfo) -> str:
 
 
 PLACES = {name: entry.place for name, entry in NODES.items() if entry.place}
-"""Column and row of each node of the loop, which runs clockwise; who only listens stands below, anybody else above."""
+"""Column and row of each node of the loop, which runs clockwise; pure listeners are below, other nodes above."""
 WORDS = {name: entry.word for name, entry in NODES.items()} | {
     "/reference": "waypoint",
     "/next_reference": "next waypoint",
@@ -147,28 +147,28 @@ WORDS = {name: entry.word for name, entry in NODES.items()} | {
     "/nis": "innovation",
     "/markers": "markers",
 }
-"""Nodes and topics in plain words."""
+"""Plain names of nodes and topics."""
 _COLORS = {
     "/reference": GREEN, "/next_reference": GREEN, "/odom": SKY_BLUE, "/estimate": VERMILLION, "/true_state": BLACK,
     "/cmd_vel": BLUE, "/cmd_vel_in": BLUE, "/cmd_vel_teleop": BLUE,
 }  # fmt: skip
 _ACROSS, _UP, _MARGIN = 2.75, 1.5, 0.2
 _WIDTH, _HEIGHT = 1.55, 0.5
-"""Of columns, rows, the frame and the boxes; in."""
+"""Sizes of columns, rows, the frame and the boxes, inches."""
 _ARROW = {"arrowstyle": "-|>", "mutation_scale": 13.0, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 1.0}
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _Place = tuple[float, float]
 
 
 def draw(axes: Axes, connections: Connections, *, plain: bool = False) -> Axes:
-    """Draw nodes as boxes and what they tell each other as arrows, in the colours of the drives' figures.
+    """Draw nodes as boxes and topics as arrows, in the colours of the drives' figures.
 
-    Whoever tells the loop nothing, such as a recorder, stands below it; its arrow says what it hears.
+    Nodes that send nothing to the loop, such as recorders, are below it; their arrows name what they receive.
 
     Args:
-        axes: Where to draw; at 7.5 by 3.8 inches, text and boxes of a loop with a recorder fit each other.
+        axes: Where to draw; at 7.5 by 3.8 inches, text fits into the boxes of a loop with a recorder.
         connections: The graph.
-        plain: Whether to draw it as a block diagram, in plain words, or with the names that ROS uses.
+        plain: Whether to use plain names, as in a block diagram, instead of ROS names.
     """
     nodes = {name for each in connections for name in (each.publisher, each.subscriber)}
     loop = (nodes & PLACES.keys()) | {each.publisher for each in connections if each.subscriber in PLACES} or nodes
@@ -181,7 +181,7 @@ def draw(axes: Axes, connections: Connections, *, plain: bool = False) -> Axes:
     for (publisher, subscriber), topics in arrows.items():
         if not {publisher, subscriber} <= loop:
             continue
-        bend = 0.25 if (subscriber, publisher) in arrows else 0.0  # two arrows must not lie on each other
+        bend = 0.25 if (subscriber, publisher) in arrows else 0.0  # two arrows must not overlap
         style = {"patchA": boxes[publisher], "patchB": boxes[subscriber], "connectionstyle": f"arc3,rad={bend}"}
         color = _COLORS.get(topics[0].topic, BLACK)
         axes.annotate("", at[subscriber], at[publisher], arrowprops={**_ARROW, **style, "color": color}, zorder=1.5)
@@ -199,7 +199,7 @@ def draw(axes: Axes, connections: Connections, *, plain: bool = False) -> Axes:
 
 
 def _loop_places(loop: Iterable[str]) -> dict[str, _Place]:
-    """Return where the boxes stand; columns and rows in which nobody stands are left out."""
+    """Return the places of the boxes, without empty columns and rows."""
     strangers = sorted(set(loop) - PLACES.keys())
     grid = {name: PLACES.get(name) or (strangers.index(name), 3) for name in loop}
     columns, rows = (sorted({place[axis] for place in grid.values()}) for axis in (0, 1))
@@ -217,7 +217,7 @@ def _draw_box(axes: Axes, place: _Place, text: str, *, linestyle: str) -> Patch:
 
 
 def _text(topics: Iterable[Connection], words: Mapping[str, str]) -> str:
-    """Return what stands at an arrow: its topics, and under them their types, unless in plain words."""
+    """Return the label of an arrow: its topics, with their types below them unless in plain words."""
     lines = [words.get(each.topic, each.topic) for each in topics]
     kinds = dict.fromkeys(each.message.rpartition("/")[2] for each in topics)
     return "\n".join([*lines, *([] if words else kinds)])
@@ -226,7 +226,7 @@ def _text(topics: Iterable[Connection], words: Mapping[str, str]) -> str:
 def _draw_label(axes: Axes, start: _Place, end: _Place, bend: float, text: str) -> None:
     """Write at the middle of an arrow: above a level one, beside a bent one, on an upright or slanted one."""
     (x, y), (dx, dy) = start, (end[0] - start[0], end[1] - start[1])
-    share = 0.5 if bend or not dx or not dy else 0.62  # off the middle, where the label of an upright one is
+    share = 0.5 if bend or not dx or not dy else 0.62  # off the middle, where a vertical arrow has its label
     x, y = x + share * dx + 0.5 * bend * dy, y + share * dy - 0.5 * bend * dx
     across = "center" if not bend or not dy else "left" if dy > 0.0 else "right"
     up = "bottom" if not dy else "center"
@@ -236,7 +236,7 @@ def _draw_label(axes: Axes, start: _Place, end: _Place, bend: float, text: str) 
 
 
 def _draw_bystanders(axes: Axes, loop: Sequence[_Place], heard: Mapping[str, Sequence[str]]) -> None:
-    """Draw a frame round the loop, and from it an arrow to each one who only listens."""
+    """Draw a frame around the loop, and an arrow from it to each pure listener."""
     from matplotlib.patches import Rectangle
 
     (left, right), (low, high) = ((min(values), max(values)) for values in zip(*loop, strict=True))

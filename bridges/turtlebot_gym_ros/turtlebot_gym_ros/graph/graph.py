@@ -1,4 +1,4 @@
-"""The closed loop as a live graph, from Python: in this process, or one process per node."""
+"""Run the closed loop as a live graph from Python: in this process, or with one process per node."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import MODES, load
 
 OWN_CLOCK = ("-r", "/clock:=clock")
-"""rclpy listens to /clock whatever the namespace; each graph has its own."""
+"""Remapping of /clock, to which rclpy listens regardless of the namespace, so that each graph has its own."""
 PATIENCE = 60.0
-"""Longest wait for the graph to come up, s."""
+"""Longest wait for the graph to start, s."""
 
 
 class Graph:
-    """A running graph, which ends with its ``with`` block; in a notebook, `start` and `close` stand in cells of their own.
+    """A running graph, which ends with its ``with`` block; in a notebook, call `start` and `close` in separate cells.
 
         with Graph(policy="bearing") as graph:
             graph.wait_until(lambda graph: graph.state == "silent: done")
             trajectory = graph.trajectory()
 
-    When it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
+    Once it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
 
-    Its time is real at speed 1. In autonomous mode it is simulated otherwise, in lock-step: each step waits for its command, so
-    that the drive is the environment's of the same seed, to the bit, on any machine. A person's command belongs to no step:
-    teleoperation is in real time by default, and runs by a faster or slower clock otherwise.
+    At speed 1 it runs in real time. At other speeds, autonomous mode runs on simulated time in lock-step: each step waits for
+    its command, so that the drive is bit-identical to the environment's with the same seed, on any machine. A person's commands
+    belong to no step: teleoperation runs in real time by default, and on a faster or slower clock otherwise.
 
-    With a ``world`` the simulator stands in a room, and its goal is the room's.
+    With a ``world`` the simulator is in a room, and the waypoint is the room's goal.
 
     Args:
         mode: "autonomous" or "teleoperation".
         processes: Whether each node runs in a process of its own.
-        speed: 1 is real time, None as fast as the nodes answer, anything else at most so many times faster than real time; in
+        speed: 1 for real time, None for as fast as the nodes answer; any other value is the largest multiple of real time. In
             teleoperation None is real time.
         domain: ROS domain; None for that of the environment.
-        namespace: Of all nodes and topics, such as "robot1", so that several robots share one ROS domain.
-        frame_prefix: What stands before all frames; None for that of the namespace, "robot1/".
-        parameters: Parameters by name; each goes to the nodes that have one of that name.
+        namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
+        frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/". parameters: Parameters by name; each goes
+            to the nodes that have one of that name.
 
     Raises:
-        ValueError: If a node refuses its parameters, no node has one of them, or lock-step is asked for with an unstamped
-        Twist. TimeoutError: If the graph does not come up.
+        ValueError: If a node refuses its parameters, no node has one of them, or lock-step is combined with an unstamped Twist.
+        TimeoutError: If the graph does not start.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Graph:
         if unknown:
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
         self.in_room = parameters.get("world", "open") not in OPEN_GROUND
-        """Whether the simulator stands in a room."""
+        """Whether the simulator is in a room."""
         self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
         try:
             Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
@@ -104,7 +104,7 @@ class Graph:
             raise ValueError(f"{error} At speed 1, in real time, it can be used.") from None
 
     def _for_node(self, name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the parameters that a node is given."""
+        """Return the parameters for a node."""
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
@@ -120,7 +120,7 @@ class Graph:
         self.close()
 
     def start(self) -> Graph:
-        """Start all nodes and return the graph when it is up; to be ended by `close`, as ``with`` does."""
+        """Start all nodes and return the graph when it is running; end it with `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
         try:
             self._recorder = Recorder(
@@ -155,7 +155,7 @@ class Graph:
             )
             self._runner.add(shell)
             return
-        given = {key: value for key, value in given.items() if value != ""}  # the command line has no empty text
+        given = {key: value for key, value in given.items() if value != ""}  # the command line cannot express empty text
         arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={_ros(value)}")]
         arguments += [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
         domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
@@ -163,8 +163,8 @@ class Graph:
         self._processes.append(subprocess.Popen(command, env={**os.environ, **domain}))
 
     def _come_up(self) -> None:
-        """Wait until the loop is closed, and begin at the start."""
-        if self._lock_step:  # until the controller is enabled, time stands still at step 0
+        """Wait until the loop is closed, then reset it to the start."""
+        if self._lock_step:  # time stands still at step 0 until the controller is enabled
             self.wait_until(lambda graph: graph._recorder.is_connected and graph._recorder.has_begun, timeout=PATIENCE)
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
             return
@@ -173,7 +173,7 @@ class Graph:
         if self._autonomous:
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
             self.wait_until(lambda graph: graph.latest["true_state"].v or graph.latest["true_state"].omega, timeout=PATIENCE)
-        # Only now has every node heard every other: what went before does not count.
+        # Only now is every node connected to every other: earlier steps do not count.
         self._recorder.restart()
         self._ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
         self.wait_until(lambda graph: graph._recorder.has_begun, timeout=PATIENCE)
@@ -187,13 +187,14 @@ class Graph:
 
     @property
     def latest(self) -> Mapping[str, Any]:
-        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel", and in a world "clearance",
-        "scan" and "obstacles", and on a map "map"."""
+        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"; in a world also "clearance",
+        "scan" and "obstacles", and on a map "map".
+        """
         return self._recorder.latest
 
     @property
     def state(self) -> str:
-        """The controller's state: "active", or "silent" or "stopping" and why."""
+        """The controller's state: "active", or "silent" or "stopping" with the reason."""
         return self._recorder.state
 
     @property
@@ -203,7 +204,7 @@ class Graph:
 
     @property
     def time(self) -> float:
-        """Time since the start, by the stamps, s."""
+        """Time since the start by the stamps, s."""
         return self._recorder.time
 
     def trajectory(self) -> Trajectory:
@@ -218,11 +219,11 @@ class Graph:
         """Wait until a condition on the graph holds.
 
         Args:
-            condition: Given this graph.
-            timeout: Longest wait, s; None waits for ever.
+            condition: A function of this graph.
+            timeout: Longest wait, s; None waits indefinitely.
 
         Raises:
-            TimeoutError: If it does not hold in time; the message says what each node reports.
+            TimeoutError: If it does not hold in time; the message has each node's report.
             RuntimeError: If a node's process has ended.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -241,16 +242,16 @@ class Graph:
         for process in self._processes:
             process.wait()
         if self._processes:
-            time.sleep(SETTLE)  # until their leaving has been heard, see `discovery.leave`
+            time.sleep(SETTLE)  # until their departure has been announced, see `discovery.leave`
         self._processes.clear()
         self._runner.close()
 
 
 def fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a graph, with those that follow from its world where they are not given.
+    """Return the parameters of a graph, with defaults that follow from its world.
 
     Raises:
-        ValueError: If the policy is made for a room and there is none, or the reverse.
+        ValueError: If the policy is made for rooms and there is none, or the reverse.
     """
     world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
     layout = layout_of(make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1)))
@@ -265,5 +266,5 @@ def fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _ros(value: Any) -> str:
-    """Return a parameter's value as the ROS command line takes it."""
+    """Return a parameter's value in the form of the ROS command line."""
     return str(value).lower() if isinstance(value, bool) else str(value)

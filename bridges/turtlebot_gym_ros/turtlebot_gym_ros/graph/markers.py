@@ -1,8 +1,8 @@
-"""How the scene of a running loop travels: as visualization markers. Importing it makes the block `Visualization` a node.
+"""Conversion of a running loop's scene to visualization markers. Importing it makes the block `Visualization` a node.
 
-The estimate's ellipse, true state and odometry are not among them: viewers draw them themselves, from ``/estimate``,
-``/true_state`` and ``/odom`` (``rviz/turtlebot.rviz``). Markers vanish after `LIFETIME`, so that nothing stays on the screen
-when the filter, or this node, is gone.
+The estimate's ellipse, true state and odometry are not included: viewers draw them from ``/estimate``, ``/true_state`` and
+``/odom`` (``rviz/turtlebot.rviz``). Markers expire after `LIFETIME`, so that nothing stays on the screen when the filter or
+this node is gone.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from turtlebot_gym_ros.node.geometry import quaternion_of
 __all__ = ["LIFETIME", "Visualization"]
 
 LIFETIME = Duration(seconds=1.0)
-"""Time after which a viewer removes a marker that was not sent again, by the viewer's clock."""
+"""Time after which a viewer removes a marker without an update, by the viewer's clock."""
 LINE = 0.02
 """Width of a path, m."""
 HEIGHT = 0.01
-"""Of a waypoint's disc, and by how much paths lie above it, m."""
+"""Height of a waypoint's disc, and of paths above it, m."""
 
 
 def _color(html: str, opacity: float = 1.0) -> ColorRGBA:
@@ -63,7 +63,7 @@ def _waypoint(header: Header, name: str, pose: Pose, radius: float, opacity: flo
 
 
 def _path(header: Header, name: str, points: Iterable[tuple[float, float]], html: str) -> list[Marker]:
-    """Return a path as a line; nothing where it has less than two points."""
+    """Return a path as a line; nothing if it has fewer than two points."""
     marker = _marker(header, name, Marker.LINE_STRIP, (LINE, 0.0, 0.0), _color(html))
     marker.points = [Point(x=float(x), y=float(y), z=HEIGHT) for x, y in points]
     return [marker] if len(marker.points) > 1 else []

@@ -1,15 +1,15 @@
-"""Namespaces: several robots in one graph, each with the same nodes and topics below a name of its own."""
+"""Namespaces: several robots in one graph, each with the same nodes and topics below its own name."""
 
 from __future__ import annotations
 
 import re
 
 ROOT = "/"
-"""The namespace of a graph that has none."""
+"""Root namespace, for a graph without its own."""
 
 
 def absolute(namespace: str) -> str:
-    """Return a namespace as ROS writes it: "/robot1", or "/" for none.
+    """Return a namespace in ROS's form: "/robot1", or "/" for none.
 
     Raises:
         ValueError: If ROS would refuse it.
@@ -21,11 +21,11 @@ def absolute(namespace: str) -> str:
 
 
 def prefix_of(namespace: str) -> str:
-    """Return what stands before a robot's frames by default: "robot1/", or nothing in the root."""
+    """Return the default prefix of a robot's frames: "robot1/", or empty in the root namespace."""
     name = absolute(namespace).strip("/")
     return f"{name}/" if name else ""
 
 
 def remapping(namespace: str) -> list[str]:
-    """Return the words of a node's command line that put it into a namespace."""
+    """Return the command-line arguments that put a node into a namespace."""
     return [] if absolute(namespace) == ROOT else ["--ros-args", "-r", f"__ns:={absolute(namespace)}"]

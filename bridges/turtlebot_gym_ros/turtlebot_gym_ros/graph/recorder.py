@@ -1,8 +1,8 @@
-"""An observer of a running graph: what was said on its topics, as a trajectory.
+"""An observer that records the topics of a running graph as a trajectory.
 
-A row is a step, as in the infos of the environment: what was true, measured and believed at a stamp, and the command that was
-in force in the interval before it, as ``/odom`` states it. The command that answers a step stands in the next row; that of the
-first row is zero. The reference is the step's own in lock-step, and otherwise the one that was held when the row began.
+A row is a step, as in the infos of the environment: the true, measured and estimated state at a stamp, and the command in force
+in the interval before it, as stated by ``/odom``. The command that answers a step is in the next row; that of the first row is
+zero. In lock-step, the reference is the step's own; otherwise it is the one in force when the row began.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ TOPICS: dict[str, type] = {
     "reference": Pose,
     "cmd_vel": Command,
 }
-"""What it hears, and as which values."""
+"""Topics to record, with their value types."""
 STEP = ("true_state", "odom", "estimate", "reference")
-"""The topics of a row; the reference is not tied to a step in real time."""
+"""Topics of a row; in real time the reference is not tied to a step."""
 ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles": Obstacles}
-"""What it hears besides of a simulator in a room; on a map also ``map``, once."""
+"""Additional topics of a simulator in a room; on a map also ``map``, once."""
 TELL = 50
-"""After so many steps it says how far it has heard, so that the plant does not outrun it."""
+"""Steps between its progress reports, by which the plant does not outrun it."""
 
 
 class Recorder:
-    """A node that hears all topics of the loop, the diagnostics and the controller's state.
+    """A node that subscribes to all topics of the loop, the diagnostics and the controller's state.
 
     Args:
         context: The rclpy context.
         stamped: Whether velocities travel as TwistStamped.
-        lock_step: Whether the graph is in lock-step: a row is then complete, and a leap of the stamps begins another episode.
-        room: Whether the simulator is in a room: a row then holds the clearance too.
+        lock_step: Whether the graph is in lock-step: rows are then complete, and a leap of the stamps begins another episode.
+        room: Whether the simulator is in a room, and rows include the clearance.
         name: The node's name.
-        namespace: Namespace of the graph; diagnostics of nodes outside it do not count. In the root all nodes' do.
+        namespace: Namespace of the graph; diagnostics of nodes outside it are ignored. In the root all nodes count.
     """
 
     def __init__(
@@ -76,9 +76,9 @@ class Recorder:
         self._space = f"{self.node.get_namespace().rstrip('/')}/"
         self._lock = Lock()
         self.latest: dict[str, Any] = {}
-        """The last value of each topic that was heard."""
+        """Last received value of each topic."""
         self.reports: dict[str, tuple[int, str]] = {}
-        """Level and message of each node's last diagnostics, by its name in the graph's namespace."""
+        """Level and message of each node's last diagnostics, by the name in the graph's namespace."""
         self.state = "silent"
         """The controller's state."""
         self._lock_step = lock_step
@@ -122,11 +122,11 @@ class Recorder:
         return hear
 
     def _add(self, stamp: int, topic: str, value: Any) -> None:
-        """Take a value of a step; an episode begins where the stamps of the true state leap."""
+        """Store a value of a step; a leap in the true state's stamps begins an episode."""
         if topic == "true_state":
             last = self._last
             if last is None or stamp < last or stamp - last == EPISODE_GAP * SECOND:
-                # What the other topics have said already of the new episode's first step is kept.
+                # Keep what other topics have already delivered for the first step of the new episode.
                 self._rows = {at: row for at, row in self._rows.items() if at >= stamp > (last or 0)}
                 self._first, self._span = stamp, -1
             self._last = stamp
@@ -140,7 +140,7 @@ class Recorder:
             self._tell.publish(Header(stamp=Time(nanoseconds=stamp).to_msg()))
 
     def _at(self, stamp: int) -> dict[str, Any]:
-        """Return the sample of a stamp; a new one holds the reference and the command of its time."""
+        """Return the sample of a stamp; a new one starts with the current reference and command."""
         if stamp not in self._rows:
             self._rows[stamp] = {topic: self.latest[topic] for topic in STEP[3:] if topic in self.latest}
         return self._rows[stamp]
@@ -154,7 +154,7 @@ class Recorder:
         self.state = message.data
 
     def restart(self) -> None:
-        """Forget the samples so far, and begin with the first one of a plant at rest."""
+        """Drop the samples so far, and begin with the first one of a plant at rest."""
         with self._lock:
             self._rows.clear()
             self._waits_for_rest = True
@@ -167,12 +167,12 @@ class Recorder:
 
     @property
     def is_connected(self) -> bool:
-        """Whether somebody speaks on every topic."""
+        """Whether every topic has a publisher."""
         return all(each.get_publisher_count() for each in self._heard)
 
     @property
     def time(self) -> float:
-        """Time between the first and the last sample, by their stamps, s."""
+        """Time between the first and the last sample by their stamps, s."""
         with self._lock:
             if self._lock_step:
                 return max(self._span, 0) / 1e9
@@ -192,7 +192,7 @@ class Recorder:
         return rows
 
     def clearance(self) -> NDArray[np.float64]:
-        """Return the clearance in each row of `trajectory`, shape (T,), m; NaN where it was not heard.
+        """Return the clearance in each row of `trajectory`, shape (T,), m; NaN where none was received.
 
         Raises:
             RuntimeError: As `trajectory`.
@@ -200,7 +200,7 @@ class Recorder:
         return np.array([row["clearance"].distance if "clearance" in row else np.nan for _, row in self._collect()])
 
     def trajectory(self) -> Trajectory:
-        """Return what was heard so far; NaN where nothing was. In lock-step it ends with the last complete step.
+        """Return the record so far, with NaN for missing values. In lock-step it ends with the last complete step.
 
         Raises:
             RuntimeError: If in lock-step a step before that one was not heard as a whole.
@@ -226,7 +226,7 @@ class Recorder:
         )
 
     def _time_of(self, stamps: list[int]) -> Any:
-        """Return the time of rows since the first one, s; in lock-step as the environment counts it, in steps."""
+        """Return the time of rows since the first one, s; in lock-step counted in steps, as in the environment."""
         if self._lock_step and len(stamps) > 1:
             return np.arange(len(stamps), dtype=np.float64) * ((stamps[1] - stamps[0]) / 1e9)
         return np.array([(stamp - stamps[0]) / 1e9 for stamp in stamps])
@@ -237,7 +237,7 @@ class Recorder:
 
 
 def _require_whole(rows: list[tuple[int, dict[str, Any]]], topics: int) -> None:
-    """Refuse rows of which one is incomplete or missing."""
+    """Raise RuntimeError if a row is incomplete or missing."""
     stamps = [stamp for stamp, _ in rows]
     gaps = {after - before for before, after in pairwise(stamps)}
     if len(gaps) > 1 or any(len(row) < topics for _, row in rows):

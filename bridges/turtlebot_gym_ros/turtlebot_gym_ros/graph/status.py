@@ -1,4 +1,4 @@
-"""Who waits for what: the nodes' own diagnostics in one table."""
+"""The nodes' diagnostics in one table, with what each node waits for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEVELS = ("ok", "warning", "error", "stale")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Listen, print the table, and return 0 where all nodes of the loop are there and well, else 1."""
+    """Listen, print the table, and return 0 if all nodes of the loop are running without errors, else 1."""
     parser = argparse.ArgumentParser(prog="status", description="Print what each node of the graph reports and waits for.")
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
     parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default 3)")

@@ -1,4 +1,4 @@
-"""The live graph in a browser: a node that listens, and a server for the view."""
+"""The live graph in a browser: a listening node, and a server for the view."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from turtlebot_gym_ros.node.runner import Runner, refuse
 
 
 class View:
-    """A view of a graph, which listens from the beginning of its ``with`` block and is served once it is opened.
+    """A view of a graph, which listens from the start of its ``with`` block and is served after `open`.
 
     Args:
-        given: Parameters of the graph, of which ``namespace`` and ``lidar`` count.
-        title: What stands above.
+        given: Parameters of the graph, of which ``namespace`` and ``lidar`` are used.
+        title: Title of the page.
         host: Name or address to listen on.
-        port: Port; 0 for any that is free.
+        port: Port; 0 for any free port.
 
     Raises:
-        ImportError: If Bokeh, which draws, is missing.
+        ImportError: If Bokeh is missing.
     """
 
     def __init__(self, given: Mapping[str, Any], *, title: str = "Live", host: str = "localhost", port: int = 5006) -> None:
@@ -51,7 +51,7 @@ class View:
         self._ending.close()
 
     def open(self) -> None:
-        """Wait for the first row, serve the view and say where.
+        """Wait for the first row, serve the view and print its URL.
 
         Raises:
             OSError: If the server cannot listen.

@@ -1,7 +1,7 @@
-"""An observer of a running graph for the viewer: what is said on its topics, as a drive that grows.
+"""An observer that turns the topics of a running graph into a growing drive for the viewer.
 
-It only listens, to a simulated graph or a robot's, in real time or in lock-step. A row is a message on ``odom``, with what has
-the same stamp. Where the stamps leap or run backwards, another drive begins.
+It only listens, to a simulated graph or a robot's, in real time or in lock-step. A row is a message on ``odom`` with all values
+of the same stamp. A leap of the stamps, forwards or backwards, begins another drive.
 """
 
 from __future__ import annotations
@@ -41,37 +41,37 @@ HEARD: dict[str, type] = {
     "scan": Scan,
     "obstacles": Obstacles,
 }
-"""What it hears, and as which values."""
+"""Topics to record, with their value types."""
 STEP = ("true_state", "estimate", "nis")
 """Topics whose values belong to the odometry of the same stamp."""
 GUARD = "cmd_vel_guard"
 """Name of the guard's node."""
 LEAP = 5.0
-"""A gap between two stamps that is longer begins another drive, s."""
+"""Longest gap between two stamps, s; a longer one begins another drive."""
 LONGEST = 18_000
-"""Rows after which another drive begins, so that a browser keeps up: half an hour at 10 Hz."""
+"""Rows after which another drive begins, so that browsers keep up: half an hour at 10 Hz."""
 LAG = 5
-"""Rows for which it waits for what belongs to one."""
+"""Number of later rows after which it stops waiting for a row's values."""
 WAITING = 100
-"""Stamps of which values are kept until their odometry comes."""
+"""Number of stamps whose values are kept until their odometry arrives."""
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""It understands publishers of either reliability."""
+"""Best effort, which matches publishers of either reliability."""
 _UNKNOWN = (math.nan,) * 5
 
 
 class Watcher:
-    """A node that hears all topics of the loop.
+    """A node that subscribes to all topics of the loop.
 
     Args:
         context: The rclpy context.
-        namespace: Of the graph.
-        lidar: How the LiDAR is mounted, a name in `turtlebot_gym.rooms.lidar.LIDARS`.
+        namespace: Namespace of the graph.
+        lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
     """
 
     def __init__(self, context: Context, *, namespace: str | None = None, lidar: str = "lds01") -> None:
         self.node = Node("watch", context=context, namespace=namespace)
         self.drive = Growing()
-        """What was heard."""
+        """The recorded drive."""
         self._lidar, self._begun = find_lidar(lidar), Event()
         self._guard = f"{self.node.get_namespace().rstrip('/')}/{GUARD}"
         self._latest: dict[str, Any] = {}
@@ -92,10 +92,10 @@ class Watcher:
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_report, STREAM)
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait for the first row, and return whether it has come.
+        """Wait for the first row, and return whether it has arrived.
 
         Args:
-            timeout: Longest wait, s; None waits for ever.
+            timeout: Longest wait, s; None waits indefinitely.
         """
         return self._begun.wait(timeout)
 
@@ -108,7 +108,7 @@ class Watcher:
             try:
                 value = read(message)
             except ValueError:
-                return  # the nodes that need it say what is wrong with it
+                return  # the nodes that need the message report what is wrong with it
             self._latest[topic] = value
             if topic in STEP:
                 self._heard.add(topic)
@@ -125,16 +125,16 @@ class Watcher:
                 self._report = float(status.level[0]), status.message
 
     def _begin_row(self, stamp: int) -> None:
-        """Note what is known when a row begins."""
+        """Record the current values when a row begins."""
         if stamp == self._stamp:
-            return  # lock-step says a step again where an answer is missing
+            return  # lock-step publishes a step again if an answer is missing
         self._stamp = stamp
         self._pending.append((stamp, dict(self._latest)))
         while len(self._steps) > WAITING:
             del self._steps[min(self._steps)]
 
     def _finish_rows(self) -> None:
-        """Add the rows that are complete, and those that will not be: topics overtake each other."""
+        """Add rows that are complete, or that can no longer become complete, since topics overtake each other."""
         while self._pending:
             stamp, latest = self._pending[0]
             step = self._steps.get(stamp, {})
@@ -187,7 +187,7 @@ class Watcher:
         )
 
     def _new_scan(self, scan: Scan | None, state: State) -> list[Seen]:
-        """Return a scan, if it has come in this row and it is known where the robot is."""
+        """Return a scan, if it arrived in this row and the robot's pose is known."""
         if scan is None or scan is self._scan or not math.isfinite(state.x):
             return []
         self._scan = scan
