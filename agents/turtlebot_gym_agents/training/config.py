@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Robot
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, flag, number, shown, whole
 from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 
+MAX_STEPS = 10**12
+"""Most steps of a training."""
 DEVICES = ("cpu", "cuda", "auto")
 
 
@@ -65,15 +68,20 @@ class TrainingConfig:
     """Torch's threads, and those of the compiled loop: small networks gain nothing from more."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "evaluations", "episodes", "threads"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} must be positive, got {value!r}.")
+        if self.steps is not None:
+            whole("steps", self.steps, 1, MAX_STEPS)
+        for name, most in (("evaluations", MAX_STEPS), ("episodes", 1_000_000), ("threads", 4096)):
+            whole(name, getattr(self, name), 1, most)
+        whole("seed", self.seed, 0, 2**20 - 1)
+        flag("randomize", self.randomize)
         choose("device", self.device, dict.fromkeys(DEVICES))
-        if not 0.0 <= self.speed_error < 1.0:
+        if not 0.0 <= number("speed_error", self.speed_error) < 1.0:
             raise ValueError(f"speed_error must be at least 0 and less than 1, got {self.speed_error!r}.")
-        if not 0 <= self.seed < 2**20:
-            raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
+        if not number("checkpoint_seconds", self.checkpoint_seconds) >= 0.0:
+            raise ValueError(f"checkpoint_seconds must be at least 0, got {self.checkpoint_seconds!r}.")
+        if not isinstance(self.env, str) or self.env not in registry:
+            known = ", ".join(repr(spec.id) for spec in registry.values() if spec.namespace == "turtlebot_gym")
+            raise ValueError(f"env must be one of {known}, or another id with their arguments, got {shown(self.env)}.")
 
     def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
         """Return environments; randomized ones differ from each other."""

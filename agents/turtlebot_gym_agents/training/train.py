@@ -33,6 +33,7 @@ from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters, normalization
+from turtlebot_gym_agents.training.algorithms import ALGORITHMS
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
 from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig
 from turtlebot_gym_agents.training.devices import choose_device
@@ -40,9 +41,6 @@ from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.optimizer import EPS, Adam
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
-    name.lower(): getattr(stable_baselines3, name) for name in ("A2C", "DDPG", "PPO", "SAC", "TD3")
-}
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this on: apart from other runs', and from the evaluation's."""
@@ -87,11 +85,14 @@ def train(
         What it has come to; the folder holds the policy.
 
     Raises:
-        ValueError: If a name in the configuration is unknown, or the folder holds a run and ``resume`` is not set, or a run
+        ValueError: If a name in the configuration is unknown, a hyper-parameter is not what its rule allows, or the folder holds a run and ``resume`` is not set, or a run
             of another configuration.
     """
     start = time.perf_counter()
-    hyper = dict(hyper or hyperparameters.load(config.algo, config.env, config.config))
+    if hyper is None:
+        hyper = hyperparameters.load(config.algo, config.env, config.config)
+    else:
+        hyper = hyperparameters.checked_for(config.algo, hyper)
     total = config.steps or hyper["n_timesteps"]
     checkpoint = folder / "checkpoint.zip"
     device = choose_device(config.device, choose("algo", config.algo, ALGORITHMS))
