@@ -5,12 +5,22 @@ from __future__ import annotations
 import itertools
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import (
+    FigureFile,
+    JsonFile,
+    Writing,
+    print_tables,
+    progress,
+    save_figure,
+    write_json,
+)
+from turtlebot_gym_agents.outputs import Output
 
 if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration, Log
@@ -20,7 +30,7 @@ PARTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate:
+class Calibrate(Writing):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With the truth beside it (motion capture, say) all of it can be fitted; without, from the innovations of measured poses, all
@@ -30,7 +40,7 @@ class Calibrate:
     log: tyro.conf.Positional[Path]
     """A table with named columns, separated by commas, semicolons or blanks; or a ROS 2 bag: its folder, or a .mcap or .db3
     file."""
-    out: File = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; else a topic of the bag, or a table with the
@@ -49,9 +59,9 @@ class Calibrate:
     """Length of the segments from which the alphas are fitted, m; 0 for row by row. Found out if not told."""
     delay: float | None = None
     """Time by which the motion follows the recorded twist, s; found out if not told."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
-    plot: File = None
+    plot: FigureFile = None
     """Draw measured against fitted here."""
 
     def run(self) -> None:
@@ -82,7 +92,7 @@ class Calibrate:
         if self.out is not None:
             write_parameters(found.noise, self.out, comment=comment(found, self.log.name, provenance()["version"]))
         if self.json is not None:
-            write_json(self.json, result_of(found), config=asdict(self))
+            write_json(self.json, result_of(found), config=self.asked())
         if self.plot is not None:
             save_figure(calibration_figure(found, title=self.log.name), self.plot)
 

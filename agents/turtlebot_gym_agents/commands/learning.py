@@ -8,12 +8,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, Setting, needs, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import (
+    File,
+    JsonFile,
+    Setting,
+    Writing,
+    needs,
+    print_tables,
+    progress,
+    write_json,
+)
 from turtlebot_gym_agents.commands.placement import Placement
+from turtlebot_gym_agents.outputs import FOLDER, Output
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -23,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Learned(Setting):
+class _Learned(Setting, Writing):
     """What is driven, and by what it learns."""
 
     algo: str = "ppo"
@@ -46,7 +56,7 @@ class _Learned(Setting):
     """Environment steps; n_timesteps of the hyper-parameters if not told."""
     device: str = "cpu"
     """Where the network learns: cpu, cuda, or auto, which takes a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
 
     def training(self, **changes: Any) -> TrainingConfig:
@@ -62,7 +72,7 @@ class _Learned(Setting):
 class Train(_Learned, Placement):
     """Train policies with Stable-Baselines3, and leave each as a policy bundle, OUT/policy.onnx."""
 
-    out: Path = Path("runs/nav")
+    out: Annotated[Path, FOLDER] = Path("runs/nav")
     """Folder of the run; of several seeds, each has a folder seed-N in it."""
     seeds: int = 1
     """How many seeds to train."""
@@ -77,9 +87,13 @@ class Train(_Learned, Placement):
         """Train, print a table, and write what is asked for."""
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        from turtlebot_gym_agents.training.config import require_no_run
+
         self.require_cluster()
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
+        for folder in folders if not self.resume else ():
+            require_no_run(folder)
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
@@ -142,7 +156,7 @@ class Tune(_Learned, Placement):
     A search that was stopped goes on when the same is asked for again.
     """
 
-    out: Path = Path("runs/tune")
+    out: Annotated[Path, FOLDER] = Path("runs/tune")
     """Folder of the study."""
     trials: int = 50
     """How many finished trials the study is to have, earlier ones included."""
@@ -196,7 +210,7 @@ class Tune(_Learned, Placement):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export:
+class Export(Writing):
     """Make a policy bundle of a model that Stable-Baselines3 has saved, and check that both do the same.
 
     What it was trained for is read from the config.json that training leaves beside it; else it has to be told.
@@ -204,7 +218,7 @@ class Export:
 
     model: tyro.conf.Positional[Path]
     """The model, a zip file."""
-    out: Path = Path("policy.onnx")
+    out: Annotated[Path, Output((".onnx",))] = Path("policy.onnx")
     """The bundle."""
     allow_pickle: bool = False
     """Loading a zip file can run any code that is in it: say that you trust it."""
@@ -232,7 +246,7 @@ class Export:
 
         model = load_model(self.model, allow_pickle=self.allow_pickle)
         beside = self.model.parent / "config.json"
-        record = json_format.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
+        record = _record(beside) if beside.is_file() else {}
         default = asdict(TrainingConfig()) | record.get("config", {})
 
         def told(name: str) -> Any:
@@ -254,6 +268,21 @@ class Export:
             f"{self.out}: {self.out.stat().st_size:,} bytes; its actions differ from the model's by at most "
             f"{difference:.1g} on 10,000 observations."
         )
+
+
+def _record(path: Path) -> dict[str, Any]:
+    """Return what a training has left in its config.json.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    try:
+        record = json_format.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}.") from error
+    if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
+        raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
+    return record
 
 
 @contextmanager

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import JsonFile, Setting, Writing, print_tables, progress, write_json
+from turtlebot_gym_agents.outputs import JSON
 
 SHOWN = 5
 """Tries in the table, the fastest first."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneBaseline(Setting):
+class TuneBaseline(Setting, Writing):
     """Tune a baseline's numbers for a scenario, and leave the best as OUT, a file that --policy takes.
 
     A policy that was trained for a scenario is compared fairly only with a baseline that was tuned for it. A stopped search
@@ -33,9 +35,9 @@ class TuneBaseline(Setting):
     """Episodes of each try, the same for all; other ones than evaluations and trainings drive."""
     seed: int = 0
     """Seed of the search."""
-    out: Path = Path("baseline.json")
+    out: Annotated[Path, JSON._replace(resumed=True)] = Path("baseline.json")
     """The tuned baseline, with all tries."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and all tries here, too."""
 
     def run(self) -> None:
@@ -66,4 +68,4 @@ class TuneBaseline(Setting):
         print_tables(table)
         print(f"Use it with --policy {self.out}.")
         if self.json is not None:
-            write_json(self.json, {"tries": [asdict(one) for one in tries]}, config=asdict(self))
+            write_json(self.json, {"tries": [asdict(one) for one in tries]}, config=self.asked())

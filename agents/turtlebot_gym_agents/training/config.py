@@ -99,5 +99,11 @@ class TrainingConfig:
         return envs
 
 
+def require_no_run(folder: Path) -> None:
+    """Raise ValueError if a folder holds a run, which only resuming may change."""
+    if (folder / "checkpoint.zip").exists():
+        raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
+
+
 FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
 """Fields of the configuration that may be others when a run is resumed; what is in the file ``config`` may not."""

@@ -35,7 +35,7 @@ from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters, normalization
 from turtlebot_gym_agents.training.algorithms import ALGORITHMS
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
-from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig
+from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.devices import choose_device
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.optimizer import EPS, Adam
@@ -97,9 +97,9 @@ def train(
     checkpoint = folder / "checkpoint.zip"
     device = choose_device(config.device, choose("algo", config.algo, ALGORITHMS))
     record = {"config": plain(asdict(config)), "hyperparameters": hyper, "device": device, **provenance()}
+    if not resume:
+        require_no_run(folder)
     if checkpoint.exists():
-        if not resume:
-            raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
         _require_same(json.loads((folder / "config.json").read_text(encoding="utf-8")), record, folder)
     torch.set_num_threads(config.threads)
 
