@@ -52,6 +52,8 @@ class RoomsVectorEnv(NavigationVectorEnv):
         ValueError: If an argument is unknown or out of its range, or no way leads through a world that is given.
     """
 
+    _options = ("start", "goal", "world")
+
     def __init__(
         self,
         num_envs: int = 1,

@@ -37,8 +37,8 @@ class Task:
     """Time after which the next waypoint is taken, reached or not, s; infinite to switch on arrival."""
     laps: float = 1.0
     """How often the waypoints are to be visited in turn."""
-    max_steps: float = 300.0
-    """Steps after which an episode is truncated."""
+    max_steps: float = math.inf
+    """Steps after which an episode is truncated; infinite to leave that to the environment."""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -50,9 +50,9 @@ class Task:
             raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
 
 
-NAV = Task()
+NAV = Task(max_steps=300.0)
 """A goal point: its heading is observed, not judged."""
-POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5)
+POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5, max_steps=300.0)
 """A goal pose: reached with the right heading and without spinning."""
 SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
 """Waypoints that are given, to be reached in order."""

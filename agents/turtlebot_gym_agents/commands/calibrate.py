@@ -11,15 +11,7 @@ import tyro
 
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import (
-    FigureFile,
-    JsonFile,
-    Writing,
-    print_tables,
-    progress,
-    save_figure,
-    write_json,
-)
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
 from turtlebot_gym_agents.outputs import Output
 
 if TYPE_CHECKING:

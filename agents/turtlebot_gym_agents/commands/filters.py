@@ -8,15 +8,7 @@ from pathlib import Path
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import (
-    FigureFile,
-    JsonFile,
-    Writing,
-    print_tables,
-    progress,
-    save_figure,
-    write_json,
-)
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
 from turtlebot_gym_agents.evaluation.columns import Columns
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,16 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import (
-    File,
-    JsonFile,
-    Setting,
-    Writing,
-    needs,
-    print_tables,
-    progress,
-    write_json,
-)
+from turtlebot_gym_agents.commands.console import File, JsonFile, Setting, Writing, needs, print_tables, progress, write_json
 from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.outputs import FOLDER, Output
 
@@ -240,13 +230,13 @@ class Export(Writing):
         with needs("agents"):
             from turtlebot_gym_agents.policies.bundle import Card
             from turtlebot_gym_agents.policies.fit import describe_robot
-            from turtlebot_gym_agents.training.config import TrainingConfig
+            from turtlebot_gym_agents.training.config import TrainingConfig, read_record
             from turtlebot_gym_agents.training.export import export, load_model
         from rich.console import Console
 
         model = load_model(self.model, allow_pickle=self.allow_pickle)
         beside = self.model.parent / "config.json"
-        record = _record(beside) if beside.is_file() else {}
+        record = read_record(beside) if beside.is_file() else {}
         default = asdict(TrainingConfig()) | record.get("config", {})
 
         def told(name: str) -> Any:
@@ -268,21 +258,6 @@ class Export(Writing):
             f"{self.out}: {self.out.stat().st_size:,} bytes; its actions differ from the model's by at most "
             f"{difference:.1g} on 10,000 observations."
         )
-
-
-def _record(path: Path) -> dict[str, Any]:
-    """Return what a training has left in its config.json.
-
-    Raises:
-        ValueError: If it is something else.
-    """
-    try:
-        record = json_format.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} is not JSON: {error}.") from error
-    if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
-        raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
-    return record
 
 
 @contextmanager

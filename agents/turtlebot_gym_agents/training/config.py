@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,21 @@ def require_no_run(folder: Path) -> None:
     """Raise ValueError if a folder holds a run, which only resuming may change."""
     if (folder / "checkpoint.zip").exists():
         raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return what a training has left in its config.json.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}.") from error
+    if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
+        raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
+    return record
 
 
 FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
