@@ -1,9 +1,9 @@
 """Files and folders that a command is told to write: tried before the work that fills them, and never an input.
 
-The rule, for all commands alike: an output is refused before anything starts if it cannot be written, is a folder where a file
-is needed (or the other way round), has another suffix than what is written, is an input of the same command, by whatever link,
-or another of its outputs. A file that exists and is not empty is overwritten with ``--force`` alone. Folders that are missing are
-made. What is neither file nor folder, such as ``/dev/stdout``, may be written as it is.
+One rule for all commands. An output is refused before anything starts if it cannot be written, if it is a folder where a file
+is needed (or the other way round), if its suffix is not that of what is written, or if it is an input or another output of the
+same command, by whatever link. A file that exists and is not empty is overwritten with ``--force`` alone. Missing folders are made.
+What is neither a file nor a folder, such as ``/dev/stdout``, is written as it is.
 """
 
 from __future__ import annotations
@@ -33,9 +33,7 @@ FIGURE = Output((".png", ".pdf", ".svg"))
 FOLDER = Output(folder=True)
 
 
-def require_outputs(
-    outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iterable[object] = (), force: bool = False
-) -> None:
+def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iterable[object] = (), force: bool = False) -> None:
     """Refuse outputs that cannot or should not be written; folders that are missing are made.
 
     Args:

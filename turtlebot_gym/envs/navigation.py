@@ -90,8 +90,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Arguments
 
     Args:
-        task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it. Where its ``max_steps`` is finite, it
-            truncates as well; Gymnasium's limit is ``gym.make(..., max_episode_steps=...)``.
+        task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it. A finite ``max_steps`` of a Task
+            truncates too; Gymnasium's own limit is ``gym.make(..., max_episode_steps=...)``.
         robot: "burger", "waffle", "turtlebot4", "tutorial", a file (FILE.yaml), or a `turtlebot_gym.Robot`.
         noise: "clean", "tutorial", "documented", "wheel", "rough", a file (FILE.yaml), or a `turtlebot_gym.Noise`.
         filter: "matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`.

@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, FigureFile, JsonFile, Writing, needs, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import (
+    FigureFile,
+    File,
+    JsonFile,
+    Writing,
+    needs,
+    print_tables,
+    progress,
+    save_figure,
+)
 from turtlebot_gym_agents.outputs import FOLDER
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
 

@@ -140,7 +140,9 @@ def network(critic: str) -> Rule:
             raise ValueError
         return {name: _layers(layers) for name, layers in value.items()}
 
-    return Rule(f"a list of at most 16 sizes of layers, each from 1 to 8192, or a mapping of pi and {critic} to such lists", read)
+    return Rule(
+        f"a list of at most 16 sizes of layers, each from 1 to 8192, or a mapping of pi and {critic} to such lists", read
+    )
 
 
 def _activation(value: Any) -> Any:
