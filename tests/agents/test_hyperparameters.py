@@ -212,7 +212,7 @@ def test_what_is_taken_makes_a_model_that_learns(algo):
     kind = ALGORITHMS[algo]
     told = {name: GOOD[name][-1] for name in hyperparameters.rules_of(kind) if name in GOOD}
     off_policy = {"learning_starts": 4, "noise_type": "normal", "noise_std": 0.1, "gradient_steps": 1}
-    told |= off_policy if "buffer_size" in told else {}
+    told |= off_policy if "buffer_size" in told else {"n_steps": 8, "batch_size": 8} if algo == "ppo" else {}
     told |= {"policy_kwargs": {"net_arch": [4], "activation_fn": "Tanh"}, "n_envs": 2, "n_timesteps": 16, "policy": "MlpPolicy"}
     config = TrainingConfig(algo=algo, episodes=2, evaluations=1)
     model = make_model(config, hyperparameters.checked_for(algo, told), config.make(2), tensorboard=None)

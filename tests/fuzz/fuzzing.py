@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 LIMIT = 60.0
@@ -68,7 +68,7 @@ def fuzzed(few: int, many: int, **strategies: Any) -> Callable[[Callable[..., No
                 deadline=None,
                 suppress_health_check=list(HealthCheck),
                 derandomize=True,
-                database=None,
+                database=None, phases=[Phase.generate],
             )
             return chosen(given(**strategies)(test))
 

@@ -85,8 +85,8 @@ def train(
         What it has come to; the folder holds the policy.
 
     Raises:
-        ValueError: If a name in the configuration is unknown, a hyper-parameter is not what its rule allows, or the folder holds
-            a run and ``resume`` is not set, or a run of another configuration.
+        ValueError: If a name in the configuration is unknown, a hyper-parameter is not what its rule allows, or the folder
+            holds a run and ``resume`` is not set, or a run of another configuration.
     """
     start = time.perf_counter()
     if hyper is None:
