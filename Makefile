@@ -21,15 +21,15 @@ SQUARE := turtlebot_gym/TurtleBotSquare-v0
 
 demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy, and put it into a live ROS graph
 	@mkdir -p $(OUT)
-	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 --plot $(OUT)/square_by_time.png
+	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 --plot $(OUT)/square_by_time.png --force
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
-		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png; \
+		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png --force; \
 	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
-		--json $(OUT)/nav.json --plot $(OUT)/nav.png
+		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
 	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
-	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png
+	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png --force
 	@echo "The figures are in $(OUT)/."
 
 test: $(READY)  ## all tests but the slow ones
@@ -77,10 +77,10 @@ mutants: $(READY)  ## change the code at random places, and count which changes 
 SPEED ?= $(OUT)/speed
 
 bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
-	$(RUN)turtlebot-gym benchmark --busy 4 --json $(SPEED).json --plot $(SPEED).png
+	$(RUN)turtlebot-gym benchmark --busy 4 --json $(SPEED).json --plot $(SPEED).png --force
 
 bench-peers: $(READY)  ## the same, beside gymnax and EnvPool in environments of their own (6 minutes; 2 GB)
-	$(RUN)turtlebot-gym benchmark --busy 4 --peers $(OUT)/peers --json $(SPEED).json --plot $(SPEED).png
+	$(RUN)turtlebot-gym benchmark --busy 4 --peers $(OUT)/peers --json $(SPEED).json --plot $(SPEED).png --force
 
 bench-check: $(READY)  ## whether a ratio has lost more than a quarter against benchmarks/speed.json (a minute)
 	$(RUN)turtlebot-gym benchmark --check benchmarks/speed.json --seconds 0.15

@@ -80,10 +80,15 @@ def load_yaml(path: Path) -> Any:
     except ImportError as error:
         raise ImportError(f"{path} needs PyYAML: pip install pyyaml") from error
 
+    text = path.read_bytes()
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        return yaml.safe_load(text.decode("utf-8"))
+    except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"it is no text: {error.reason} at byte {error.start}") from error
+    except (ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:  # a tag on what it is not for
+        raise ValueError(f"a value cannot be read: {type(error).__name__} {' '.join(str(error).split())}") from error
 
 
 def _read(path: Path, what: str) -> Any:

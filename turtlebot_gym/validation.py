@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from numbers import Real
+from reprlib import Repr
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 LARGEST, LEAST, TINIEST = 1e9, 1e-15, 1e-100
@@ -15,6 +16,18 @@ positive from `LEAST` on, since something may be divided by them, others from `T
 and does lies well between them, and squares, products and ratios of a few such numbers are finite."""
 
 T = TypeVar("T")
+
+_SHORT = Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 6, 200, 200, 100
+_SHORT.maxtuple = _SHORT.maxlist = _SHORT.maxset = _SHORT.maxfrozenset = _SHORT.maxdict = _SHORT.maxarray = 30
+
+
+def shown(value: Any) -> str:
+    """Return a value as error messages have it: on one line, however long it is."""
+    try:
+        return " ".join(_SHORT.repr(value).split())
+    except Exception:  # of an object of somebody's own, or a whole number of thousands of digits
+        return f"a {type(value).__name__}"
 
 
 def number(name: str, value: Any) -> float:
@@ -27,7 +40,7 @@ def number(name: str, value: Any) -> float:
         return value
     value = _item(value)
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise ValueError(f"{name} must be a number, got {value!r}.")
+        raise ValueError(f"{name} must be a number, got {shown(value)}.")
     try:
         return float(value)
     except OverflowError:
@@ -42,8 +55,8 @@ def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
     """
     found = _item(value)
     if isinstance(found, bool) or not isinstance(found, int) or not least <= found <= most:
-        bounds = f" from {least} to {most:g}" if most < math.inf else f" of at least {least}"
-        raise ValueError(f"{name} must be a whole number{bounds}, got {value!r}.")
+        bounds = f" from {least} to {most}" if most < math.inf else f" of at least {least}"
+        raise ValueError(f"{name} must be a whole number{bounds}, got {shown(value)}.")
     return found
 
 
@@ -55,7 +68,7 @@ def flag(name: str, value: Any) -> bool:
     """
     found = _item(value)
     if not isinstance(found, bool):
-        raise ValueError(f"{name} must be True or False, got {value!r}.")
+        raise ValueError(f"{name} must be True or False, got {shown(value)}.")
     return found
 
 
@@ -67,7 +80,7 @@ def numbers(name: str, value: Any) -> tuple[float, ...]:
     """
     rows = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(rows, (list, tuple)):
-        raise ValueError(f"{name} must be a sequence of numbers, got {value!r}.")
+        raise ValueError(f"{name} must be a sequence of numbers, got {shown(value)}.")
     return tuple(number(f"{name}[{at}]", item) for at, item in enumerate(rows))
 
 
@@ -89,18 +102,18 @@ def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
     """
     rows = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(rows, (list, tuple)) or len(rows) != size:
-        raise ValueError(f"{name} must hold {size} variances or be a {size} x {size} matrix, got {value!r}.")
+        raise ValueError(f"{name} must hold {size} variances or be a {size} x {size} matrix, got {shown(value)}.")
     if any(isinstance(row, (list, tuple)) for row in rows):
         if any(not isinstance(row, (list, tuple)) or len(row) != size for row in rows):
-            raise ValueError(f"{name} must be a {size} x {size} matrix, got {value!r}.")
+            raise ValueError(f"{name} must be a {size} x {size} matrix, got {shown(value)}.")
         if any(rows[i][j] != rows[j][i] for i in range(size) for j in range(i)):
-            raise ValueError(f"{name} must be symmetric, got {value!r}.")
+            raise ValueError(f"{name} must be symmetric, got {shown(value)}.")
         if any(rows[i][j] != 0.0 for i in range(size) for j in range(i)):
-            raise ValueError(f"{name} must be diagonal (the components' noises are independent), got {value!r}.")
+            raise ValueError(f"{name} must be diagonal (the components' noises are independent), got {shown(value)}.")
         rows = [rows[i][i] for i in range(size)]
     diagonal = numbers(name, rows)
     if not all(0.0 <= variance < math.inf for variance in diagonal):  # also rejects NaN
-        raise ValueError(f"{name} must hold finite variances >= 0, got {value!r}.")
+        raise ValueError(f"{name} must hold finite variances >= 0, got {shown(value)}.")
     _require_size(name, diagonal, value)
     return diagonal
 
@@ -111,9 +124,10 @@ def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
     Raises:
         ValueError: If there is none of that name; the message lists those that there are.
     """
-    if not isinstance(name, Hashable) or name not in known:
-        raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {name!r}.")
-    return known[name]
+    try:
+        return known[name]
+    except (KeyError, TypeError):  # TypeError: of what has no hash, a list in a tuple among it
+        raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {shown(name)}.") from None
 
 
 _RULES: dict[str, Callable[[float], bool]] = {
@@ -143,7 +157,7 @@ def require(owner: Any, rule: str, *names: str) -> None:
         items = value if isinstance(value, tuple) else (value,)
         where = f"{type(owner).__name__}.{name}"
         if not all(isinstance(item, (int, float)) and not isinstance(item, bool) and holds(item) for item in items):
-            raise ValueError(f"{where} must be {rule}, got {value!r}.")
+            raise ValueError(f"{where} must be {rule}, got {shown(value)}.")
         _require_size(where, items, value, positive=rule.startswith("positive"))
 
 
@@ -151,7 +165,7 @@ def _require_size(where: str, items: tuple[float, ...], value: Any, *, positive:
     least = LEAST if positive else TINIEST
     if any(item != 0.0 and not least <= abs(item) <= LARGEST and not math.isinf(item) for item in items):
         zero = "" if positive else "0 or "
-        raise ValueError(f"{where} must be {zero}from {least:g} to {LARGEST:g} in size, got {value!r}.")
+        raise ValueError(f"{where} must be {zero}from {least:g} to {LARGEST:g} in size, got {shown(value)}.")
 
 
 def typed(owner: Any) -> None:
@@ -185,8 +199,9 @@ def made(kind: type[T], value: Any, name: str) -> T:
     assert is_dataclass(kind)
     known = {item.name: item for item in fields(kind)}
     if not isinstance(value, Mapping):
-        raise ValueError(f"{name} must be a {kind.__name__} or a mapping of its fields ({', '.join(known)}), got {value!r}.")
-    unknown = [str(key) for key in value if key not in known]
+        names = ", ".join(known)
+        raise ValueError(f"{name} must be a {kind.__name__} or a mapping of its fields ({names}), got {shown(value)}.")
+    unknown = [" ".join(str(key).split()) for key in value if key not in known]
     if unknown:
         raise ValueError(f"{name}: {kind.__name__} has no {', '.join(unknown)}; it has {', '.join(known)}.")
     needed = [key for key, item in known.items() if item.default is MISSING and item.default_factory is MISSING]

@@ -56,7 +56,7 @@ def settings_of(config: Any) -> dict[str, Any]:
     return {
         field.name: getattr(config, field.name)
         for field in fields(config)
-        if not any(kind in str(field.type) for kind in ("Path", "File"))
+        if field.name != "force" and not any(kind in str(field.type) for kind in ("Path", "File"))
     }
 
 

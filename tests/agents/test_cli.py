@@ -96,7 +96,7 @@ def test_replay_takes_other_names_of_columns(drive, capsys):
         (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
         (["evaluate", "--env", "CartPole-v1"], "env must be one of "),
         (["evaluate", "--laps", "2"], "draws its goal"),
-        (["evaluate", "--episodes", "0"], "episodes must be a positive whole number, got 0"),
+        (["evaluate", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
         (["evaluate", "--robot", "roomba"], "robot must be one of 'burger', "),
         (["replay"], "At least one FILE"),
         (["replay", "no/such/file.csv"], "no/such/file.csv"),

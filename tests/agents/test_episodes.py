@@ -311,11 +311,11 @@ def test_a_pair_is_the_first_minus_the_second():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"episodes": 0}, "episodes must be a positive whole number, got 0."),
-        ({"episodes": -1}, "episodes must be a positive whole number, got -1."),
-        ({"episodes": 1.0}, "episodes must be a positive whole number, got 1.0."),
-        ({"seed": -1}, "seed must be a whole number >= 0, got -1."),
-        ({"seed": 0.5}, "seed must be a whole number >= 0, got 0.5."),
+        ({"episodes": 0}, "episodes must be a whole number of at least 1, got 0."),
+        ({"episodes": -1}, "episodes must be a whole number of at least 1, got -1."),
+        ({"episodes": 1.0}, "episodes must be a whole number of at least 1, got 1.0."),
+        ({"seed": -1}, "seed must be a whole number from 0 to 9223372036854775807, got -1."),
+        ({"seed": 0.5}, "seed must be a whole number from 0 to 9223372036854775807, got 0.5."),
     ],
 )
 def test_counts_are_whole_numbers(options, message):

@@ -252,8 +252,8 @@ def test_results_carry_their_provenance(tmp_path):
     ("options", "message"),
     [
         ({"env": "CartPole-v1"}, "env must be one of .*TurtleBotNav-v0"),
-        ({"episodes": 0}, "episodes must be a positive whole number, got 0"),
-        ({"seed": -1}, "seed must be a whole number >= 0, got -1"),
+        ({"episodes": 0}, "episodes must be a whole number of at least 1, got 0"),
+        ({"seed": -1}, "seed must be a whole number from 0 to 9223372036854775807, got -1"),
         ({"noise": "loud"}, "noise must be one of 'clean'"),
         ({"observation": "lidar"}, "observation must be one of 'ekf'"),
         ({"switch": "time"}, "draws its goal"),

@@ -87,7 +87,7 @@ def test_a_stopped_search_resumes_as_if_nothing_had_happened(tmp_path):
     [
         ({"tries": 0}, "tries must be a positive whole number, got 0"),
         ({"episodes": 2.5}, r"episodes must be a positive whole number, got 2\.5"),
-        ({"seed": -1}, "seed must be a whole number >= 0"),
+        ({"seed": -1}, "seed must be a whole number from 0 to 9223372036854775807"),
         ({"policy": "ppo-nav"}, "policy must be one of 'proportional', 'bearing', 'corner', 'polar', 'rotate-drive-rotate'"),
         ({"env": "CartPole-v1"}, "env must be one of"),
         ({"noise": "loud"}, "noise must be one of 'clean'"),
@@ -169,7 +169,7 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
     assert content["config"]["delay"] == json.loads(out.read_text())["config"]["delay"] == 1
     assert [one["numbers"] for one in content["tries"]] == [one["numbers"] for one in json.loads(out.read_text())["tries"]]
     driven = ["--env", SQUARE, "--policy", "bearing", str(out), "--delay", "1", "--episodes", "5"]
-    assert main(["evaluate", *driven, "--json", str(told)]) == 0
+    assert main(["evaluate", *driven, "--json", str(told), "--force"]) == 0
     assert (
         json.loads(told.read_text())["runs"][1]["config"] | {"delay": 1, "policy": str(out)}
         == (json.loads(told.read_text())["runs"][1]["config"])
@@ -183,7 +183,7 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
         (["tune-baseline", "--tries", "0"], "tries must be a positive whole number"),
         (["tune-baseline", "--episodes", "-1"], "episodes must be a positive whole number"),
         (["tune-baseline", "--delay", "-1"], "delay"),
-        (["tune-baseline", "--out", "best.yaml"], "out must be a file *.json"),
+        (["tune-baseline", "--out", "best.yaml"], "--out best.yaml: its name must end with .json"),
         (["tune-baseline", "--observation", "lidar"], "observation must be one of"),
         (["evaluate", "--policy", "nowhere.json"], "nowhere.json"),
         (["evaluate", "--delay", "-1"], "delay"),

@@ -42,7 +42,7 @@ class Threads:
 
     @classmethod
     def acquire(cls, most: int | None = None) -> bool:
-        """Return whether the caller may run a parallel loop, on at most ``most`` threads; if so, it must call `release` afterwards."""
+        """Return whether the caller may run a parallel loop, on at most ``most`` threads; then it must `release` them."""
         allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
         if allowed:
             cls.used = True

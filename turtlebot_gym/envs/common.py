@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import System, furnish, make_parameters
 from turtlebot_gym.tasks import Task, make_task
+from turtlebot_gym.validation import number, shown, whole
 from turtlebot_gym.values import Pose
 
 PARTS = {
@@ -91,7 +96,16 @@ def make_batch(
         max_steps: See there.
         room: The world and the LiDAR; None on open ground.
         **options: Passed to `turtlebot_gym.systems.make_parameters`.
+
+    Raises:
+        ValueError: If a task of the caller's own has another limit of steps than ``max_steps``.
     """
+    own = task.max_steps if isinstance(task, Task) and not room else math.inf
+    if max_steps is not None and own < math.inf and number("max_episode_steps", max_steps) != own:
+        raise ValueError(
+            f"task ends episodes after {own:g} steps (Task.max_steps), max_episode_steps after {max_steps:g}: make them equal, "
+            "or Task.max_steps infinite."
+        )
     chosen, poses = make_task(task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps)
     parameters, plan = make_parameters(chosen, **options), None
     if room:
@@ -108,17 +122,70 @@ def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
     return entries[..., SYMMETRIC]
 
 
-def reset_mask(options: dict[str, Any] | None, num_envs: int) -> NDArray[np.bool_]:
-    """Return the environments that a reset's option ``reset_mask`` selects; all if it is missing.
+def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
+    """Return the seed of each environment: ``seed + i`` for a whole number, those of a sequence, None where there is none.
 
     Raises:
-        ValueError: If it is not a boolean array of shape (num_envs,) with at least one true entry.
+        ValueError: If it is something else, out of its range, or a sequence of another length.
     """
-    if options is None or "reset_mask" not in options:
+    if seed is None:
+        return [None] * num_envs
+    if not isinstance(seed, (list, tuple, np.ndarray)) or getattr(seed, "shape", None) == ():
+        first = whole("seed", seed, 0, MAX_SEED + 1 - num_envs)
+        return [first + row for row in range(num_envs)]
+    if len(seed) != num_envs:
+        raise ValueError(f"seed must hold {num_envs} seeds, got {len(seed)}.")
+    return [None if one is None else whole(f"seed[{row}]", one, 0, MAX_SEED) for row, one in enumerate(seed)]
+
+
+def warn_of_a_limit(id: str, steps: float, own: float) -> None:
+    """Warn where Gymnasium's limit of an id has ended an episode before the task's own; of it an environment is told nothing.
+
+    Args:
+        id: The environment's.
+        steps: Length of the episode.
+        own: Of the task.
+    """
+    registered = registry[id].max_episode_steps if id in registry else None
+    if steps == registered and steps < own:
+        gym.logger.warn(
+            f"The episode was cut after {registered} steps, though Task.max_steps is {own:g}: "
+            f"gym.make(..., max_episode_steps={own:g})."
+        )
+
+
+def read_options(options: Any, known: Sequence[str]) -> dict[str, Any]:
+    """Return the options of a reset.
+
+    Raises:
+        ValueError: If they are no mapping, or one is unknown.
+    """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"options must be a mapping, got {shown(options)}.")
+    unknown = [shown(name) for name in options or () if name not in known]
+    if unknown:
+        allowed = f"among {', '.join(map(repr, known))}" if known else "empty, as there are none"
+        raise ValueError(f"options must be {allowed}, got {', '.join(unknown)}.")
+    return dict(options or {})
+
+
+def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequence[str] = ()) -> NDArray[np.bool_]:
+    """Return the environments that a reset's option ``reset_mask`` selects; all if it is missing.
+
+    Args:
+        options: The reset's.
+        num_envs: How many environments there are.
+        others: Names of further options that there are.
+
+    Raises:
+        ValueError: If it is no boolean array of shape (num_envs,), true somewhere, or there is another option.
+    """
+    told = read_options(options, ["reset_mask", *others])
+    if "reset_mask" not in told:
         return np.ones(num_envs, np.bool_)
-    mask = options["reset_mask"]
+    mask = told["reset_mask"]
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (num_envs,):
-        raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {mask!r}.")
+        raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {shown(mask)}.")
     if not mask.any():
         raise ValueError("reset_mask must be true somewhere.")
     return mask

@@ -20,6 +20,8 @@ from turtlebot_gym.envs.common import (
     action_space,
     make_batch,
     observation_space,
+    read_options,
+    warn_of_a_limit,
 )
 from turtlebot_gym.envs.pictures import make_renderer
 from turtlebot_gym.models.random import MAX_SEED
@@ -28,7 +30,7 @@ from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, whole
 from turtlebot_gym.values import Pose
 
 
@@ -90,7 +92,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Arguments
 
     Args:
-        task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it.
+        task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it. A finite ``max_steps`` of a Task
+            truncates too; Gymnasium's own limit is ``gym.make(..., max_episode_steps=...)``.
         robot: "burger", "waffle", "turtlebot4", "tutorial", a file (FILE.yaml), or a `turtlebot_gym.Robot`.
         noise: "clean", "tutorial", "documented", "wheel", "rough", a file (FILE.yaml), or a `turtlebot_gym.Noise`.
         filter: "matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`.
@@ -150,7 +153,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             arrival=arrival,
             switch=switch,
             laps=laps,
-            max_steps=math.inf,  # Gymnasium's TimeLimit truncates
+            max_steps=None if isinstance(task, Task) and not self._room else math.inf,  # else TimeLimit's work alone
             robot=robot,
             noise=noise,
             filter=filter,
@@ -193,9 +196,17 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Args:
             seed: Seed of the episodes; None begins the next episode of the seed in use.
             options: Ignored; there are none.
+
+        Raises:
+            ValueError: If the seed is no whole number from 0 to 2^63 - 1, or there is an option.
         """
+        if not self._room:
+            read_options(options, ())
+        seed = None if seed is None else whole("seed", seed, 0, MAX_SEED)
         super().reset(seed=seed)
         batch = self._batch
+        if self._started and self.spec is not None and self.parameters.task.max_steps < math.inf:
+            warn_of_a_limit(self.spec.id, batch.numbers("steps")[0], self.parameters.task.max_steps)
         if seed is None and self._seeded:
             batch.episodes += 1
         else:

@@ -23,6 +23,7 @@ from turtlebot_gym.envs.common import (
     matrices,
     observation_space,
     of_rows,
+    read_seeds,
     reset_mask,
 )
 from turtlebot_gym.envs.pictures import Pictures
@@ -32,8 +33,11 @@ from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Outcome, Parameters
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, whole
 from turtlebot_gym.values import Pose
+
+MOST = 2**24
+"""Most environments in one."""
 
 _REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = (
     Outcome._fields.index(name) for name in ("reward", "distance", "is_success", "terminated", "truncated")
@@ -55,7 +59,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     Args:
         num_envs: Number of environments.
-        max_episode_steps: Steps after which an episode is truncated; None for the task's own.
+        max_episode_steps: Steps after which an episode is truncated; None for the task's own. A `turtlebot_gym.Task` with a
+            limit of its own must have the same.
         autoreset_mode: What happens after an episode's end, `gymnasium.vector.AutoresetMode` or its name: NEXT_STEP (the
             default; the next step ignores the action and returns the new episode's first observation with reward 0),
             SAME_STEP (the same step returns it), or DISABLED (stepping a finished environment is an error).
@@ -84,6 +89,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     """
 
     _room: Room | None = None
+    _options: tuple[str, ...] = ()
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
@@ -111,15 +117,12 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         fix: str | FixNoise | None = None,
         plant: str | MujocoBurger = "unicycle",
     ) -> None:
-        if not (isinstance(num_envs, (int, np.integer)) and num_envs > 0):
-            raise ValueError(f"num_envs must be a positive whole number, got {num_envs!r}.")
-        if not (isinstance(render_rows, (int, np.integer)) and render_rows > 0):
-            raise ValueError(f"render_rows must be a positive whole number, got {render_rows!r}.")
+        num_envs, render_rows = whole("num_envs", num_envs, 1, MOST), whole("render_rows", render_rows, 1, MOST)
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
         self._full = choose("info", info, {"default": False, "full": True})
         self._batch = make_batch(
-            int(num_envs),
+            num_envs,
             task,
             waypoints=waypoints,
             arrival=arrival,
@@ -139,10 +142,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             room=self._room,
         )
         self._told = (ROOM_PARTS if self._batch.system.surroundings else {}) | (PARTS | NUMBERS if self._full else {})
-        self.num_envs = int(num_envs)
+        self.num_envs = num_envs
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": max(1, round(1.0 / dt))}
-        self._pictures = Pictures(self._batch, rows=min(int(render_rows), self.num_envs), fps=self.metadata["render_fps"])
+        self._pictures = Pictures(self._batch, rows=min(render_rows, self.num_envs), fps=self.metadata["render_fps"])
         self.single_action_space = action_space()
         self.single_observation_space = observation_space(self._batch.system)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -182,21 +185,13 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             Observations of all environments, and infos.
 
         Raises:
-            ValueError: If the list of seeds or the mask has the wrong form.
+            ValueError: If the seed or an option is none that there is.
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
-        mask = self._reset_mask(options)
-        batch = self._batch
-        if seed is None or isinstance(seed, (int, np.integer)):
-            super().reset(seed=None if seed is None else int(seed))
-            first = int(seed) if seed is not None else (None if self._begun else self._entropy())
-            seeds = [None if first is None else first + i for i in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-            if len(seeds) != self.num_envs:
-                raise ValueError(f"seed must hold {self.num_envs} seeds, got {len(seeds)}.")
-            super().reset(seed=next((one for one in seeds if one is not None), None))
-            seeds = [self._entropy() + i if s is None and not self._begun else s for i, s in enumerate(seeds)]
+        mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
+        super().reset(seed=next((one for one in seeds if one is not None), None))
+        if not self._begun:
+            seeds = [self._entropy() + i if one is None else one for i, one in enumerate(seeds)]
         given = np.array([one is not None for one in seeds]) & mask
         batch.seeds[given] = [one & MAX_SEED for one, use in zip(seeds, given, strict=True) if use and one is not None]
         batch.episodes[mask] += 1
@@ -213,7 +208,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         """Return which environments to reset."""
-        mask = reset_mask(options, self.num_envs)
+        mask = reset_mask(options, self.num_envs, others=self._options)
         if not self._begun and not mask.all():
             raise ResetNeeded(f"Environment {np.argmin(mask)}: call reset() for all before a reset_mask leaves it out.")
         return mask

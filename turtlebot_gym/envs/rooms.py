@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.common import Room
+from turtlebot_gym.envs.common import Room, read_options
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.robots import Robot
@@ -134,7 +134,7 @@ class RoomsEnv(NavigationEnv):
         Raises:
             ValueError: If an option is unknown or invalid, or there is no path from start to goal.
         """
-        self._enter(options or {})
+        self._enter(read_options(options, ("world", "start", "goal")))
         observation, info = super().reset(seed=seed)
         if info["way_left"] == UNKNOWN:
             self._started = False

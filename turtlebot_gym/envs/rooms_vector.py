@@ -52,6 +52,8 @@ class RoomsVectorEnv(NavigationVectorEnv):
         ValueError: If an argument is unknown or out of its range, or a given world has no path from start to goal.
     """
 
+    _options = ("start", "goal", "world")
+
     def __init__(
         self,
         num_envs: int = 1,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.update import Variances, inverse_of, of_heading, of_x, of_y, update
+from turtlebot_gym.estimation.update import Variances, innovation_variance, inverse_of, of_heading, of_x, of_y, update
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import execution_variances, motion
@@ -122,7 +122,7 @@ def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tupl
     belief, nis_x = update(belief, h_x, z.x - belief.mean.x, R[0])
     h_y = of_y(belief.covariance)
     belief, nis_y = update(belief, h_y, z.y - belief.mean.y, R[1])
-    precision = inverse_of(h_x.variance + R[0]) * inverse_of(h_y.variance + R[1])
+    precision = inverse_of(innovation_variance(h_x, R[0])) * inverse_of(innovation_variance(h_y, R[1]))
     return belief, nis_x + nis_y, precision, turn - (belief.mean.theta - prior)
 
 
@@ -166,7 +166,7 @@ def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Be
     belief, nis, precision, turn = correct_position(belief, z, R, turn)
     h = of_heading(belief.covariance)
     belief, nis_theta = update(belief, h, turn, R[2])
-    inverse = inverse_of(h.variance + R[2])
+    inverse = inverse_of(innovation_variance(h, R[2]))
     return wrapped(belief), nis + nis_theta, precision * (inverse if inverse > 0.0 else 1.0)
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import correct_pose, correct_position, innovation, predict, wrapped
-from turtlebot_gym.estimation.update import Variances, absorb, inverse_of, of_heading
+from turtlebot_gym.estimation.update import Variances, absorb, innovation_variance, inverse_of, of_heading
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
@@ -154,7 +154,7 @@ def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middl
     turn = innovation(prior.mean, senses.odometry, tuning).theta
     placed, nis, precision, turn = correct_position(prior, senses.odometry, R, turn)
     h = of_heading(placed.covariance)
-    inverse = inverse_of(h.variance + R[2])
+    inverse = inverse_of(innovation_variance(h, R[2]))
     high, low = turn - spike, turn + spike
     q_true, q_high, q_low = turn * turn * inverse, high * high * inverse, low * low * inverse
     least = min(q_true, min(q_high, q_low))

@@ -9,7 +9,16 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict, wrapped
-from turtlebot_gym.estimation.update import Projection, Variances, inverse_of, of_heading, of_x, of_y, update
+from turtlebot_gym.estimation.update import (
+    Projection,
+    Variances,
+    innovation_variance,
+    inverse_of,
+    of_heading,
+    of_x,
+    of_y,
+    update,
+)
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import motion
@@ -65,7 +74,7 @@ def _predict(estimate: ScaleEstimate, twist: Command, tuning: FilterTuning, dt: 
 @kernel
 def _update(estimate: ScaleEstimate, h: Projection, across: float, innovation: float, r: float) -> ScaleEstimate:
     """Condition on a scalar measurement, whose covariance with the scale is ``across``, and add to the NIS; see `update`."""
-    inverse = inverse_of(h.variance + r)
+    inverse = inverse_of(innovation_variance(h, r))
     belief, nis = update(estimate.belief, h, innovation, r)
     c, s, k = estimate.column, h.column, across * inverse
     column = State(c.x - k * s.x, c.y - k * s.y, c.theta - k * s.theta, c.v - k * s.v, c.omega - k * s.omega)

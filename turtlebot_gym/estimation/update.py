@@ -55,6 +55,25 @@ def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
     )  # fmt: skip
 
 
+LEAST_SHARE = 1e-12
+"""Least variance of a measurement, as a share of the variance that it is compared with."""
+
+
+@kernel
+def innovation_variance(h: Projection, r: float) -> float:
+    """Return S, the variance of a scalar measurement's innovation: ``h P h' + r``.
+
+    The noise counts as at least `LEAST_SHARE` of ``h P h'``. A measurement a million times more accurate than the belief leaves
+    nothing of the covariance but rounding: the entries beside the diagonal then no longer fit those on it, and gains grow
+    without limit. With the floor each update keeps the share of the covariance that rounding, 2e-16, cannot reach.
+
+    Args:
+        h: What the measurement sees of the covariance.
+        r: Variance of the measurement.
+    """
+    return h.variance + max(r, LEAST_SHARE * h.variance)
+
+
 @kernel
 def inverse_of(S: float) -> float:
     """Return 1 / S, or 0 for S = 0: a component that is already known and measured without noise."""
@@ -94,6 +113,6 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
     Returns:
         The posterior, whose heading is not wrapped yet, and the normalized innovation squared ``innovation^2 / (h P h' + r)``.
     """
-    inverse = inverse_of(h.variance + r)
+    inverse = inverse_of(innovation_variance(h, r))
     gain = innovation * inverse
     return absorb(belief, h.column, gain, inverse), gain * innovation

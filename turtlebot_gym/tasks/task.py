@@ -37,8 +37,8 @@ class Task:
     """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
     laps: float = 1.0
     """Number of rounds through the waypoints."""
-    max_steps: float = 300.0
-    """Steps after which an episode is truncated."""
+    max_steps: float = math.inf
+    """Steps after which an episode is truncated; infinite to leave that to the environment."""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -50,9 +50,9 @@ class Task:
             raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
 
 
-NAV = Task()
+NAV = Task(max_steps=300.0)
 """A goal point: its heading is observed but not judged."""
-POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5)
+POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5, max_steps=300.0)
 """A goal pose, to be reached with the right heading and without spinning."""
 SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
 """Given waypoints, to be reached in order."""

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import (
+    FigureFile,
+    File,
+    JsonFile,
+    Writing,
+    needs,
+    print_tables,
+    progress,
+    save_figure,
+)
+from turtlebot_gym_agents.outputs import FOLDER
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
 
 if TYPE_CHECKING:
@@ -23,7 +33,7 @@ TRAININGS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Benchmark:
+class Benchmark(Writing):
     """Measure the speed of environments, adapter and training, as ratios within one run, by wall time and CPU seconds."""
 
     num_envs: tuple[int, ...] = (4096, 65536)
@@ -36,15 +46,15 @@ class Benchmark:
     """Whether to measure training too; it needs the extra [agents]."""
     busy: int = 0
     """Measure the most important rows again beside this many busy processes."""
-    peers: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    peers: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER"), FOLDER] = None
     """Measure other libraries too: gymnax and EnvPool, which are installed into virtual environments in this folder."""
     check: File = None
     """Instead, compare this package's ratios with those in this file from --json; the exit status is 1 if one got worse."""
     tolerance: float = 0.25
     """With --check: largest accepted loss of a ratio, as a share of it."""
-    json: File = None
+    json: JsonFile = None
     """Write the results here."""
-    plot: File = None
+    plot: FigureFile = None
     """Draw the rates here."""
 
     def _refuse_what_cannot_be(self) -> None:
@@ -63,6 +73,9 @@ class Benchmark:
         if self.check is not None:
             self._check(self.check)
             return
+        if self.training:
+            with needs("agents"):
+                from turtlebot_gym_agents.speed import learning  # noqa: F401  # to say what is missing before measuring
         from turtlebot_gym_agents.speed import report
 
         result = plain(self._measure())

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.outputs import Output
 
 if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration, Log
@@ -20,7 +22,7 @@ PARTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate:
+class Calibrate(Writing):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
@@ -30,7 +32,7 @@ class Calibrate:
     log: tyro.conf.Positional[Path]
     """A table with named columns, separated by commas, semicolons or blanks; or a ROS 2 bag: its folder, or a .mcap or .db3
     file."""
-    out: File = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag, or a table with
@@ -49,9 +51,9 @@ class Calibrate:
     """Length of the segments to which the alphas are fitted, m; 0 for row by row. Chosen automatically by default."""
     delay: float | None = None
     """Time by which the motion lags behind the recorded twist, s; estimated by default."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
-    plot: File = None
+    plot: FigureFile = None
     """Draw measured against fitted here."""
 
     def run(self) -> None:
@@ -82,7 +84,7 @@ class Calibrate:
         if self.out is not None:
             write_parameters(found.noise, self.out, comment=comment(found, self.log.name, provenance()["version"]))
         if self.json is not None:
-            write_json(self.json, result_of(found), config=asdict(self))
+            write_json(self.json, result_of(found), config=self.asked())
         if self.plot is not None:
             save_figure(calibration_figure(found, title=self.log.name), self.plot)
 

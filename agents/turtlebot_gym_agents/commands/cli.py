@@ -11,13 +11,13 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import tyro
 
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
 from turtlebot_gym_agents.commands.driven import Driven
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
@@ -25,6 +25,7 @@ from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
 from turtlebot_gym_agents.commands.watch import Watch
+from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
@@ -39,7 +40,7 @@ class Command(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Driven, Placement):
+class Evaluate(Driven, Placement, Writing):
     """Drive policies on the same seeds and compare how well they do.
 
     Evaluates every combination of policy, noise and observation.
@@ -55,9 +56,9 @@ class Evaluate(Driven, Placement):
     """The robot's pose that policies observe: ekf, odometry, truth."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration, results and the numbers of every episode here."""
-    plot: File = None
+    plot: FigureFile = None
     """Draw the first episode here; for several combinations, their paths."""
 
     def run(self) -> None:
@@ -108,7 +109,7 @@ class Evaluate(Driven, Placement):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Video(Driven):
+class Video(Driven, Writing):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"
@@ -119,7 +120,7 @@ class Video(Driven):
     """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     observation: str = "ekf"
     """The robot's pose that the policy observes: ekf, odometry, truth."""
-    out: Path = Path("episode.gif")
+    out: Annotated[Path, Output((".gif", ".mp4"))] = Path("episode.gif")
     """Output file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
     seed: int = 0
     """Seed of the episode."""
@@ -185,9 +186,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="A TurtleBot that navigates on what a Kalman filter believes.",
         args=argv,
     )
-    sys.path.append(str(Path.cwd()))  # for users' own policies, which a console script would not find
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)  # for users' own policies, which a console script would not find
     try:
+        require_outputs(outputs_of(command), inputs=inputs_of(command), force=getattr(command, "force", False))
         command.run()
+    except MemoryError:
+        print("turtlebot-gym: there is not enough memory for what was asked.", file=sys.stderr)
+        return 2
     except (ValueError, OSError, ImportError) as error:
         print(f"turtlebot-gym: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -4,18 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+
+from turtlebot_gym_agents.outputs import FIGURE, JSON
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
-"""An option that names a file."""
+"""An option that names a file to read."""
+JsonFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE.json"), JSON]
+FigureFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE.png"), FIGURE]
+"""Options that name a file to write, see `outputs`; a figure may be a .pdf or .svg, too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Writing:
+    """A command that writes files."""
+
+    force: bool = False
+    """Overwrite files that exist."""
+
+    def asked(self) -> dict[str, Any]:
+        """Return all options but ``force``, on which no result depends."""
+        return {name: value for name, value in asdict(self).items() if name != "force"}
 
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
 from turtlebot_gym_agents.evaluation.columns import Columns
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class Estimate(Writing):
     """Compare filters with the best that any filter could do, and with their own stated uncertainty.
 
     All filters see the same short drives, whose commands do not depend on the estimate.
@@ -39,9 +39,9 @@ class Estimate:
     """Whether odometry has the preset's bias, which no filter can detect."""
     slip: bool = True
     """Whether the wheels slip as in the preset."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
-    plot: File = None
+    plot: FigureFile = None
     """Draw the errors over time and the bound here."""
 
     def run(self) -> None:
@@ -56,13 +56,13 @@ class Estimate:
             result = estimate(self.filter, bias=self.bias, slip=self.slip, progress=advance_to, **options)
         print_tables(report.estimation_table(result))
         if self.json is not None:
-            write_json(self.json, asdict(result), config=asdict(self))
+            write_json(self.json, asdict(result), config=self.asked())
         if self.plot is not None:
             save_figure(report.estimation_figure(result), self.plot)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay:
+class Replay(Writing):
     """Run the filter over recorded drives with known truth.
 
     The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
@@ -85,10 +85,19 @@ class Replay:
     """euler or midpoint."""
     columns: Columns = field(default_factory=Columns)
     """Names of the columns."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
-    plot: File = None
+    plot: FigureFile = None
     """Draw the first seed here; for several files, one figure each, with the file's name appended."""
+
+    def paths(self, name: str) -> tuple[Path, ...]:
+        """Return the files that an option has written: one for each of several drives where it is ``plot``."""
+        path, drives = getattr(self, name), list(dict.fromkeys(self.files))
+        if name != "plot" or len(drives) < 2:
+            return (path,)
+        stems = [drive.stem for drive in drives]
+        numbers = [f"-{at}" if stems.count(stem) > 1 else "" for at, stem in enumerate(stems)]
+        return tuple(path.with_stem(f"{path.stem}-{stem}{at}") for stem, at in zip(stems, numbers, strict=True))
 
     def run(self) -> None:
         """Replay, print a table, and write the requested files."""
@@ -107,15 +116,15 @@ class Replay:
             for path, drive in drives.items():
                 seeds = range(self.seed, self.seed + self.seeds)
                 results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
-        named = {path.name: result for path, result in results.items()}
+        names = [path.name for path in results]
+        named = {path.name if names.count(path.name) == 1 else str(path): result for path, result in results.items()}
         print_tables(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
         if self.json is not None:
             runs = [{"file": path, **result.summary()} for path, result in results.items()]
-            write_json(self.json, {"runs": runs}, config=asdict(self))
+            write_json(self.json, {"runs": runs}, config=self.asked())
         if self.plot is not None:
-            for path, drive in drives.items():
+            for (path, drive), picture in zip(drives.items(), self.paths("plot"), strict=True):
                 figure = replay_figure(
                     results[path].trajectory, dead_reckoning(drive), title=f"{path.name}, noise {self.noise}, seed {self.seed}"
                 )
-                several = len(drives) > 1
-                save_figure(figure, self.plot.with_stem(f"{self.plot.stem}-{path.stem}") if several else self.plot)
+                save_figure(figure, picture)

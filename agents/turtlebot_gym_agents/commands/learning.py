@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json as json_format
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, Setting, needs, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import File, JsonFile, Setting, Writing, needs, print_tables, progress, write_json
 from turtlebot_gym_agents.commands.placement import Placement
+from turtlebot_gym_agents.outputs import FOLDER, Output
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Learned(Setting):
+class _Learned(Setting, Writing):
     """Environment and algorithm of a training."""
 
     algo: str = "ppo"
@@ -46,7 +46,7 @@ class _Learned(Setting):
     """Environment steps; by default n_timesteps of the hyper-parameters."""
     device: str = "cpu"
     """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
 
     def training(self, **changes: Any) -> TrainingConfig:
@@ -62,7 +62,7 @@ class _Learned(Setting):
 class Train(_Learned, Placement):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
-    out: Path = Path("runs/nav")
+    out: Annotated[Path, FOLDER] = Path("runs/nav")
     """Folder of the run; each of several seeds has a folder seed-N in it."""
     seeds: int = 1
     """Number of seeds to train."""
@@ -77,9 +77,13 @@ class Train(_Learned, Placement):
         """Train, print a table, and write the requested files."""
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        from turtlebot_gym_agents.training.config import require_no_run
+
         self.require_cluster()
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
+        for folder in folders if not self.resume else ():
+            require_no_run(folder)
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
@@ -142,7 +146,7 @@ class Tune(_Learned, Placement):
     The same command resumes an interrupted search.
     """
 
-    out: Path = Path("runs/tune")
+    out: Annotated[Path, FOLDER] = Path("runs/tune")
     """Study folder; an existing study is resumed."""
     trials: int = 50
     """Total number of finished trials, earlier ones included."""
@@ -196,7 +200,7 @@ class Tune(_Learned, Placement):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export:
+class Export(Writing):
     """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both act alike.
 
     The settings of its training are read from the config.json beside it; without that file, give them as options.
@@ -204,7 +208,7 @@ class Export:
 
     model: tyro.conf.Positional[Path]
     """The model, a zip file."""
-    out: Path = Path("policy.onnx")
+    out: Annotated[Path, Output((".onnx",))] = Path("policy.onnx")
     """The bundle."""
     allow_pickle: bool = False
     """Confirm that you trust the zip file: loading it can run any code in it."""
@@ -226,13 +230,13 @@ class Export:
         with needs("agents"):
             from turtlebot_gym_agents.policies.bundle import Card
             from turtlebot_gym_agents.policies.fit import describe_robot
-            from turtlebot_gym_agents.training.config import TrainingConfig
+            from turtlebot_gym_agents.training.config import TrainingConfig, read_record
             from turtlebot_gym_agents.training.export import export, load_model
         from rich.console import Console
 
         model = load_model(self.model, allow_pickle=self.allow_pickle)
         beside = self.model.parent / "config.json"
-        record = json_format.loads(beside.read_text(encoding="utf-8")) if beside.is_file() else {}
+        record = read_record(beside) if beside.is_file() else {}
         default = asdict(TrainingConfig()) | record.get("config", {})
 
         def told(name: str) -> Any:

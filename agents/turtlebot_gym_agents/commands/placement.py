@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import tyro
 
+from turtlebot_gym_agents.outputs import FOLDER
+
 if TYPE_CHECKING:
     from turtlebot_gym_agents.cluster.store import Store
     from turtlebot_gym_agents.cluster.work import Workers
@@ -31,7 +33,7 @@ class Placement:
     that this machine belongs to; or the ADDRESS of one, HOST:PORT."""
     workers: int | None = None
     """With --cluster local: number of workers."""
-    store: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    store: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER"), FOLDER] = None
     """Folder for the result of each unit of work; units whose result is there are not repeated."""
 
     @property
@@ -68,5 +70,5 @@ class Placement:
 
     def settings(self) -> Mapping[str, Any]:
         """Return the options that results depend on: all except where the work runs and where results are written."""
-        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume"}
+        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "force"}
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}

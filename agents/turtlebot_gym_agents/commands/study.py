@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, print_tables, progress
+from turtlebot_gym_agents.commands.console import JsonFile, Writing, print_tables, progress
 from turtlebot_gym_agents.commands.placement import Placement
+from turtlebot_gym_agents.outputs import FOLDER
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study(Placement):
+class Study(Placement, Writing):
     """Compare policies and trainings in every combination of settings that a YAML file names.
 
     An interrupted study resumes from its store.
@@ -26,9 +27,9 @@ class Study(Placement):
 
     file: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FILE.yaml")]]
     """The study: episodes, seed, compare_with, grid, policies, trainings."""
-    out: Path = Path("runs/study")
+    out: Annotated[Path, FOLDER] = Path("runs/study")
     """Folder of the study; its store is OUT/units by default."""
-    json: File = None
+    json: JsonFile = None
     """Write configuration and results here."""
 
     def run(self) -> None:

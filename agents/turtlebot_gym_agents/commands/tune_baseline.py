@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
-from turtlebot_gym_agents.commands.console import File, Setting, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import JsonFile, Setting, Writing, print_tables, progress, write_json
+from turtlebot_gym_agents.outputs import JSON
 
 SHOWN = 5
 """Number of tries in the table, fastest first."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TuneBaseline(Setting):
+class TuneBaseline(Setting, Writing):
     """Tune a baseline's numbers for a scenario, and write the best to OUT, a file for --policy.
 
     A policy trained for a scenario should be compared with a baseline tuned for it. The same command resumes an interrupted
@@ -33,9 +35,9 @@ class TuneBaseline(Setting):
     """Episodes per try, the same for all tries; evaluations and trainings use other seeds."""
     seed: int = 0
     """Seed of the search."""
-    out: Path = Path("baseline.json")
+    out: Annotated[Path, JSON._replace(resumed=True)] = Path("baseline.json")
     """File for the tuned baseline, with all tries."""
-    json: File = None
+    json: JsonFile = None
     """Also write configuration and all tries here."""
 
     def run(self) -> None:
@@ -66,4 +68,4 @@ class TuneBaseline(Setting):
         print_tables(table)
         print(f"Use it with --policy {self.out}.")
         if self.json is not None:
-            write_json(self.json, {"tries": [asdict(one) for one in tries]}, config=asdict(self))
+            write_json(self.json, {"tries": [asdict(one) for one in tries]}, config=self.asked())

@@ -18,6 +18,7 @@ from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.outputs import require_file
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
 MIN_WIDTH = 160
@@ -73,6 +74,7 @@ def record(
     path = Path(path)
     write = choose(f"The suffix of {path}", path.suffix.lower(), {".gif": _write_gif, ".mp4": _write_mp4})
     require_known(env, seed)
+    require_file(path)
     if not 0.0 < speed < math.inf:
         raise ValueError(f"speed must be positive and finite, got {speed!r}.")
     if not (isinstance(fps, int) and fps > 0):
@@ -100,7 +102,6 @@ def record(
                 frames += 1
                 yield image
 
-    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with replacing(path) as beside:
             write(beside, play(), fps)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from turtlebot_gym_agents.commands.console import File, needs
+import tyro
+
+from turtlebot_gym_agents.commands.console import Writing, needs
 from turtlebot_gym_agents.commands.driven import Driven
+from turtlebot_gym_agents.outputs import Output
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch(Driven):
+class Watch(Driven, Writing):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [watch].
@@ -26,7 +30,7 @@ class Watch(Driven):
     """Seed of the episode."""
     drive: tuple[Path, ...] = ()
     """Recorded drives instead of episodes: bags, snapshots.csv of data_logger, or tables as replay takes them."""
-    html: File = None
+    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), Output((".html", ".htm"))] = None
     """Write the view to this file, which opens without a server or a network, instead of serving it."""
     host: str = "localhost"
     """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""

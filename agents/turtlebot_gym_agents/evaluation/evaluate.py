@@ -16,9 +16,10 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import OBSERVED, Parameters
 from turtlebot_gym.trajectory import Trajectory
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
 from turtlebot_gym_agents.evaluation.metrics import Interval
@@ -128,8 +129,7 @@ def evaluate(
     Raises:
         ValueError: If an argument is unknown or out of its range.
     """
-    if not (isinstance(episodes, int) and episodes > 0):
-        raise ValueError(f"episodes must be a positive whole number, got {episodes!r}.")
+    whole("episodes", episodes, 1)
     require_known(env, seed)
     runs = []
     for start, size in batches(episodes, BATCH):
@@ -162,8 +162,7 @@ def batches(episodes: int, size: int) -> list[tuple[int, int]]:
 
 def require_known(env: str, seed: int) -> None:
     """Raise ValueError unless an id names an environment of this package and `gym.Env.reset` accepts the seed."""
-    if not (isinstance(seed, int) and seed >= 0):
-        raise ValueError(f"seed must be a whole number >= 0, got {seed!r}.")
+    whole("seed", seed, 0, MAX_SEED)
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 

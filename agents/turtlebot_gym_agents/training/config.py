@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Robot
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, flag, number, shown, whole
 from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 
+MAX_STEPS = 10**12
+"""Most steps of a training."""
 DEVICES = ("cpu", "cuda", "auto")
 
 
@@ -65,15 +69,20 @@ class TrainingConfig:
     """Threads of torch and of the compiled loop; small networks gain nothing from more."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "evaluations", "episodes", "threads"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} must be positive, got {value!r}.")
+        if self.steps is not None:
+            whole("steps", self.steps, 1, MAX_STEPS)
+        for name, most in (("evaluations", MAX_STEPS), ("episodes", 1_000_000), ("threads", 4096)):
+            whole(name, getattr(self, name), 1, most)
+        whole("seed", self.seed, 0, 2**20 - 1)
+        flag("randomize", self.randomize)
         choose("device", self.device, dict.fromkeys(DEVICES))
-        if not 0.0 <= self.speed_error < 1.0:
+        if not 0.0 <= number("speed_error", self.speed_error) < 1.0:
             raise ValueError(f"speed_error must be at least 0 and less than 1, got {self.speed_error!r}.")
-        if not 0 <= self.seed < 2**20:
-            raise ValueError(f"seed must be at least 0 and less than {2**20}, got {self.seed!r}.")
+        if not number("checkpoint_seconds", self.checkpoint_seconds) >= 0.0:
+            raise ValueError(f"checkpoint_seconds must be at least 0, got {self.checkpoint_seconds!r}.")
+        if not isinstance(self.env, str) or self.env not in registry:
+            known = ", ".join(repr(spec.id) for spec in registry.values() if spec.namespace == "turtlebot_gym")
+            raise ValueError(f"env must be one of {known}, or another id with their arguments, got {shown(self.env)}.")
 
     def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
         """Return environments; with ``randomize`` they differ from each other."""
@@ -89,6 +98,27 @@ class TrainingConfig:
             bare: Any = envs.unwrapped
             bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed, speed_error=self.speed_error))
         return envs
+
+
+def require_no_run(folder: Path) -> None:
+    """Raise ValueError if a folder holds a run, which only resuming may change."""
+    if (folder / "checkpoint.zip").exists():
+        raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return what a training has left in its config.json.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}.") from error
+    if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
+        raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
+    return record
 
 
 FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")

@@ -12,19 +12,23 @@ from __future__ import annotations
 
 import ast
 import inspect
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from turtlebot_gym.files import load_yaml
+from turtlebot_gym.validation import choose, shown
 from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.provenance import plain
+from turtlebot_gym_agents.training.rules import MOST_NUMBERS, OURS, OWN_RULES, RULES, Rule, checked, network_rules
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
-OURS = ("n_envs", "n_timesteps", "policy")
-"""Keys that are not arguments of the algorithm; all of them must be given."""
 OPTIONS = {"env": "--env", "seed": "--seed", "device": "--device", "tensorboard_log": "--out"}
 """Arguments of the algorithm that are options of the training, not hyper-parameters."""
 
@@ -51,8 +55,8 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
         known = ", ".join(sorted(found.stem for found in configs_folder().glob("*.yaml")))
         raise ValueError(f"There are no hyper-parameters for {algo!r} in {file}; known algorithms: {known}.")
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
+        content = load_yaml(file)
+    except ValueError as error:
         raise ValueError(f"{file} is not YAML: {error}.") from error
     chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
     if not isinstance(chosen, dict):
@@ -60,14 +64,28 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
     missing = [key for key in OURS if key not in chosen]
     if missing:
         raise ValueError(f"{file}, {env}: {', '.join(missing)} must be given.")
-    if option := next((key for key in OPTIONS if key in chosen), None):
-        raise ValueError(f"{file}, {env}: {option} is no hyper-parameter; use the option {OPTIONS[option]}.")
-    whole = {key: int(_number(key, chosen[key])) for key in ("n_envs", "n_timesteps")}
-    if not all(number > 0 for number in whole.values()):
-        raise ValueError(f"{file}, {env}: n_envs and n_timesteps must be positive, got {whole}.")
-    if isinstance(text := chosen.get("policy_kwargs"), str):
-        chosen = {**chosen, "policy_kwargs": _keywords(text)}
-    return {**chosen, **whole}
+    try:
+        return checked_for(algo, chosen)
+    except ValueError as error:
+        raise ValueError(f"{file}, {env}: {error}") from error
+
+
+def checked_for(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
+    """Return hyper-parameters, checked by the rules and the signature of an algorithm, in the types that JSON knows.
+
+    Args:
+        algo: Name of the algorithm in lower case.
+        hyper: The hyper-parameters; text under ``policy_kwargs`` becomes the mapping that it says.
+
+    Raises:
+        ValueError: See `arguments`, and if there is no such algorithm.
+    """
+    from turtlebot_gym_agents.training.algorithms import ALGORITHMS
+
+    arguments(hyper, choose("algo", algo, ALGORITHMS))
+    network = hyper.get("policy_kwargs") or {}
+    parsed = {"policy_kwargs": _keywords(network) if isinstance(network, str) else network}
+    return plain({**hyper, **parsed, **{key: checked(key, hyper[key], OURS[key]) for key in OURS if key in hyper}})
 
 
 def save(path: Path, env: str, hyper: dict[str, Any]) -> None:
@@ -106,77 +124,77 @@ def _value(node: ast.expr) -> Any:
     return ast.literal_eval(node)
 
 
-def arguments(hyper: dict[str, Any], algorithm: type[BaseAlgorithm]) -> dict[str, Any]:
+def arguments(hyper: Mapping[str, Any], algorithm: type[BaseAlgorithm]) -> dict[str, Any]:
     """Return the keyword arguments of an algorithm: schedules, activations and exploration noise made from their names.
 
     Raises:
-        ValueError: If a name is not understood.
+        ValueError: If one is unknown, of another type, out of its range, or does not go with another one; the message names it
+            and says what is allowed.
     """
-    import torch
-
-    keywords = {key: value for key, value in hyper.items() if key not in (*OURS, "policy_kwargs")}
-    for key, value in keywords.items():
-        if isinstance(value, str):
-            keywords[key] = _rate(key, value) if key in ("learning_rate", "clip_range") else _plain(value)
-    network = hyper.get("policy_kwargs", {})
-    network = dict(network) if isinstance(network, dict) else _keywords(str(network))
-    if "activation_fn" in network:
-        activation = getattr(torch.nn, str(network["activation_fn"]).removeprefix("nn."), None)
-        if not (isinstance(activation, type) and issubclass(activation, torch.nn.Module)):
-            raise ValueError(f"activation_fn must name a module of torch.nn, got {network['activation_fn']!r}.")
-        network["activation_fn"] = activation
-    kind, std = keywords.pop("noise_type", None), keywords.pop("noise_std", None)
-    if kind is not None:
-        keywords["action_noise"] = _action_noise(kind, _number("noise_std", std))
-    unknown = set(keywords) - set(inspect.signature(algorithm).parameters)
-    if unknown:
-        raise ValueError(f"{algorithm.__name__} has no arguments {', '.join(sorted(unknown))}.")
-    return {**keywords, "policy_kwargs": network}
+    who, known = algorithm.__name__, rules_of(algorithm)
+    given = {key: value for key, value in hyper.items() if key not in (*OURS, "policy_kwargs")}
+    if option := next((key for key in OPTIONS if key in given), None):
+        raise ValueError(f"{option} is no hyper-parameter; use the option {OPTIONS[option]}.")
+    _require_known(f"{who} has no hyper-parameter", given, [*known, *OURS, "policy_kwargs"])
+    found = {key: checked(key, value, known[key]) for key, value in given.items()}
+    ours = {key: checked(key, hyper[key], rule) for key, rule in OURS.items() if key in hyper}
+    network = hyper.get("policy_kwargs") or {}
+    network = _keywords(network) if isinstance(network, str) else network
+    if not isinstance(network, Mapping):
+        raise ValueError(f"policy_kwargs must be a mapping, got {shown(network)}.")
+    rules = network_rules_of(algorithm)
+    _require_known(f"policy_kwargs of {who} has no", network, rules)
+    found["policy_kwargs"] = {key: checked(f"policy_kwargs.{key}", value, rules[key]) for key, value in network.items()}
+    _require_together(ours.get("n_envs", 1), found, algorithm)
+    kind, std = found.pop("noise_type", None), found.pop("noise_std", None)
+    return found | ({} if kind is None else {"action_noise": _action_noise(std)})
 
 
-def _plain(text: str) -> float | str:
-    """Return a number that YAML takes for text, such as 1e-3; other text, such as "auto", as it is."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
+def rules_of(algorithm: type[BaseAlgorithm]) -> dict[str, Rule]:
+    """Return the rules of the hyper-parameters that an algorithm has by its signature."""
+    names = set(inspect.signature(algorithm).parameters)
+    names |= {"noise_type", "noise_std"} if "action_noise" in names else set()
+    return {name: rule for name, rule in (RULES | OWN_RULES.get(algorithm.__name__, {})).items() if name in names}
 
 
-def _number(key: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{key} must be a number, got {value!r}.") from None
+def network_rules_of(algorithm: type[BaseAlgorithm]) -> dict[str, Rule]:
+    """Return the rules of ``policy_kwargs`` for an algorithm, by the signature of its policy."""
+    names = inspect.signature(algorithm.policy_aliases["MlpPolicy"]).parameters
+    return {name: rule for name, rule in network_rules("vf" if "ortho_init" in names else "qf").items() if name in names}
 
 
-def _rate(key: str, text: str) -> Any:
-    """Return the number, or the linear schedule that ``lin_x`` stands for."""
-    linear = text.startswith("lin_")
-    try:
-        start = float(text.removeprefix("lin_"))
-    except ValueError:
-        start = -1.0
-    if not start >= 0.0:
-        raise ValueError(f"{key} must be a number or 'lin_' and a number, got {text!r}.")
-    return _Linear(start) if linear else start
+def _require_known(what: str, given: Mapping[Any, Any], known: Iterable[str]) -> None:
+    """Raise ValueError if a name is unknown; the message has the nearest known one, or all."""
+    names = sorted(known)
+    for name in given:
+        if name not in names:
+            near = get_close_matches(str(name), names, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(names)}."
+            raise ValueError(f"{what} {shown(name)}: {hint}")
 
 
-def _action_noise(kind: str, std: float) -> Any:
+def _require_together(n_envs: int, found: Mapping[str, Any], algorithm: type[BaseAlgorithm]) -> None:
+    """Raise ValueError if hyper-parameters do not go with each other."""
+    defaults = {name: one.default for name, one in inspect.signature(algorithm).parameters.items()}
+    value = defaults | found
+    if ("noise_type" in found) != ("noise_std" in found):
+        raise ValueError("noise_type and noise_std must be given together.")
+    if value.get("use_rms_prop") and "optimizer_kwargs" in found["policy_kwargs"]:
+        raise ValueError("policy_kwargs.optimizer_kwargs are Adam's: they need use_rms_prop: false.")
+    if "gae_lambda" in value:
+        rollout = n_envs * value["n_steps"]
+        if not (2 if value["normalize_advantage"] else 1) <= rollout <= MOST_NUMBERS:
+            raise ValueError(
+                f"n_envs times n_steps must be from {2 if value['normalize_advantage'] else 1} to {MOST_NUMBERS}, got "
+                f"{n_envs} times {value['n_steps']}."
+            )
+    elif n_envs > 1 and isinstance(value["train_freq"], tuple) and value["train_freq"][1] == "episode":
+        raise ValueError(f"train_freq must be in steps where n_envs is more than 1, got {value['train_freq']!r} and {n_envs}.")
+
+
+def _action_noise(std: float) -> Any:
     """Return the noise with which algorithms whose policy has none of its own explore."""
     import numpy as np
     from stable_baselines3.common.noise import NormalActionNoise
 
-    if kind != "normal":
-        raise ValueError(f"noise_type must be 'normal', got {kind!r}.")
     return NormalActionNoise(np.zeros(2), np.full(2, std))
-
-
-class _Linear:
-    """A rate that falls linearly to zero; a class, so that a checkpoint can hold it."""
-
-    def __init__(self, start: float) -> None:
-        self.start = start
-
-    def __call__(self, progress_remaining: float) -> float:
-        # The last rollout exceeds the total, and a negative rate would unlearn.
-        return self.start * max(progress_remaining, 0.0)

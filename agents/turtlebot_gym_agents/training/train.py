@@ -33,16 +33,14 @@ from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters, normalization
+from turtlebot_gym_agents.training.algorithms import ALGORITHMS
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, replay_path
-from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig
+from turtlebot_gym_agents.training.config import FREE_TO_CHANGE, TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.devices import choose_device
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.optimizer import EPS, Adam
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
-    name.lower(): getattr(stable_baselines3, name) for name in ("A2C", "DDPG", "PPO", "SAC", "TD3")
-}
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """Environments of a run have seeds from (1 + its seed) times this, separate from other runs and from the evaluation."""
@@ -87,18 +85,21 @@ def train(
         The result; the folder holds the policy.
 
     Raises:
-        ValueError: If a name in the configuration is unknown, or the folder holds a run of another configuration, or any run
-            without ``resume``.
+        ValueError: If a name in the configuration is unknown, a hyper-parameter is not what its rule allows, or the folder
+            holds a run and ``resume`` is not set, or a run of another configuration.
     """
     start = time.perf_counter()
-    hyper = dict(hyper or hyperparameters.load(config.algo, config.env, config.config))
+    if hyper is None:
+        hyper = hyperparameters.load(config.algo, config.env, config.config)
+    else:
+        hyper = hyperparameters.checked_for(config.algo, hyper)
     total = config.steps or hyper["n_timesteps"]
     checkpoint = folder / "checkpoint.zip"
     device = choose_device(config.device, choose("algo", config.algo, ALGORITHMS))
     record = {"config": plain(asdict(config)), "hyperparameters": hyper, "device": device, **provenance()}
+    if not resume:
+        require_no_run(folder)
     if checkpoint.exists():
-        if not resume:
-            raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
         _require_same(json.loads((folder / "config.json").read_text(encoding="utf-8")), record, folder)
     torch.set_num_threads(config.threads)
 

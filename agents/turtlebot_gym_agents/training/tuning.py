@@ -23,7 +23,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback
@@ -86,8 +86,7 @@ def tune(
         ValueError: If there is no search space for the algorithm, or the folder holds a study of another configuration.
     """
     space = choose("algo", config.algo, SPACES)
-    if not trials > 0:
-        raise ValueError(f"trials must be positive, got {trials!r}.")
+    whole("trials", trials, 1, 1_000_000)
     base = hyperparameters.load(config.algo, config.env, config.config)
     study = open_study(folder, storage, plain({"config": asdict(config), "hyperparameters": base}))
     torch.set_num_threads(config.threads)

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.files import load_yaml
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due, make_task
+from turtlebot_gym.validation import shown
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.node.block import Every, Input, Output, ranged
 
@@ -133,7 +135,7 @@ def load_waypoints(path: str) -> list[Pose]:
         raise ValueError(f"waypoints must be 'square', 'room', or a .yaml, .yml or .csv file, got {path!r}.")
     try:
         rows = _read_csv(file) if file.suffix == ".csv" else _read_yaml(file)
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"waypoints: cannot read {path!r}: {error}.") from error
     return [_pose(path, number, row) for number, row in enumerate(rows, start=1)]
 
@@ -146,15 +148,13 @@ def _read_csv(file: Path) -> list[Any]:
 
 
 def _read_yaml(file: Path) -> list[Any]:
-    import yaml
-
     try:
-        content = yaml.safe_load(file.read_text())
-    except yaml.YAMLError as error:
-        raise ValueError(f"waypoints: {str(file)!r} is not YAML: {error}") from error
+        content = load_yaml(file)
+    except ValueError as error:
+        raise ValueError(f"waypoints: {str(file)!r} is not YAML: {error}.") from error
     rows = content.get("waypoints") if isinstance(content, dict) else content
     if not isinstance(rows, list):
-        raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {content!r}.")
+        raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {shown(content)}.")
     return rows
 
 
@@ -165,5 +165,5 @@ def _pose(path: str, number: int, row: Any) -> Pose:
             return Pose(**{name: float(value) for name, value in row.items()})
         x, y, theta = map(float, row)
         return Pose(x, y, theta)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"waypoints: entry {number} of {path!r} must be x, y and theta, got {row!r}.") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"waypoints: entry {number} of {path!r} must be x, y and theta, got {shown(row)}.") from error

@@ -23,7 +23,7 @@ from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_agents.files import require_writable
+from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.node.runner import refuse
@@ -122,7 +122,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
     parser.add_argument("--watch", action="store_true", help="show the drive in a browser, until Ctrl-C")
     parser.add_argument("--port", type=int, default=5006, help="with --watch, where on localhost (default 5006); 0 for any")
-    parser.add_argument("--json", type=Path, help="write the metrics to this file")
+    parser.add_argument("--json", type=Path, help="write the metrics to this file (.json)")
+    parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     return parser
 
 
@@ -130,16 +131,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the graph, print its metrics, and return the exit code."""
     options = vars(_parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
-    watch, port = options.pop("watch"), options.pop("port")
+    watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         if not duration > 0.0:
             raise ValueError(f"--duration must be positive, got {duration!r}.")
         if not 0 <= given.get("seed", 0) < MAX_SEED:
             raise ValueError(f"--seed must be from 0 to {MAX_SEED - 1}, got {given['seed']}.")
-        for path, endings in ((figure, (".png", ".pdf", ".svg")), (report, (".json",))):
-            if path is not None:
-                require_writable(path, endings)
+        written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
+        require_outputs([one for one in written if one[1] is not None], inputs=given.values(), force=force)
     except (ValueError, OSError) as error:
         return refuse(error)
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -1,0 +1,140 @@
+"""Files and folders that a command is told to write: tried before the work that fills them, and never an input.
+
+One rule for all commands. An output is refused before anything starts if it cannot be written, if it is a folder where a file
+is needed (or the other way round), if its suffix is not that of what is written, or if it is an input or another output of the
+same command, by whatever link. A file that exists and is not empty is overwritten with ``--force`` alone. Missing folders
+are made. What is neither a file nor a folder, such as ``/dev/stdout``, is written as it is.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
+from itertools import chain, combinations
+from pathlib import Path
+from typing import Any, NamedTuple, get_type_hints
+
+
+class Output(NamedTuple):
+    """What an option names that a command writes; in the ``Annotated`` type of the option's field."""
+
+    endings: tuple[str, ...] = ()
+    """With which its name may end; none for any."""
+    folder: bool = False
+    """Whether it is a folder, which may exist: its command says what may be in it."""
+    resumed: bool = False
+    """Whether its command resumes what an existing file holds, or refuses it."""
+
+
+JSON = Output((".json",))
+FIGURE = Output((".png", ".pdf", ".svg"))
+FOLDER = Output(folder=True)
+
+
+def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iterable[object] = (), force: bool = False) -> None:
+    """Refuse outputs that cannot or should not be written; folders that are missing are made.
+
+    Args:
+        outputs: Option, path and kind of each.
+        inputs: What the command was given besides: paths, text that may be a path, and sequences of them.
+        force: Whether files that exist are overwritten.
+
+    Raises:
+        ValueError: With one line that names the option, the path and the rule.
+    """
+    asked = list(outputs)
+    read = list(chain.from_iterable(map(_paths_in, inputs)))
+    for (one, path, _), (other, there, _) in combinations(asked, 2):
+        if _same(path, there):
+            raise ValueError(f"{other} {there}: it is the output of {one}, too; choose another name.")
+    for option, path, kind in asked:
+        try:
+            _require(f"{option} {path}", path, kind, read, force=force)
+        except OSError as error:
+            raise ValueError(f"{option} {path}: it cannot be written: {error.strerror or error}.") from error
+
+
+def outputs_of(command: Any) -> Iterator[tuple[str, Path, Output]]:
+    """Yield option, path and kind of what a command's options name to be written.
+
+    Args:
+        command: A dataclass. Its method ``paths(name)``, where it has one, says to which paths an option leads.
+    """
+    for name, kind in kinds_of(type(command)).items():
+        value = getattr(command, name)
+        if value is not None:
+            paths = command.paths(name) if hasattr(command, "paths") else (value,)
+            yield from ((f"--{name.replace('_', '-')}", path, kind) for path in paths)
+
+
+def inputs_of(command: Any) -> Iterator[object]:
+    """Yield the values of a command's other options."""
+    written = kinds_of(type(command))
+    yield from (getattr(command, item.name) for item in fields(command) if item.name not in written)
+
+
+def kinds_of(command: type) -> Mapping[str, Output]:
+    """Return the fields of a command that name outputs, each with its kind."""
+    marks = {name: getattr(hint, "__metadata__", ()) for name, hint in get_type_hints(command, include_extras=True).items()}
+    return {name: mark for name, found in marks.items() for mark in found if isinstance(mark, Output)}
+
+
+def require_file(path: Path) -> None:
+    """Try whether a file can be written, and make its folder where that is missing.
+
+    Raises:
+        OSError: If it cannot be; ``IsADirectoryError`` of a folder.
+    """
+    target = Path(os.path.realpath(path))  # of a link, what it leads to
+    target.parent.mkdir(parents=True, exist_ok=True)
+    there = target.exists()
+    with target.open("ab"):
+        pass
+    if not there:
+        target.unlink()
+
+
+def _require(told: str, path: Path, kind: Output, inputs: list[Path], *, force: bool) -> None:
+    """Refuse an output by itself."""
+    if kind.folder:
+        if path.exists() and not path.is_dir():
+            raise ValueError(f"{told}: it is a file; a folder is needed.")
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            return
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return  # a device or a pipe
+    if path.is_dir():
+        raise ValueError(f"{told}: it is a folder; a file is needed.")
+    if kind.endings and path.suffix.lower() not in kind.endings:
+        raise ValueError(f"{told}: its name must end with {' or '.join(kind.endings)}.")
+    if any(_same(path, one) or (one.is_dir() and path.exists() and _within(path, one)) for one in inputs):
+        raise ValueError(f"{told}: it is an input of the same command; choose another name.")
+    if not force and not kind.resumed and path.exists() and path.stat().st_size > 0:
+        raise ValueError(f"{told}: it exists; choose another name, or overwrite it with --force.")
+    require_file(path)
+
+
+def _paths_in(value: object) -> Iterator[Path]:
+    """Yield what may be the paths of inputs in an option's value."""
+    if isinstance(value, (str, Path)):
+        text = str(value).removesuffix("+safety")  # which follows the name of a policy
+        if text and "\0" not in text:
+            yield Path(text)
+    elif isinstance(value, (list, tuple)):
+        for one in value:
+            yield from _paths_in(one)
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Return whether two paths lead to the same file or folder, by a symbolic or a hard link as well."""
+    try:
+        return os.path.samefile(one, other)
+    except OSError:
+        return os.path.realpath(one) == os.path.realpath(other)
+
+
+def _within(path: Path, folder: Path) -> bool:
+    return Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))

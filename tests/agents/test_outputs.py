@@ -1,0 +1,161 @@
+"""What commands write: tried before the work, never an input, and over a result only with --force."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from turtlebot_gym_agents.commands.cli import COMMANDS, main
+from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, Output, kinds_of, outputs_of, require_outputs
+
+READ = {"config", "check", "file", "files", "log", "model", "drive"}
+"""Options that name files to be read."""
+NEEDED = {"replay": ["drive.csv"], "calibrate": ["drive.csv"], "export": ["drive.csv"], "study": ["drive.csv"]}
+WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in kinds_of(command)]
+
+
+def told(option):
+    return "--" + option.replace("_", "-")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drive.csv").write_text("t,vx,gyro,px,py,theta\n0,0,0,0,0,0\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_option_that_names_a_path_is_known_as_an_input_or_an_output(name):
+    command = COMMANDS[name]
+    paths = {item.name for item in fields(command) if any(word in str(item.type) for word in ("Path", "File"))}
+    assert paths - READ == set(kinds_of(command))
+
+
+@pytest.fixture
+def untouched(monkeypatch):
+    """No command begins its work."""
+
+    def run(self):
+        raise AssertionError("it has begun")
+
+    for command in COMMANDS.values():
+        monkeypatch.setattr(command, "run", run)
+
+
+def refused(name, option, value, capsys, *more):
+    assert main([name, *NEEDED.get(name, []), told(option), str(value), *more]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"turtlebot-gym: {told(option)} {value}"), line
+    return line
+
+
+@pytest.mark.parametrize(("name", "option"), WRITTEN)
+def test_an_output_that_cannot_be_is_refused_before_the_work(name, option, untouched, capsys, folder):
+    kind = kinds_of(COMMANDS[name])[option]
+    (ending,) = kind.endings[:1] or ("",)
+    if kind.folder:
+        assert "a folder is needed" in refused(name, option, "drive.csv", capsys)
+        assert "it cannot be written" in refused(name, option, "drive.csv/inside", capsys)
+        return
+    for there in ("folder", f"folder{ending}"):
+        (folder / there).mkdir()
+        assert "a file is needed" in refused(name, option, there, capsys)
+    assert "its name must end with" in refused(name, option, "a.nothing", capsys)
+    assert "it cannot be written" in refused(name, option, f"drive.csv/a{ending}", capsys)
+    assert "it cannot be written" in refused(name, option, f"/proc/none/a{ending}", capsys)
+    assert sorted(path.name for path in folder.iterdir() if path.name != "runs") == ["drive.csv", "folder", f"folder{ending}"]
+
+
+@pytest.mark.parametrize(("name", "option"), [one for one in WRITTEN if not kinds_of(COMMANDS[one[0]])[one[1]].folder])
+def test_a_result_is_overwritten_with_force_alone(name, option, untouched, capsys, folder):
+    kind = kinds_of(COMMANDS[name])[option]
+    path = folder / f"result{kind.endings[0]}"
+    path.write_text("dear")
+    if kind.resumed:
+        with pytest.raises(AssertionError, match="begun"):
+            main([name, told(option), str(path)])
+    else:
+        assert "overwrite it with --force" in refused(name, option, path, capsys)
+    with pytest.raises(AssertionError, match="begun"):
+        main([name, *NEEDED.get(name, []), told(option), str(path), "--force"])
+    assert path.read_text() == "dear"  # until there is something to put in its place
+
+
+@pytest.mark.parametrize("link", [os.symlink, os.link, None], ids=["symbolic", "hard", "itself"])
+def test_an_input_is_never_overwritten(link, untouched, capsys, folder):
+    (folder / "mine.yaml").write_text("process: {}\n")
+    (folder / "bag").mkdir()
+    (folder / "bag" / "metadata.yaml").write_text("x: 1\n")
+    target = folder / "mine.yaml"
+    if link:
+        target = folder / "other.yaml"
+        link(folder / "mine.yaml", target)
+    for log, out in (("mine.yaml", target), ("bag", "bag/metadata.yaml")):
+        assert main(["calibrate", log, "--out", str(out), "--force"]) == 2
+        assert "it is an input of the same command" in capsys.readouterr().err
+
+
+def test_an_input_may_be_named_by_any_option(untouched, capsys, folder):
+    (folder / "tuned.json").write_text("{}")
+    argv = ["evaluate", "--policy", "bearing", "tuned.json+safety", "--json", "tuned.json", "--force"]
+    assert main(argv) == 2
+    assert "--json tuned.json: it is an input" in capsys.readouterr().err
+
+
+def test_two_outputs_are_two_files(untouched, capsys, folder):
+    os.symlink("a.json", "b.json")
+    assert main(["tune-baseline", "--out", "a.json", "--json", "b.json"]) == 2
+    assert "is the output of --" in capsys.readouterr().err
+
+
+def test_a_link_to_nothing_stays_one(folder):
+    os.symlink("later.json", "link.json")
+    require_outputs([("--json", Path("link.json"), JSON)])
+    assert os.readlink("link.json") == "later.json"
+    assert not (folder / "later.json").exists()
+
+
+def test_devices_and_empty_files_are_written(folder):
+    (folder / "made.json").touch()  # as mktemp does
+    require_outputs([("--json", Path("/dev/null"), JSON), ("--plot", Path("made.json"), Output((".json",)))])
+
+
+def test_missing_folders_are_made_and_existing_ones_kept(folder):
+    require_outputs([("--json", Path("a/b/c.json"), JSON), ("--out", Path("d"), FOLDER), ("--plot", Path("e.svg"), FIGURE)])
+    assert (folder / "a" / "b").is_dir()
+    assert not list((folder / "a" / "b").iterdir())
+    (folder / "d" / "kept").touch()
+    require_outputs([("--out", Path("d"), FOLDER)])
+    assert [path.name for path in (folder / "d").iterdir()] == ["kept"]
+
+
+def test_several_drives_have_a_picture_each(folder, capsys):
+    (folder / "more").mkdir()
+    (folder / "more" / "drive.csv").write_text("x")
+    command = COMMANDS["replay"]
+    files = (Path("drive.csv"), Path("more/drive.csv"), Path("other.csv"), Path("drive.csv"))
+    found = [path.name for _, path, _ in outputs_of(command(files=files, plot=Path("a.png")))]
+    assert found == ["a-drive-0.png", "a-drive-1.png", "a-other.png"]
+    (folder / "a-other.png").write_text("dear")
+    assert main(["replay", *map(str, files), "--plot", "a.png"]) == 2
+    assert "a-other.png: it exists" in capsys.readouterr().err
+
+
+def test_the_path_of_modules_does_not_grow(untouched):
+    for _ in range(2):
+        with pytest.raises(AssertionError):
+            main(["evaluate"])
+        assert sys.path.count(str(Path.cwd())) == 1
+
+
+def test_a_run_is_not_trained_over(folder, capsys):
+    (folder / "runs" / "seed-1").mkdir(parents=True)
+    (folder / "runs" / "seed-1" / "checkpoint.zip").touch()
+    assert main(["train", "--out", "runs", "--seeds", "2"]) == 2
+    assert "seed-1 holds a run already" in capsys.readouterr().err
+    assert not (folder / "runs" / "seed-0").exists()

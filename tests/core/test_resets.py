@@ -1,0 +1,135 @@
+"""What a reset is given, and where episodes end: nothing of it is lost without a word."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from turtlebot_gym import NAV, SQUARE, Task
+
+ID, SQUARE_ID, ROOMS_ID = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
+MOST = 2**63 - 1
+STILL = np.zeros(2, np.float32)
+
+
+@pytest.fixture
+def envs():
+    return gym.make_vec(ID, num_envs=3)
+
+
+@pytest.fixture
+def env():
+    return gym.make(ID)
+
+
+@pytest.mark.parametrize("seed", [1.5, True, "1", -1, 2**63, 2**80, math.nan, np.float32(1.0), b"1", {}])
+def test_a_seed_that_is_none_is_refused(env, envs, seed):
+    for one in (env, envs):
+        with pytest.raises(ValueError, match="^seed must be a whole number from 0 to ") as caught:
+            one.reset(seed=seed)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("seed", "told"),
+    [
+        ([1, 2], "seed must hold 3 seeds, got 2"),
+        ((), "seed must hold 3 seeds, got 0"),
+        ([1, 2.5, 3], r"seed\[1\] must be a whole number from 0 to 9223372036854775807, got 2.5"),
+        ([1, 2, True], r"seed\[2\] must be a whole number"),
+        ([1, 2, 2**63], r"seed\[2\] must be a whole number"),
+        (np.array([0.5, 1.0, 2.0]), r"seed\[0\] must be a whole number"),
+        (MOST - 1, "seed must be a whole number from 0 to 9223372036854775805, got 9223372036854775806"),
+    ],
+)
+def test_a_list_of_seeds_has_one_for_each(envs, seed, told):
+    with pytest.raises(ValueError, match=f"^{told}"):
+        envs.reset(seed=seed)
+
+
+def test_seeds_of_numpy_are_seeds(env, envs):
+    expected, _ = envs.reset(seed=[5, 6, 7])
+    for seed in (5, np.int64(5), np.array(5), np.array([5, 6, 7]), (5, np.uint8(6), 7)):
+        np.testing.assert_array_equal(envs.reset(seed=seed)[0], expected)
+    for seed in (5, np.int64(5), np.array(5)):
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], expected[0])
+    np.testing.assert_array_equal(envs.reset(seed=MOST - 2)[0][2], env.reset(seed=MOST)[0])
+
+
+@pytest.mark.parametrize("options", [{"start": (0.0, 0.0, 0.0)}, {"resetmask": 1}, {3: 4}, "reset_mask", 3, ["reset_mask"]])
+def test_options_that_there_are_not_are_refused(env, envs, options):
+    for one in (env, envs):
+        with pytest.raises(ValueError, match="^options must be "):
+            one.reset(seed=0, options=options)
+        one.reset(seed=0, options={})
+
+
+@pytest.mark.parametrize("maker", [gym.make, gym.make_vec], ids=["scalar", "vector"])
+def test_rooms_refuse_options_of_any_kind(maker):
+    one = maker(ROOMS_ID)
+    for options in ({"begin": 1}, {1: 2, "b": 3}, 7, "world"):
+        with pytest.raises(ValueError, match="^options must be "):
+            one.reset(seed=0, options=options)
+
+
+def test_each_environment_has_spaces_of_its_own():
+    made = [gym.make(ID).unwrapped for _ in range(2)] + [gym.make_vec(ID, num_envs=2) for _ in range(2)]
+    spaces = [space for one in made for space in (one.action_space, one.observation_space)]
+    spaces += [space for one in made[2:] for space in (one.single_action_space, one.single_observation_space)]
+    assert len({id(space) for space in spaces}) == len(spaces)
+    one, other = gym.make(ID), gym.make(ID)
+    one.action_space.seed(0)
+    expected = one.action_space.sample()
+    one.action_space.seed(0)
+    other.action_space.sample()
+    np.testing.assert_array_equal(one.action_space.sample(), expected)
+
+
+LONG = Task(radius=0.01, max_steps=350.0)
+
+
+def steps_until_the_end(one, limit):
+    """Return how many steps an episode has in which the robot stands still."""
+    one.reset(seed=0)
+    for steps in range(1, limit + 1):
+        _, _, terminated, truncated, _ = one.step(one.action_space.sample() * 0.0)
+        assert not np.any(terminated)
+        if np.any(truncated):
+            return steps
+    return None
+
+
+def test_a_tasks_own_limit_and_the_vector_environments_must_agree():
+    with pytest.raises(ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"):
+        gym.make_vec(ID, num_envs=2, task=LONG)
+    with pytest.raises(ValueError, match="^task ends episodes after 600 steps"):
+        gym.make_vec(ID, num_envs=2, task=SQUARE)
+    assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=LONG, max_episode_steps=350), 400) == 350
+    endless = replace(LONG, max_steps=math.inf)
+    assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=endless), 400) == 300
+    assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=replace(NAV, radius=0.01)), 400) == 300
+
+
+def test_a_tasks_own_limit_counts_in_the_scalar_environment():
+    assert steps_until_the_end(gym.make(ID, task=replace(LONG, max_steps=40.0)), 400) == 40
+    assert steps_until_the_end(gym.make(ID, task=LONG, max_episode_steps=500), 400) == 350
+    assert steps_until_the_end(gym.make(ID, task=replace(LONG, max_steps=math.inf)), 400) == 300
+
+
+def test_a_limit_that_cuts_a_task_short_is_told():
+    env = gym.make(ID, task=LONG)
+    assert steps_until_the_end(env, 400) == 300
+    with pytest.warns(UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"):
+        env.reset()
+    for _ in range(20):
+        env.step(STILL)
+    env.reset()  # of somebody's own accord: nothing was cut
+
+
+def test_a_task_has_no_limit_of_its_own_unless_it_is_given_one():
+    assert Task().max_steps == math.inf
+    assert (NAV.max_steps, SQUARE.max_steps) == (300.0, 600.0)

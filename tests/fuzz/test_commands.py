@@ -1,0 +1,154 @@
+"""Whatever a command is told, it does it, or says on one line what is wrong, with the exit code 2."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import tempfile
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+from fuzzing import HEADERS, answered, fuzzed, table
+from hypothesis import strategies as st
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.commands.cli import COMMANDS, main
+
+FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
+(FOLDER / "drive.csv").write_text(table(HEADERS["replay"]))
+(FOLDER / "binary.csv").write_bytes(bytes(range(256)))
+(FOLDER / "mine.yaml").write_text("process: {alpha1: 0.01}\n")
+(FOLDER / "broken.yaml").write_text("{a: [")
+(FOLDER / "list.yaml").write_text("[1, 2]\n")
+(FOLDER / "empty.json").write_text("{}")
+(FOLDER / "broken.onnx").write_bytes(b"\x08\x0a")
+(FOLDER / "model.zip").write_bytes(b"PK\x05\x06" + bytes(18))
+(FOLDER / "here").mkdir()
+BASES: dict[str, list[str]] = {
+    "evaluate": ["--episodes", "2", "--policy", "bearing"],
+    "replay": ["drive.csv", "--seeds", "1"],
+    "estimate": ["--runs", "4", "--seconds", "0.3", "--filter", "matched"],
+    "tune-baseline": ["--tries", "1", "--episodes", "4", "--out", "tuned.json"],
+    "calibrate": ["binary.csv"],
+    "video": ["--policy", "nope.json", "--out", "a.gif"],
+    "watch": ["--drive", "binary.csv", "--html", "a.html"],
+    "train": ["--config", "list.yaml", "--out", "run"],
+    "tune": ["--config", "broken.yaml", "--out", "search"],
+    "export": ["model.zip", "--allow-pickle"],
+    "study": ["list.yaml", "--out", "study"],
+    "benchmark": ["--check", "empty.json"],
+}
+"""What is quick: it takes a moment, or has an input that is refused."""
+LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage"}
+"""Options that reach for other machines, install something, or serve until Ctrl-C."""
+WORDS = st.one_of(
+    st.sampled_from([
+        "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e9", "1e308", "True", "None", "x" * 300, "é",
+        "a b", "\n", "here", "here/", "/", ".", "/proc/none/a.json", "nope.yaml", "broken.yaml", "list.yaml", "mine.yaml",
+        "empty.json", "broken.onnx", "binary.csv", "drive.csv", "nope.onnx", "os:getcwd", "nope:drive", ":",
+        "bearing+safety", "+safety", "a.png", "a.txt", "a.json", "here/a.json", "drive.csv/a.json", "burger", "wheel", "matched", "mujoco", "time",
+        "belief", "turtlebot_gym/TurtleBotSquare-v0", "turtlebot_gym/TurtleBotRooms-v0", "CartPole-v1", "dense",
+        "lds01",
+    ]),
+    st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=6),
+)  # fmt: skip
+
+
+def options_of(command):
+    """Return the options of a command, with those of its parts."""
+    hints, found = get_type_hints(command), []
+    for item in fields(command):
+        if item.name in LEFT_OUT:
+            continue
+        inner = (
+            [f"{item.name}.{one.name}" for one in fields(hints[item.name])] if is_dataclass(hints[item.name]) else [item.name]
+        )
+        found += ["--" + name.replace("_", "-") for name in inner]
+    return found
+
+
+OPTIONS = {name: options_of(command) for name, command in COMMANDS.items() if name in BASES}
+FLAGS = {"--randomize", "--resume", "--allow-pickle", "--allow-mismatch", "--force", "--training", "--bias", "--slip"}
+
+
+def code_of(run, argv):
+    """Return the exit code of a command; "usage" where its parser refuses, which has a form of its own."""
+    try:
+        return run(argv)
+    except SystemExit as stop:
+        return "usage" if stop.code == 2 else stop.code
+
+
+def said(argv):
+    """Run a command, and return its exit code; what it refuses by itself becomes a ValueError of that one line."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(FOLDER), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = code_of(main, argv)
+    if code == "usage":
+        raise ValueError("usage")
+    if code == 2:
+        told = err.getvalue()
+        assert told.startswith("turtlebot-gym: "), told
+        assert told.count("\n") == 1, told
+        raise ValueError(told.strip())
+    assert code == 0, (argv, err.getvalue())
+    return True
+
+
+def test_every_command_is_tried():
+    assert set(BASES) == set(COMMANDS)
+    assert said(["evaluate", *BASES["evaluate"]])
+
+
+@fuzzed(150, 1500, name=st.sampled_from(sorted(BASES)), data=st.data())
+def test_command_lines(name, data):
+    argv = [name, *BASES[name]]
+    for _ in range(data.draw(st.integers(1, 2))):
+        option = data.draw(st.sampled_from(OPTIONS[name]))
+        argv += [option] if option in FLAGS else [option, data.draw(WORDS)]
+    for left in FOLDER.glob("tuned.json"):
+        left.unlink()
+    answered("command lines", lambda: said(argv))
+
+
+POISON = {"bringup": ["--duration", "nan"], "waypoint_generator": ["--ros-args", "-p", "rat:=1"]}
+ROS_OPTIONS = {
+    "bringup": [
+        "--speed",
+        "--policy",
+        "--robot",
+        "--noise",
+        "--waypoints",
+        "--world",
+        "--lidar",
+        "--seed",
+        "--figure",
+        "--json",
+    ],
+    "waypoint_generator": ["-p", "-r", "--params-file", "--log-level", "-x"],
+}
+
+
+@fuzzed(15, 150, name=st.sampled_from(sorted(POISON)), data=st.data())
+def test_ros_command_lines(name, data):
+    pytest.importorskip("rclpy", reason="needs the extra [ros]")
+    from turtlebot_gym_ros.__main__ import main as ros
+
+    argv = [name, *POISON[name], data.draw(st.sampled_from(ROS_OPTIONS[name])), data.draw(WORDS)]
+
+    def call():
+        err, out = io.StringIO(), io.StringIO()
+        with contextlib.chdir(FOLDER), contextlib.redirect_stderr(err), contextlib.redirect_stdout(out):
+            code = code_of(ros, argv)
+        if code == "usage":
+            raise ValueError("usage")
+        told = err.getvalue()
+        assert code == 2, (argv, told)
+        assert told.startswith("error: "), told
+        assert told.count("\n") == 1, told
+        raise ValueError(told.strip())
+
+    answered("ROS command lines", call)

@@ -1,0 +1,219 @@
+"""Whatever a YAML file or a table holds, it is read, or refused with one line."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from fuzzing import HEADERS, SCALARS, VALUES, answered, fuzzed, mutated, replaced, table
+from hypothesis import strategies as st
+
+from turtlebot_gym import FixNoise, Noise, Robot, read_parameters
+from turtlebot_gym.calibration.tables import read_table
+from turtlebot_gym.files import load_yaml
+from turtlebot_gym.presets import FIXES, NOISES
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.rooms.worlds import find_world
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.cluster.grid import read_grid
+from turtlebot_gym_agents.evaluation.replay import read_drive
+from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.training.algorithms import ALGORITHMS
+from turtlebot_gym_agents.watch.recorded import read_recorded
+
+FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
+EXAMPLES = {Noise: asdict(NOISES["rough"]), Robot: asdict(ROBOTS["burger"]), FixNoise: asdict(FIXES["late"])}
+
+
+def plain(value):
+    if isinstance(value, dict):
+        return {name: plain(item) for name, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def written(name, content):
+    path = FOLDER / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
+    return path
+
+
+def dumped(value):
+    return yaml.safe_dump(value, sort_keys=False)
+
+
+TEXTS = st.one_of(
+    st.text(max_size=60),
+    st.lists(st.sampled_from(["a", ": ", "- ", "{", "}", "[", "]", "\n", "  ", "&x", "*x", "!!int ", "!!float ", "!!timestamp ",
+                              "!!bool ", "1e-3", "~", "|", ">", "'", '"', "? ", "<<", "2001-99-99", "0x", "\t", "%"]),
+             max_size=20).map("".join),
+    VALUES.map(dumped),
+)  # fmt: skip
+
+
+@fuzzed(150, 1500, text=TEXTS)
+def test_any_text_is_yaml_or_one_line_says_why_not(text):
+    answered("YAML", lambda: (load_yaml(written("a.yaml", text)), True))
+
+
+@pytest.mark.parametrize("kind", EXAMPLES, ids=lambda kind: kind.__name__)
+def test_the_examples_are_read(kind):
+    assert read_parameters(kind, written("b.yaml", dumped(plain(EXAMPLES[kind]))))
+
+
+@fuzzed(150, 1500, kind=st.sampled_from(list(EXAMPLES)), data=st.data())
+def test_files_of_parameters(kind, data):
+    said = replaced(data.draw, plain(EXAMPLES[kind]), VALUES)
+    answered("files of parameters", lambda: read_parameters(kind, written("c.yaml", dumped(said))))
+
+
+@fuzzed(100, 1000, kind=st.sampled_from(list(EXAMPLES)), data=st.data())
+def test_files_of_parameters_with_damaged_bytes(kind, data):
+    content = data.draw(mutated(dumped(plain(EXAMPLES[kind])).encode()))
+    answered("damaged files of parameters", lambda: read_parameters(kind, written("d.yaml", content)))
+
+
+SHIPPED = {algo: hyperparameters.load(algo, "default") for algo in ("ppo", "sac", "td3")}
+NAMES = sorted(
+    {name for hyper in SHIPPED.values() for name in hyper} | {"gamme", "device", "seed", "env", "n_step", "clip_range"}
+)
+
+
+@fuzzed(200, 2000, algo=st.sampled_from(sorted(SHIPPED)), name=st.sampled_from(NAMES), data=st.data())
+def test_hyperparameters(algo, name, data):
+    said = dict(SHIPPED[algo])
+    if data.draw(st.booleans()):
+        said[name] = data.draw(st.one_of(SCALARS, VALUES))
+    else:
+        said = replaced(data.draw, said, VALUES)
+
+    def load():
+        hyper = hyperparameters.load(algo, "default", written("e.yaml", dumped({"default": said})))
+        keywords = hyperparameters.arguments(hyper, ALGORITHMS[algo])
+        assert all(math.isfinite(value) for value in keywords.values() if isinstance(value, float)), keywords
+        return keywords
+
+    answered("hyper-parameters", load)
+
+
+STUDY = {
+    "episodes": 20, "seed": 5, "compare_with": "bearing", "policies": ["bearing", "proportional"],
+    "grid": {"env": "turtlebot_gym/TurtleBotNav-v0", "noise": ["tutorial", "documented"]},
+    "trainings": {"ppo": {"algo": "ppo", "seeds": 2, "steps": 64}},
+}  # fmt: skip
+
+
+@fuzzed(60, 500, data=st.data())
+def test_studies(data):
+    said = replaced(data.draw, STUDY, VALUES)
+
+    def read():
+        grid = read_grid(written("f.yaml", dumped(said)))
+        for cell in grid.cells():
+            for name in grid.trainings:
+                grid.trainings_of(name, cell)
+        return grid
+
+    answered("studies", read)
+
+
+MAP = {"image": "map.pgm", "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
+       "free_thresh": 0.196, "mode": "trinary"}  # fmt: skip
+IMAGE = b"P5\n40 30\n255\n" + bytes([0] * 40 + ([0] + [254] * 38 + [0]) * 28 + [0] * 40)
+
+
+@fuzzed(60, 500, content=st.one_of(st.just(IMAGE), mutated(IMAGE)), data=st.data())
+def test_maps(content, data):
+    written("map.pgm", content)
+    said = replaced(data.draw, MAP, SCALARS) if content == IMAGE else MAP
+    answered("maps", lambda: find_world(written("g.yaml", dumped(said))))
+
+
+@fuzzed(40, 300, data=st.data())
+def test_tuned_baselines(data):
+    import json
+
+    tuned = {"format": "turtlebot-gym-baseline/1", "policy": "bearing", "layout": 1, "dt": 0.1, "numbers": {"gain": 2.0},
+             "robot": {"name": "burger", **plain(EXAMPLES[Robot])}}  # fmt: skip
+    said = replaced(data.draw, tuned, VALUES)
+    answered("tuned baselines", lambda: make_policy(str(written("h.json", json.dumps(said)))))
+
+
+CELLS = st.sampled_from(["", "nan", "inf", "-1", "1e308", "1e15", "abc", "0x10", "1,2", "\x00", '"', "1_0", "é", "1e-400", "٣"])
+
+
+def other_cells(draw, text):
+    """Return a table with a few cells, lines or names that are others."""
+    lines = text.split("\n")
+    for _ in range(draw(st.integers(1, 3))):
+        if not lines:
+            break
+        at = draw(st.integers(0, len(lines) - 1))
+        how = draw(st.sampled_from(["cell", "cell", "cell", "cut", "twice", "swap", "scale"]))
+        cells = lines[at].split(",")
+        if how == "cell":
+            cells[draw(st.integers(0, len(cells) - 1))] = draw(CELLS)
+            lines[at] = ",".join(cells)
+        elif how == "cut":
+            lines[at] = lines[at][: draw(st.integers(0, len(lines[at])))]
+        elif how == "twice":
+            lines.insert(at, lines[at])
+        elif how == "swap":
+            lines[at], lines[-1] = lines[-1], lines[at]
+        else:
+            factor, column = draw(st.sampled_from([1e-9, 1e-3, 57.3, 1e3, 1e9])), draw(st.integers(0, 5))
+            for k in range(1, len(lines)):
+                row = lines[k].split(",")
+                if column < len(row) and row[column].replace(".", "").replace("-", "").isdigit():
+                    row[column] = repr(float(row[column]) * factor)
+                    lines[k] = ",".join(row)
+    return "\n".join(lines)
+
+
+def read_as(name, path):
+    found = read_drive(path) if name == "replay" else read_table(path)
+    assert np.isfinite(found.time).all()
+    assert np.isfinite(found.twist).all()
+    assert (np.diff(found.time) > 0.0).all()
+    return found
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_the_tables_are_read(name):
+    assert read_as(name, written("i.csv", table(HEADERS[name])))
+
+
+@fuzzed(150, 1500, name=st.sampled_from(sorted(HEADERS)), data=st.data())
+def test_tables(name, data):
+    text = other_cells(data.draw, table(HEADERS[name]))
+    answered("tables", lambda: read_as(name, written("j.csv", text)))
+
+
+@fuzzed(100, 1000, name=st.sampled_from(sorted(HEADERS)), data=st.data())
+def test_tables_with_damaged_bytes(name, data):
+    content = data.draw(mutated(table(HEADERS[name]).encode()))
+    answered("damaged tables", lambda: read_as(name, written("k.csv", content)))
+
+
+COMPONENTS = ["x", "y", "theta", "v", "omega"]
+NAMES_OF_SNAPSHOTS = [
+    "time",
+    *(f"{topic}_{name}" for topic in ("odom", "true_state", "estimate") for name in COMPONENTS),
+    *("reference_x", "reference_y", "reference_theta", "cmd_vel_v", "cmd_vel_omega"),
+]
+SNAPSHOTS = "\n".join(
+    [",".join(NAMES_OF_SNAPSHOTS), *(",".join(f"{0.1 * k + 0.01 * j:.3f}" for j in range(21)) for k in range(30))]
+)
+
+
+@fuzzed(60, 400, data=st.data())
+def test_snapshots(data):
+    text = other_cells(data.draw, SNAPSHOTS)
+    answered("snapshots", lambda: read_recorded(written("l.csv", text)))

@@ -1,0 +1,125 @@
+"""Whatever parameters a node is given, it is made, or refuses them with one line before it publishes anything."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from fuzzing import answered, fuzzed
+from hypothesis import strategies as st
+
+try:
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
+        from rclpy.context import Context
+        from rclpy.node import Node
+        from rclpy.parameter import Parameter
+except ImportError:
+    pytest.skip("needs the extra [ros]", allow_module_level=True)
+
+from turtlebot_gym_ros.node.discovery import prepare
+from turtlebot_gym_ros.node.parameters import Common, declare
+from turtlebot_gym_ros.nodes import BLOCKS, load
+from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
+from turtlebot_gym_ros.robot import standalone
+from turtlebot_gym_ros.robot.arbiter import Arbiter
+from turtlebot_gym_ros.robot.arbiter import Parameters as GuardParameters
+
+prepare()
+FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
+(FOLDER / "waypoints.yaml").write_text("- [1.0, 0.0, 0.0]\n- {x: 1, y: [2]}\n")
+WHOLE = st.one_of(st.integers(-(2**63), 2**63 - 1), st.sampled_from([0, 1, -1, 3, 1000]))
+REAL = st.one_of(st.floats(), st.sampled_from([0.0, 0.1, 1.0, -1.0, 1e-9, 1e9, 1e308]))
+TEXT = st.one_of(
+    st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12),
+    st.sampled_from(["", "burger", "wheel", "matched", "bearing", "dense", "square", "time", "room", "base_link", "/a/b",
+                     "nope.onnx", "nope.yaml", "a:b", str(FOLDER / "waypoints.yaml"), str(FOLDER)]),
+)  # fmt: skip
+GIVEN = st.one_of(
+    WHOLE,
+    REAL,
+    TEXT,
+    st.booleans(),
+    st.lists(REAL, min_size=1, max_size=3),
+    st.lists(WHOLE, min_size=1, max_size=3),
+    st.lists(TEXT, min_size=1, max_size=3),
+    st.lists(st.booleans(), min_size=1, max_size=3),
+    st.lists(st.integers(0, 255), min_size=1, max_size=3).map(lambda numbers: [bytes([one]) for one in numbers]),
+)
+OF_TYPE = {float: REAL, int: WHOLE, bool: st.booleans(), str: TEXT}
+
+
+@pytest.fixture(scope="module")
+def context():
+    made = Context()
+    made.init([])
+    yield made
+    made.try_shutdown()
+
+
+CLASSES = {name: load(name) for name in BLOCKS}
+
+
+def some_parameters(draw, classes):
+    """Return one or two parameters: mostly with values of their types."""
+    known = {item.name: type(item.default) for each in classes for item in fields(each)}
+    given = {}
+    for _ in range(draw(st.integers(1, 2))):
+        name = draw(st.sampled_from([*sorted(known), "rat", "policy.x"]))
+        usual = OF_TYPE.get(known.get(name, str), TEXT)
+        given[name] = draw(usual if draw(st.integers(0, 3)) else GIVEN)
+    return given
+
+
+CURRENT: dict[str, Context] = {}
+
+
+@pytest.fixture(autouse=True)
+def _current(context):
+    CURRENT["context"] = context
+
+
+def node_with(given):
+    return Node(
+        "fuzzed",
+        context=CURRENT["context"],
+        parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
+        automatically_declare_parameters_from_overrides=True,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+
+
+@fuzzed(80, 800, name=st.sampled_from(sorted(CLASSES)), data=st.data())
+def test_parameters_of_blocks(name, data):
+    block = CLASSES[name]
+    given = some_parameters(data.draw, (Common, block.Params))
+    node = node_with(given)
+
+    def make():
+        _, params = declare(node, Common, block.Params)
+        return block(params)
+
+    try:
+        answered("ROS parameters", make)
+    finally:
+        node.destroy_node()
+
+
+@fuzzed(40, 400, data=st.data())
+def test_parameters_of_the_guard_and_the_logger(data):
+    kind = data.draw(st.sampled_from([GuardParameters, LoggerParameters]))
+    node = node_with(some_parameters(data.draw, (kind,)))
+
+    def make():
+        params = standalone.declare(node, kind)
+        return Arbiter(params) if kind is GuardParameters else params
+
+    try:
+        answered("ROS parameters of the guard and the logger", make)
+    finally:
+        node.destroy_node()
