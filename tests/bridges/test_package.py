@@ -263,7 +263,7 @@ def test_colcon_builds_the_package(tmp_path):
     assert files_of(PACKAGE) == before
     prefix = tmp_path / "install" / "turtlebot_gym_ros"
     share = prefix / "share" / "turtlebot_gym_ros"
-    for path in (*CONFIGS, *LAUNCHES, RVIZ, PACKAGE / "package.xml"):
+    for path in (*CONFIGS, *LAUNCHES, RVIZ, *sorted((PACKAGE / "layouts").iterdir()), PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
     assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {*NODES}
     (library,) = prefix.glob("lib/python*/site-packages")

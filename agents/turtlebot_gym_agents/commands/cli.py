@@ -182,7 +182,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = tyro.extras.subcommand_cli_from_dict(
         dict(COMMANDS),
         prog="turtlebot-gym",
-        description="A TurtleBot that navigates on what a Kalman filter believes.",
+        description="A TurtleBot that navigates on what a Kalman filter believes. --version prints the version.",
         args=argv,
     )
     sys.path.append(str(Path.cwd()))  # for policies of one's own, which a console script would not find

@@ -68,5 +68,5 @@ class Placement:
 
     def settings(self) -> Mapping[str, Any]:
         """Return what results depend on: all options but where the work is done and where results are written."""
-        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume"}
+        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "wandb"}
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}
