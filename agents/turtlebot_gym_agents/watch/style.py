@@ -29,6 +29,11 @@ LIMIT = Ink("#8a6d00", ORANGE)
 LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a"))
 """Of the guard's reports: fine, warning, error."""
 
+PRESENT = {
+    "truth": TRUTH, "estimate": ESTIMATE, "odometry": ODOMETRY, "goal": GOAL, "scan": SCAN, "solid": SOLID, "text": TEXT,
+}  # fmt: skip
+"""What `present.js` draws with."""
+
 _BRIGHTER = {BLUE: "#4aa8e0", VERMILLION: "#f0813a"}
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 _ORDER = (0, 3, 2, 4, 1)
