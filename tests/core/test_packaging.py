@@ -74,7 +74,8 @@ def test_what_runs_elsewhere_calls_targets_that_exist():
     _, every = targets()
     hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
     steps = [step["run"] for job in CI["jobs"].values() for step in job["steps"] if "run" in step]
-    called = [word for line in steps if line.startswith("make ") for word in line.split()[1:] if re.fullmatch(r"[a-z-]+", word)]
+    made = [line.partition("#")[0].partition("=")[0].split()[1:] for line in steps if line.startswith("make ")]
+    called = [word for words in made for word in words if re.fullmatch(r"[a-z-]+", word)]
     assert {"docs", "build", "demo", "image"} <= set(called) <= every
     assert "make check test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert any(".ci/run" in step for step in steps)

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ERRORS = (
-    *("position, mean, m", "position, max, m", "position, final, m"),
-    *("heading, mean, rad", "heading, max, rad", "heading, final, rad"),
+    *("position mean, m", "position max, m", "position final, m"),
+    *("heading mean, rad", "heading max, rad", "heading final, rad"),
 )
 """Headings of `Errors`; each says what it is, since a narrow terminal shows them in several tables."""
 

@@ -12,6 +12,8 @@ from rich.text import Text
 
 LONG = 24
 """Longest word that a column makes room for; a longer one, such as a path, is broken."""
+SHORTER = (16, 12, 8, 4)
+"""The same for key columns that leave too little room for the others."""
 BORDER, BETWEEN = 1, 3
 """Characters of a table's left border, and of each column's padding and right border, in the default box of Rich."""
 _NUMBERS = re.compile(r"(?:[-+±×−?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b[xkM]\b|inf|nan)*")
@@ -42,6 +44,7 @@ def fitted(table: Table, width: int, *, keys: int | None = None) -> list[Table]:
         return [table]
     if keys is None:
         keys = 1 + next((at for at, column in enumerate(table.columns[1:]) if _is_of_numbers(column)), 0)
+    needs[:keys] = _key_needs(table.columns[:keys], width - max((need.least + BETWEEN for need in needs[keys:]), default=0))
     groups = _groups([need.least for need in needs], keys, width)
     parts = []
     for number, group in enumerate(groups):
@@ -52,12 +55,25 @@ def fitted(table: Table, width: int, *, keys: int | None = None) -> list[Table]:
     return parts
 
 
-def _need(column: Column) -> Need:
+def _need(column: Column, *, long: int = LONG) -> Need:
     header, *cells = (Text.from_markup(str(text)).plain for text in (column.header, *column.cells))
     words = (word for text in (header, *cells) if text is header or not _is_number(text) for word in text.split())
     numbers = (cell_len(cell) for cell in cells if _is_number(cell))
-    least = max([1, *(min(cell_len(word), LONG) for word in words), *numbers])
+    least = max([1, *(min(cell_len(word), long) for word in words), *numbers])
     return Need(least, max([least, *(cell_len(line) for text in (header, *cells) for line in text.splitlines())]))
+
+
+def _key_needs(columns: Sequence[Column], width: int) -> list[Need]:
+    """Return the widths of key columns: unwrapped if they take less than half the width, otherwise as wide as there is room."""
+    needs = [_need(column) for column in columns]
+    unwrapped = [need._replace(least=min(need.whole, LONG)) for need in needs]
+    if _total([need.least for need in unwrapped]) <= width / 2:
+        return unwrapped
+    for long in SHORTER:
+        if _total([need.least for need in needs]) <= width:
+            break
+        needs = [_need(column, long=long) for column in columns]
+    return needs
 
 
 def _is_number(text: str) -> bool:

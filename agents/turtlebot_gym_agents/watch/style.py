@@ -24,7 +24,7 @@ SOLID = Ink("#777777", "#8b9098")
 UNKNOWN = Ink("#dddddd", "#3a3f46")
 TEXT = Ink("#24292f", "#d7dce2")
 FAINT = Ink("#e3e6ea", "#343a42")
-LIMIT = Ink("#8a6d00", ORANGE)
+LIMIT = Ink("#57606a", "#9aa4af")
 """Limits: the NIS's 95 % line, contact."""
 LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a"))
 """Of the guard's reports: fine, warning, error."""
