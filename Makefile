@@ -8,8 +8,15 @@ READY := $(VENV)/.ready
 
 .PHONY: $(shell sed -nE 's/^([a-z-]+):.*/\1/p' $(firstword $(MAKEFILE_LIST)))
 
-help:  ## list the targets
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+help:  ## this list, as plain make prints it
+	@awk -F ':.*## ' '/^##@/ {print "\n" substr($$0, 5)} /^[a-z-]+:.*## / { \
+		line = sprintf("  %-18s", $$1); count = split($$2, words, " "); \
+		for (at = 1; at <= count; at++) { \
+			if (length(line " " words[at]) > 79) {print line; line = sprintf("%20s", "")} \
+			line = line " " words[at]} \
+		print line}' $(MAKEFILE_LIST)
+	@echo
+	@echo "Variables: PYTHON=$(PYTHON) makes .venv, OUT=$(OUT) takes results, DATA=$(DATA) has recorded drives."
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12")'
@@ -19,6 +26,7 @@ $(READY): pyproject.toml constraints.txt
 
 SQUARE := turtlebot_gym/TurtleBotSquare-v0
 
+##@ See it
 demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy, and put it into a live ROS graph
 	@mkdir -p $(OUT)
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 --plot $(OUT)/square_by_time.png --force
@@ -30,8 +38,18 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
 	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png --force
-	@echo "The figures are in $(OUT)/."
+	$(RUN)turtlebot-gym watch --env turtlebot_gym/TurtleBotRooms-v0 --world office --policy vfh ppo-rooms --seed 1 \
+		--html $(OUT)/rooms.html
+	@echo
+	@echo "Look at what is in $(OUT)/:"
+	@echo "  rooms.html           open it in a browser: two policies in a room side by side; play and scrub"
+	@echo "  square_by_time.png   the tutorial's square on raw odometry and on the filter's estimate"
+	@if [ -f $(OUT)/replay.png ]; then echo "  replay.png           the filter on a recorded drive of a real robot"; fi
+	@echo "  nav.png              paths of three policies to the same goal"
+	@echo "  graph.png            the policy that was just trained, in the live ROS graph"
+	@echo "  square/policy.onnx   that policy: turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
 
+##@ Test
 test: $(READY)  ## all tests but the slow ones
 	$(RUN)python -m pytest -n 2 --dist loadfile -m "not slow and not clients and not cluster and not browser"
 
@@ -71,6 +89,7 @@ check: $(READY)  ## style, types and the direction of imports
 	$(RUN)pyright --pythonpath $(RUN)python
 	$(RUN)lint-imports
 
+##@ Measure speed, and how much the tests notice
 mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (an hour)
 	$(RUN)python benchmarks/mutants.py --json benchmarks/mutants.json
 
@@ -89,12 +108,14 @@ bench-train: $(READY)  ## from command to policy: what train takes beside the le
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/command_to_policy.py --busy 4 --json $(OUT)/command_to_policy.json
 
+##@ Document
 notebooks: $(READY)  ## execute the notebooks and store their outputs
 	$(RUN)python notebooks/execute.py notebooks/*.ipynb
 
 docs: $(READY)  ## build the documentation into out/docs
 	DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=true $(RUN)python -m mkdocs build --strict --site-dir $(abspath $(OUT))/docs
 
+##@ Measure the results on the pages
 bench-ros: $(READY)  ## the live graph: latency, jitter, CPU, memory, time to a stop (15 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/ros.py --json $(OUT)/ros.json
@@ -144,12 +165,16 @@ faults: $(READY)  ## 1000 faults injected into live guards, with an independent 
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
 
+##@ Package
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet
 	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt "$$(ls dist/*.whl)[gym]"
 	cd dist && try/bin/turtlebot-gym evaluate --episodes 20
 	$(PYTHON) -m venv dist/thin && dist/thin/bin/pip install --quiet --constraint constraints.txt dist/*.whl
 	cd dist && thin/bin/python ../tests/bridges/thin.py > thin.txt  # filter, policies and guard, with numpy and PyYAML alone
+
+image:  ## a container image, turtlebot-gym, for machines without Linux; needs docker
+	docker build --tag turtlebot-gym .
 
 clean:  ## remove the virtual environment and all output
 	rm -rf $(VENV) $(KILTED) $(CLIENTS) $(OUT) dist build

@@ -5,9 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from turtlebot_gym import __version__
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand, and return the exit status."""
+    if [*(sys.argv[1:] if argv is None else argv)] == ["--version"]:
+        print(f"turtlebot-gym {__version__}")
+        return 0
     try:
         from turtlebot_gym_agents.commands.cli import main as run
     except ModuleNotFoundError as error:

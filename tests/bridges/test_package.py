@@ -263,7 +263,7 @@ def test_colcon_builds_the_package(tmp_path):
     assert files_of(PACKAGE) == before
     prefix = tmp_path / "install" / "turtlebot_gym_ros"
     share = prefix / "share" / "turtlebot_gym_ros"
-    for path in (*CONFIGS, *LAUNCHES, RVIZ, PACKAGE / "package.xml"):
+    for path in (*CONFIGS, *LAUNCHES, RVIZ, *sorted((PACKAGE / "layouts").iterdir()), PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
     assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {*NODES}
     (library,) = prefix.glob("lib/python*/site-packages")
@@ -286,6 +286,8 @@ def test_the_wheel_holds_the_package(tmp_path):
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
-    held = {name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("turtlebot_gym_ros/")}
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {f"{package}/py.typed" for package in ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")} <= set(names)
+    held = {name for name in names if name.startswith("turtlebot_gym_ros/")}
     sources = {str(path.relative_to(PACKAGE)) for path in files_of(SOURCES) if path.is_file()}
     assert held == sources

@@ -10,6 +10,7 @@ import shutil
 import statistics
 import time
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -43,8 +44,8 @@ SCRUB = """async (turns) => {
     }
     return taken
 }"""
-OPEN_LIMIT, SCRUB_LIMIT = 2.0, 0.1
-"""Longest time to open a drive of 60 s, and median time to draw another moment of it, s."""
+SIZE_LIMIT, OPEN_LIMIT, SCRUB_LIMIT = 3_000_000, 2.0, 0.1
+"""Greatest size of the file of a drive of 60 s, bytes; longest time to open it, and median time to draw another moment of it, s."""
 
 
 @pytest.fixture(scope="module")
@@ -124,20 +125,45 @@ def visit(browser):
 
 
 @pytest.fixture(scope="module")
-def long_url(long_drive, tmp_path_factory):
-    path = tmp_path_factory.mktemp("file") / "drive.html"
-    write_html([long_drive], path, title="TurtleBotRooms-v0, office, seed 9")
-    return path.as_uri()
+def urls(long_drive, tmp_path_factory):
+    """Files of a drive of 60 s, alone and beside another one of 60 s, by the number of maps."""
+    folder = tmp_path_factory.mktemp("file")
+    for number in (1, 2):
+        write_html([long_drive] * number, folder / f"{number}.html", title="TurtleBotRooms-v0, office, seed 9")
+    return {number: (folder / f"{number}.html").as_uri() for number in (1, 2)}
 
 
-def test_a_file_of_60_s_opens_and_scrubs_in_time(visit, long_url, results):
-    visits = [visit(long_url) for _ in range(3)]
+@pytest.fixture
+def long_url(urls):
+    return urls[1]
+
+
+@pytest.mark.parametrize("maps", [1, 2])
+def test_a_file_of_60_s_opens_and_scrubs_in_time(visit, urls, results, maps):
+    url = urls[maps]
+    size = Path(urlsplit(url).path).stat().st_size
+    visits = [visit(url) for _ in range(3)]
     scrubs = [statistics.median(each.page.evaluate(SCRUB, 40)) / 1000.0 for each in visits]
-    figures = {"opened": [each.opened for each in visits], "scrubbed": scrubs, "requests": sorted(set(visits[0].requests))}
-    (results / "figures.json").write_text(json.dumps(figures, indent=1))
+    requests = sorted(set(visits[0].requests))
+    figures = {"bytes": size, "opened": [each.opened for each in visits], "scrubbed": scrubs, "requests": requests}
+    (results / f"figures-{maps}.json").write_text(json.dumps(figures, indent=1))
+    assert size <= SIZE_LIMIT
     assert min(figures["opened"]) <= OPEN_LIMIT  # the best of three: others use the machine too
     assert min(scrubs) <= SCRUB_LIMIT
-    assert all(each.requests == [long_url] for each in visits)
+    assert all(each.requests == [url] for each in visits)
+
+
+@pytest.mark.parametrize("maps", [1, 2])
+def test_what_is_scrubbed_to_is_drawn_at_once(visit, urls, maps):
+    seen = visit(urls[maps])
+    drawn = {}
+    for turn in range(2):
+        for moment in (5.0, 25.0, 45.0):
+            seen.page.evaluate("t => window.watch.seek(t)", moment)  # and no wait
+            picture = seen.picture("main")
+            assert (picture == drawn.setdefault(moment, picture)).all(), f"{moment} s, turn {turn}"
+    assert (drawn[5.0] != drawn[25.0]).any()
+    assert (drawn[25.0] != drawn[45.0]).any()
 
 
 @pytest.mark.parametrize("size", SIZES)

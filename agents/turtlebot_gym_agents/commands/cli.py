@@ -183,7 +183,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = tyro.extras.subcommand_cli_from_dict(
         dict(COMMANDS),
         prog="turtlebot-gym",
-        description="A TurtleBot that navigates on what a Kalman filter believes.",
+        description="A TurtleBot that navigates on what a Kalman filter believes. --version prints the version.",
         args=argv,
     )
     if (here := str(Path.cwd())) not in sys.path:

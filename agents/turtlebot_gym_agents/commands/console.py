@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -95,12 +96,22 @@ def progress(total: int) -> Iterator[Callable[..., None]]:
         yield lambda completed, total=None: bar.update(task, completed=completed, total=total)
 
 
-def print_tables(*tables: Table) -> None:
-    """Print tables to standard output; in full width if that is a file or a pipe."""
+def print_tables(*tables: Table, keys: int | None = None) -> None:
+    """Print tables to standard output, in parts where one is too wide for the terminal.
+
+    A file or a pipe is 160 characters wide, unless the environment variable COLUMNS says otherwise.
+
+    Args:
+        tables: What to print.
+        keys: How many columns tell one row from another, see `tables.fitted`.
+    """
     from rich.console import Console
 
+    from turtlebot_gym_agents.commands.tables import fitted
+
     console = Console()
-    Console(width=console.width if console.is_terminal else 160).print(*tables)
+    width = console.width if console.is_terminal or "COLUMNS" in os.environ else 160
+    Console(width=width).print(*(part for table in tables for part in fitted(table, width, keys=keys)))
 
 
 def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -72,6 +73,8 @@ class Train(_Learned, Placement):
     """Number of evaluations during training."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
+    wandb: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PROJECT]")] = None
+    """Send configuration and curves to Weights & Biases; needs the extra [wandb]."""
 
     def run(self) -> None:
         """Train, print a table, and write the requested files."""
@@ -79,6 +82,7 @@ class Train(_Learned, Placement):
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
         from turtlebot_gym_agents.training.config import require_no_run
 
+        self._require_tracking()
         self.require_cluster()
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
@@ -87,36 +91,23 @@ class Train(_Learned, Placement):
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
-        from rich.table import Table
+        from turtlebot_gym_agents.commands.learning_report import Trained, training_table
 
         if self.spread:
             results = self._spread(configs, folders)
         else:
             results = (
-                train(config, folder, resume=self.resume, callbacks=self._watching(config))
+                train(config, folder, resume=self.resume, callbacks=self._callbacks(config, folder))
                 for config, folder in zip(configs, folders, strict=True)
             )
-        table = Table(
-            "seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy",
-            title=f"{self.env}, {self.algo}, the best model on the evaluation's seeds",
-        )  # fmt: skip
+        trained = [Trained(*one) for one in zip(seeds, folders, results, strict=True)]
         runs, times = [], []
-        for seed, folder, result in zip(seeds, folders, results, strict=True):
-            best = result.best
-            table.add_row(
-                str(seed),
-                f"{result.steps:,}",
-                f"{result.seconds:.1f}",
-                f"{result.steps_per_second:,.0f}",
-                f"{100.0 * best['success']:.1f}",
-                f"{best['return']:.2f}",
-                f"{best['steps_to_end']:.1f}",
-                str(folder / "policy.onnx"),
-            )
+        for seed, folder, result in trained:
             told = asdict(result)
             times.append({"seed": seed, **{name: told.pop(name) for name in ("seconds", "steps_per_second")}})
             runs.append({"seed": seed, "folder": folder, **told})
-        print_tables(table)
+        title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
+        print_tables(training_table(trained, title=title))
         if self.json is not None:
             write_json(self.json, {"runs": runs, "times": times}, config=self.settings())
 
@@ -130,13 +121,30 @@ class Train(_Learned, Placement):
         with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as place:
             yield from train_all(configs, folders, **place._asdict(), progress=advance_to)
 
-    def _watching(self, config: TrainingConfig) -> list[Any]:
-        """Return the callback that shows the policy, if requested."""
-        if not self.watch:
-            return []
-        with needs("watch"):
-            from turtlebot_gym_agents.training.watching import WatchCallback
-        return [WatchCallback(config)]
+    def _callbacks(self, config: TrainingConfig, folder: Path) -> list[Any]:
+        """Return the callbacks that show the policy and send its curves, where that is asked for."""
+        callbacks: list[Any] = []
+        if self.watch:
+            with needs("watch"):
+                from turtlebot_gym_agents.training.watching import WatchCallback
+            callbacks.append(WatchCallback(config))
+        if self.wandb is not None:
+            with needs("wandb"):
+                from turtlebot_gym_agents.training.tracking import PROJECT, WandbCallback
+
+                callbacks.append(WandbCallback(config, folder, project=next(iter(self.wandb), PROJECT)))
+        return callbacks
+
+    def _require_tracking(self) -> None:
+        """Check what Weights & Biases needs before anything is trained."""
+        if self.wandb is None:
+            return
+        if self.spread:
+            raise ValueError("wandb follows trainings in this process: leave out --cluster and --store.")
+        if len(self.wandb) > 1:
+            raise ValueError(f"wandb takes one project, got {', '.join(self.wandb)}.")
+        if find_spec("wandb") is None:
+            raise ImportError("wandb is not installed: pip install 'turtlebot-gym[wandb]'.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +171,8 @@ class Tune(_Learned, Placement):
         with _loading(config), needs("agents"):
             from turtlebot_gym_agents.training.tuning import tune
         from rich.console import Console
-        from rich.table import Table
+
+        from turtlebot_gym_agents.commands.learning_report import search_table
 
         self.require_cluster()
         console = Console(stderr=True)
@@ -175,12 +184,8 @@ class Tune(_Learned, Placement):
             common = {"trials": self.trials, "storage": self.storage, "progress": told}
             spread = self.spread or self.generation is not None
             study = self._spread(**common) if spread else tune(config, self.out, **common)
-        complete = [trial for trial in study.trials if trial.value is not None]
-        complete.sort(key=lambda trial: -(trial.value or 0.0))
-        table = Table("trial", "return", "hyper-parameters", title=f"{self.env}, {self.algo}: the best of {len(study.trials)}")
-        for trial in complete[:5]:
-            table.add_row(str(trial.number), f"{trial.value:.3f}", ", ".join(f"{k} {v}" for k, v in trial.params.items()))
-        print_tables(table)
+        title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
+        print_tables(search_table(study.trials, title=title))
         if self.json is not None:
             trials = [
                 {"number": one.number, "state": one.state.name, "return": one.value, "parameters": one.params}

@@ -70,5 +70,5 @@ class Placement:
 
     def settings(self) -> Mapping[str, Any]:
         """Return the options that results depend on: all except where the work runs and where results are written."""
-        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "force"}
+        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "force", "wandb"}
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}

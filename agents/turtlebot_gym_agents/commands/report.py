@@ -17,6 +17,12 @@ from turtlebot_gym_agents.evaluation.replay import Replayed
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+ERRORS = (
+    *("position mean, m", "position max, m", "position final, m"),
+    *("heading mean, rad", "heading max, rad", "heading final, rad"),
+)
+"""Headings of `Errors`; each says what it is, since a narrow terminal shows them in several tables."""
+
 
 def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, ...]:
     """Return tables of results, and of the errors of estimate and odometry.
@@ -31,11 +37,8 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
         "false arrivals, %",
         title=title, caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
     )  # fmt: skip
-    believed = Table(
-        "", "estimate, m: mean", "max", "final", "rad: mean", "max", "final",
-        "odometry, m: mean", "max", "final", "rad: mean", "max", "final",
-        title="errors of position and heading, mean over episodes",
-    )  # fmt: skip
+    estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
+    odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")
     for label, one in evaluations.items():
         s = one.summary()
         driven.add_row(
@@ -50,8 +53,9 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
             _number(s["effort"], 2, brief=True),
             _percent(s["false_arrival"]),
         )
-        believed.add_row(label, *_errors(one.episodes.estimate), *_errors(one.episodes.odometry))
-    tables = [driven, believed]
+        estimate.add_row(label, *_errors(one.episodes.estimate))
+        odometry.add_row(label, *_errors(one.episodes.odometry))
+    tables = [driven, estimate, odometry]
     if all("collision" in one.summary() for one in evaluations.values()):
         tables.insert(1, _rooms_table(evaluations))
     return tuple(tables)
@@ -85,9 +89,7 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
         results: Name and result of each.
         title: What stands above.
     """
-    table = Table(
-        "", "", "position, m: mean", "max", "final", "heading, rad: mean", "max", "final", "per metre, m", "rad", title=title
-    )  # fmt: skip
+    table = Table("", "", *ERRORS, "drift, m per metre", "drift, rad per metre", title=title)
     for name, one in results.items():
         table.add_section()
         table.add_row(name, "measured pose", *_errors(one.raw))
@@ -100,8 +102,8 @@ def estimation_table(result: Estimation) -> Table:
     """Return a table of filters' errors against the bound, and of their consistency."""
     config, (low, high) = result.config, result.band
     table = Table(
-        "", "x, m", "y, m", "heading, rad", "over the bound: x", "y", "heading", "NEES", "NIS", "beyond 3 sigma, %",
-        "correlation",
+        "", "x, m", "y, m", "heading, rad", "x over the bound", "y over the bound", "heading over the bound", "NEES", "NIS",
+        "beyond 3 sigma, %", "correlation",
         title=f"noise {config['noise']}, {config['runs']} drives of {config['seconds']:g} s from seed {config['seed']}",
         caption=f"RMSE at the end, with 95 % intervals; NEES of the pose: 3, here {low:.2f} to {high:.2f} of a consistent "
         "filter, which is beyond 3 sigma in 0.8 % of the time; correlation of successive innovations: 0",

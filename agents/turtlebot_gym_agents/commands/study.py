@@ -41,7 +41,8 @@ class Study(Placement, Writing):
         memory = Training.memory if grid.trainings else Drive.memory
         with self.place(memory=memory, store=self.out / "units") as place, progress(1) as advance_to:
             rows = study(grid, **place._asdict(), progress=lambda done, total: advance_to(done, total))
-        print_tables(table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}"))
+        drawn = table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")
+        print_tables(drawn, keys=1 + [column.header for column in drawn.columns].index("policy"))
         if self.json is not None:
             write_json(
                 self.json, {"cells": rows}, config={name: value for name, value in vars(grid).items() if name != "chunk"}

@@ -55,7 +55,7 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
         title: What stands above.
     """
     table = Table(
-        "environment", "steps/s", "times CartPole", "in the rounds", "steps/CPU s", "times CartPole",
+        "environment", "steps/s", "times CartPole", "in the rounds", "steps/CPU s", "times CartPole by CPU s",
         title=title, caption="medians over the rounds; CartPole is Gymnasium's, of the same size where that was measured",
     )  # fmt: skip
     for name, row in rows.items():

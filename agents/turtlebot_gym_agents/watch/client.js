@@ -1,11 +1,8 @@
 // What the browser does: it shows the drives at a time, and lets that time be scrubbed, played and followed.
-// Its names come from view.py: runs, cursors, time_range, theme, live.
+// Its names come from view.py: runs, plots, time_range, theme, live; and from present.js.
 const element = (name) => document.getElementById(name)
 const slider = element("time"), play_button = element("play"), speed = element("speed"), follow_button = element("live")
 let time = 0, playing = false, following = live, last_frame = 0
-
-// The first n numbers of a column, as a view of it where it is an array of numbers.
-const first = (column, n) => ArrayBuffer.isView(column) ? new Float32Array(column.buffer, column.byteOffset, n) : column.slice(0, n)
 
 const end = () => runs.reduce((latest, {rows}) => Math.max(latest, rows.data.time[rows.data.time.length - 1] ?? 0), 0)
 
@@ -39,33 +36,6 @@ function points_of(scans, at) {
   return {x, y}
 }
 
-function circles_of(numbers) {
-  const x = [], y = [], radius = []
-  for (let at = 0; at + 2 < numbers.length; at += 3) {
-    x.push(numbers[at]); y.push(numbers[at + 1]); radius.push(numbers[at + 2])
-  }
-  return {x, y, radius}
-}
-
-const TRAILS = ["x", "y", "ex", "ey", "ox", "oy"]
-const COPIED = ["x", "y", "theta", "ex", "ey", "etheta", "ox", "oy", "otheta", "gx", "gy", "gtheta", "width", "height", "tilt"]
-
-function present(data, k, [robot, goal]) {
-  const now = {}
-  for (const name of COPIED) now[name] = data[name][k]
-  const tip = (prefix, length) => {
-    now[prefix + "tip_x"] = now[prefix + "x"] + length * Math.cos(now[prefix + "theta"])
-    now[prefix + "tip_y"] = now[prefix + "y"] + length * Math.sin(now[prefix + "theta"])
-  }
-  tip("", robot); tip("e", 1.5 * robot); tip("o", robot); tip("g", goal)
-  const known = Number.isFinite(now.x)  // without a known truth the robot is drawn where it believes it is
-  now.body_x = known ? now.x : now.ex
-  now.body_y = known ? now.y : now.ey
-  now.body_radius = robot
-  now.goal_radius = goal
-  return now
-}
-
 const escaped = (text) => text.replace(/[&<>]/g, (sign) => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[sign])
 
 function words(data, k) {
@@ -84,26 +54,31 @@ function words(data, k) {
   return told.join("")
 }
 
+// What is drawn of each run, and the functions that draw it.
+const moments = runs.map(({rows, scans, figure, still, sizes}, at) => {
+  const moment = {data: rows.data, k: -1, scan: "", points: {x: [], y: []}, circles: still, sizes, readout: element(`readout${at}`)}
+  const repaint = overlay(cb_context.index[figure.id], (ctx, frame) => { if (moment.k >= 0) paint_moment(ctx, frame, moment) })
+  return {moment, rows, scans, still, repaint}
+})
+const cursors = plots.map((figure) => overlay(cb_context.index[figure.id], (ctx, frame) => paint_cursor(ctx, frame, time)))
+
 function draw() {
-  runs.forEach(({rows, scans, now, trail, points, circles, still, sizes}, at) => {
-    const data = rows.data, k = row_at(data.time, time)
-    if (data.time.length === 0) return
-    const values = present(data, k, sizes)
-    set(now, {data: Object.fromEntries(Object.entries(values).map(([name, value]) => [name, [value]]))})
-    set(trail, {data: Object.fromEntries(TRAILS.map((name) => [name, first(data[name], k + 1)]))})
-    const scan = `${data.scan[k]}/${scans.data.x.length}`
-    if (points.shown !== scan) {
-      points.shown = scan
-      set(points, {data: points_of(scans.data, data.scan[k])})
+  for (const {moment, rows, scans, still, repaint} of moments) {
+    const data = rows.data
+    if (data.time.length === 0) continue
+    const k = row_at(data.time, time), scan = `${data.scan[k]}/${scans.data.x.length}`
+    if (moment.scan !== scan) {
+      moment.scan = scan
+      moment.points = points_of(scans.data, data.scan[k])
     }
-    const walking = data.circles[k], standing = walking.length === 0
-    if (!standing || circles.shown !== "standing") {
-      circles.shown = standing ? "standing" : ""
-      set(circles, {data: circles_of(standing ? still : walking)})
-    }
-    element(`readout${at}`).innerHTML = words(data, k)
-  })
-  for (const cursor of cursors) set(cursor, {location: time})
+    moment.data = data
+    moment.circles = data.circles[k].length > 0 ? data.circles[k] : still
+    if (moment.k !== k || moment.told !== data.time.length) moment.readout.innerHTML = words(data, k)
+    moment.k = k
+    moment.told = data.time.length
+    repaint()
+  }
+  for (const repaint of cursors) repaint()
   slider.value = time
   element("clock").textContent = `${time.toFixed(1)} / ${end().toFixed(1)} s`
 }
@@ -195,8 +170,8 @@ function grow() {
 }
 
 function paint() {
-  const dark = matchMedia("(prefers-color-scheme: dark)").matches
-  for (const [model, name, light_value, dark_value] of theme) set(model, {[name]: dark ? dark_value : light_value})
+  shade = matchMedia("(prefers-color-scheme: dark)").matches ? 1 : 0
+  for (const [model, name, ...values] of theme) set(model, {[name]: values[shade]})
 }
 
 slider.addEventListener("input", () => seek(Number(slider.value)))
@@ -210,7 +185,7 @@ document.addEventListener("keydown", (event) => {
     seek(time + (event.key === "ArrowRight" ? 0.1 : -0.1) * (event.shiftKey ? 10 : 1))
   }
 })
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint)
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { paint(); draw() })
 let waiting = false
 const soon = () => {  // several columns may grow at once
   if (!waiting) {

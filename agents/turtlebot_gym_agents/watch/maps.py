@@ -1,4 +1,4 @@
-"""The map of a run: the room, and the objects that the client moves in it."""
+"""The map of a run: the room. What moves in it is drawn by `present.js`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import ColumnDataSource, LinearColorMapper, Range1d
+from bokeh.models import LinearColorMapper, Range1d
 from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
@@ -20,24 +20,14 @@ PAD = 0.3
 """Margin around the visible contents, m."""
 PIXELS = 800
 """Longest side of a map's picture."""
-_NOW = (
-    *("x", "y", "theta", "ex", "ey", "etheta", "ox", "oy", "otheta", "gx", "gy", "gtheta", "width", "height", "tilt"),
-    *("tip_x", "tip_y", "etip_x", "etip_y", "otip_x", "otip_y", "gtip_x", "gtip_y"),
-    *("body_x", "body_y", "body_radius", "goal_radius"),
-)
 
 
 class Map(NamedTuple):
-    """A map, and the sources that the client fills."""
+    """A map, and what the client needs to draw in it."""
 
     figure: Figure
     aspect: float
     """Ratio of width to height of the visible area."""
-    now: ColumnDataSource
-    """The current state, in one row."""
-    trail: ColumnDataSource
-    points: ColumnDataSource
-    circles: ColumnDataSource
     still: list[float]
     """x, y and radius of each static circle in sequence."""
     sizes: list[float]
@@ -47,8 +37,7 @@ class Map(NamedTuple):
 
     def models(self) -> dict[str, Any]:
         """Return the models that the client needs, by name."""
-        names = ("figure", "now", "trail", "points", "circles", "still", "sizes", "seen")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in ("figure", "still", "sizes", "seen")}
 
 
 def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, beside: Figure | None) -> Map:
@@ -71,19 +60,13 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
     )  # fmt: skip
     figure.toolbar.autohide = True
     theme.dress(figure)
-    sources = {
-        "now": ColumnDataSource({name: [np.nan] for name in _NOW}),
-        "trail": ColumnDataSource({name: [] for name in ("x", "y", "ex", "ey", "ox", "oy")}),
-        "points": ColumnDataSource({"x": [], "y": []}),
-        "circles": ColumnDataSource({"x": [], "y": [], "radius": []}),
-    }
     _draw_room(figure, track, theme)
-    _draw_present(figure, theme, **sources)
+    figure.scatter([], [])  # Bokeh warns of a figure that has nothing to draw
     room, around = track.around.room, track.around
     still = [number for circle in (room.circles if room else ()) for number in circle]
     width, height = high - low
     aspect = float(np.clip(width / height, 0.7, 2.0))
-    return Map(figure, aspect, **sources, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
+    return Map(figure, aspect, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
 
 
 def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -139,7 +122,7 @@ def _corners(grid: GridMap) -> NDArray[np.float64]:
 
 
 def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
-    """Draw static objects except circles, which the client draws together with walkers."""
+    """Draw what stands still; circles are left to the client, since they may walk."""
     room, grid = track.around.room, track.around.grid
     if grid is not None:
         shown, (x, y, width, height) = picture(grid)
@@ -156,43 +139,3 @@ def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
             cx, cy, length, width, heading = np.array(room.boxes).T
             boxes = figure.rect(cx, cy, length, width, angle=heading, line_color=None)
             theme.paint(boxes.glyph, style.SOLID, "fill_color")
-
-
-def _draw_present(
-    figure: Figure,
-    theme: Theme,
-    *,
-    now: ColumnDataSource,
-    trail: ColumnDataSource,
-    points: ColumnDataSource,
-    circles: ColumnDataSource,
-) -> None:
-    """Draw the objects that the client moves."""
-
-    def paint(renderer: Any, ink: style.Ink, *names: str) -> None:
-        theme.paint(renderer.glyph, ink, *names)
-
-    def pointer(prefix: str, ink: style.Ink, width: float) -> None:
-        """Draw a heading."""
-        at, tip = prefix + "{}", prefix + "tip_{}"
-        segment = figure.segment(
-            at.format("x"), at.format("y"), tip.format("x"), tip.format("y"), source=now, line_width=width, line_cap="round"
-        )
-        paint(segment, ink, "line_color")
-
-    paint(figure.circle("x", "y", radius="radius", source=circles, line_color=None), style.SOLID, "fill_color")
-    goal = figure.circle("gx", "gy", radius="goal_radius", source=now, fill_alpha=0.15, line_width=2)
-    paint(goal, style.GOAL, "line_color", "fill_color")
-    pointer("g", style.GOAL, 2.0)
-    paint(figure.scatter("x", "y", source=points, size=3, line_color=None), style.SCAN, "fill_color")
-    paint(figure.scatter("ox", "oy", source=trail, size=2.5, line_color=None, alpha=0.7), style.ODOMETRY, "fill_color")
-    paint(figure.line("x", "y", source=trail, line_width=2.4), style.TRUTH, "line_color")
-    paint(figure.line("ex", "ey", source=trail, line_width=1.5, line_dash=[6, 3]), style.ESTIMATE, "line_color")
-    body = figure.circle("body_x", "body_y", radius="body_radius", source=now, fill_alpha=0.2, line_width=2)
-    paint(body, style.TRUTH, "line_color", "fill_color")
-    pointer("", style.TRUTH, 3.0)
-    paint(figure.scatter("ox", "oy", source=now, size=7, line_color=None), style.ODOMETRY, "fill_color")
-    pointer("o", style.ODOMETRY, 2.0)
-    ellipse = figure.ellipse("ex", "ey", "width", "height", angle="tilt", source=now, fill_alpha=0.15, line_width=1.5)
-    paint(ellipse, style.ESTIMATE, "line_color", "fill_color")
-    pointer("e", style.ESTIMATE, 2.0)

@@ -27,8 +27,6 @@ class Plots(NamedTuple):
     """The plots over time."""
 
     figures: list[Figure]
-    cursors: list[Span]
-    """Cursor at the current time in each plot."""
     range: Range1d
     """Times, shared by all, s."""
 
@@ -46,7 +44,7 @@ class Curve(NamedTuple):
 def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
     """Return the plots; those without any data are left out, unless drives still grow."""
     end = max(float(track.drive.time[-1] - track.drive.time[0]) for track in tracks)
-    plots = Plots([], [], Range1d(start=0.0, end=max(end, 1.0)))
+    plots = Plots([], Range1d(start=0.0, end=max(end, 1.0)))
     several = len(tracks) > 1
 
     def plot(title: str, curves: Sequence[Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
@@ -90,7 +88,7 @@ def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme:
 
 
 def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
-    """Return an empty plot with the cursor; a tap on it moves the cursor there."""
+    """Return an empty plot; a tap on it moves the present there."""
     values = DataRange1d(range_padding=0.12)
     if floor is not None:
         values.start = floor
@@ -102,12 +100,8 @@ def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figu
     theme.dress(figure)
     figure.yaxis.ticker = BasicTicker(desired_num_ticks=3)
     figure.xgrid.visible = False
-    cursor = Span(location=0.0, dimension="height", line_width=1.5, level="overlay")
-    theme.paint(cursor, style.TEXT, "line_color")
-    figure.add_layout(cursor)
     figure.js_on_event("tap", CustomJS(code="window.watch.seek(cb_obj.x)"))
     plots.figures.append(figure)
-    plots.cursors.append(cursor)
     return figure
 
 

@@ -24,10 +24,15 @@ SOLID = Ink("#777777", "#8b9098")
 UNKNOWN = Ink("#dddddd", "#3a3f46")
 TEXT = Ink("#24292f", "#d7dce2")
 FAINT = Ink("#e3e6ea", "#343a42")
-LIMIT = Ink("#8a6d00", ORANGE)
+LIMIT = Ink("#57606a", "#9aa4af")
 """Colour of limits: the NIS's 95 % line, contact."""
 LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a"))
 """Colours of the guard's reports: fine, warning, error."""
+
+PRESENT = {
+    "truth": TRUTH, "estimate": ESTIMATE, "odometry": ODOMETRY, "goal": GOAL, "scan": SCAN, "solid": SOLID, "text": TEXT,
+}  # fmt: skip
+"""What `present.js` draws with."""
 
 _BRIGHTER = {BLUE: "#4aa8e0", VERMILLION: "#f0813a"}
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}

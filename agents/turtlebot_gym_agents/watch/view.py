@@ -1,7 +1,7 @@
 """The view: a map for each run, plots over time for all runs, and variables for the page template. Made with Bokeh.
 
-`client.js` draws the state at a time from the columns of `columns`, so that a file needs no server. A live view is the same
-page with growing columns.
+Everything that a browser shows at a moment is drawn by `present.js` and `client.js` from the columns of `columns`, so that a file
+needs no server. A live view is the same page, whose columns grow.
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool 
         document.add_root(root)
     client: dict[str, Any] = {
         "runs": [{"rows": run.rows, "scans": run.scans, **each.models()} for run, each in zip(runs, maps, strict=True)],
-        "cursors": plots.cursors,
+        "plots": plots.figures,
+        "inks": style.PRESENT,
         "time_range": plots.range,
         "theme": theme.entries,
         "live": live,
@@ -87,7 +88,7 @@ def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool 
     again.js_on_change("data", CustomJS(code="window.location.reload()"))
     for run in runs:
         run.rows.tags = [run.scans, again]  # no drawn model refers to them, and only referenced models are synchronized
-    document.js_on_event("document_ready", CustomJS(args=client, code=_text("client.js")))
+    document.js_on_event("document_ready", CustomJS(args=client, code=_text("present.js") + _text("client.js")))
     document.title = title
     document.template = _template()
     document.template_variables.update(_variables(tracks, maps, [str(each.name) for each in plots.figures], title, live))

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from turtlebot_gym import __version__
 from turtlebot_gym_ros.node.discovery import prepare
 from turtlebot_gym_ros.nodes import NODES, load
 
@@ -16,7 +17,7 @@ HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ..
 velocity_controller starts disabled: watch the robot, and call its service ~/enable. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them only with collision_monitor:=true.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
-bringup, watch and status have options of their own: ask them with --help."""
+bringup, watch and status have options of their own: ask them with --help. --version prints the version."""
 
 
 WHOLE = 'pip install "turtlebot-gym[gym]"'
@@ -34,6 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
         print(HELP)
+        return 0
+    if name == "--version":
+        print(f"turtlebot-gym {__version__}")
         return 0
     if name not in NODES:
         print(f"error: there is no node {name!r}; there are {', '.join(NODES)}.", file=sys.stderr)

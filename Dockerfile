@@ -1,0 +1,22 @@
+# For machines without Linux: environments, training, viewer and the ROS nodes, from PyPI alone.
+#
+#     make image
+#     docker run --rm -it -v "$PWD/runs:/home/robot/runs" turtlebot-gym turtlebot-gym train --out runs/nav
+#     docker run --rm -p 127.0.0.1:5006:5006 turtlebot-gym turtlebot-gym watch --policy bearing ppo-nav --host 0.0.0.0
+#
+# Linux x86-64, since the ROS wheels are; on an Apple processor: docker build --platform linux/amd64.
+FROM python:3.11-slim-bookworm
+
+ENV PYTHONUNBUFFERED=1 PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+# Without a GPU's libraries, which take several gigabytes.
+ARG PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu
+
+RUN useradd --create-home robot
+WORKDIR /opt/turtlebot-gym
+COPY . .
+RUN pip install --constraint constraints.txt '.[agents,ros,mujoco,watch]'
+
+USER robot
+WORKDIR /home/robot
+EXPOSE 5006
+CMD ["turtlebot-gym", "--help"]

@@ -1,0 +1,86 @@
+"""A training's configuration and curves on Weights & Biases. The library, the extra [wandb], is imported only here."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import import_module
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import KVWriter
+
+from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.training.config import TrainingConfig
+
+PROJECT = "turtlebot-gym"
+"""Name of the project where none is given."""
+RUN_FILE = "wandb-run"
+"""File in a training's folder that holds the id of its run, so that a resumed training resumes the run."""
+
+
+class WandbCallback(BaseCallback):
+    """Send what Stable-Baselines3 logs, TensorBoard's curves, to a run of Weights & Biases.
+
+    wandb reads its own environment variables: with ``WANDB_MODE=offline`` nothing leaves the machine, and ``wandb sync``
+    uploads the run later.
+
+    Args:
+        config: What is trained; stands in the run's configuration.
+        folder: The training's folder; wandb's files go to ``wandb`` in it.
+        project: The project's name.
+
+    Raises:
+        ModuleNotFoundError: If wandb is not installed.
+    """
+
+    def __init__(self, config: TrainingConfig, folder: Path, *, project: str = PROJECT) -> None:
+        super().__init__()
+        self._wandb: Any = import_module("wandb")
+        self._config, self._folder, self._project = config, folder, project
+        self._run: Any = None
+
+    def _on_training_start(self) -> None:
+        self._run = self._wandb.init(
+            project=self._project,
+            name=f"{self._config.env.partition('/')[2]} {self._config.algo} seed {self._config.seed}",
+            id=_run_id(self._folder / RUN_FILE),
+            resume="allow",
+            dir=str(self._folder),
+            config=plain({**asdict(self._config), **provenance()}),
+        )
+        for name, best in (("return", "max"), ("success", "max"), ("steps_to_end", "min")):
+            self._run.define_metric(f"eval/{name}", summary=best)
+        self.logger.output_formats.append(_Writer(self._run))
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        formats = self.logger.output_formats
+        formats[:] = [each for each in formats if not isinstance(each, _Writer)]
+        self._run.finish()
+
+
+class _Writer(KVWriter):
+    """A run as one of the outputs of Stable-Baselines3's logger."""
+
+    def __init__(self, run: Any) -> None:
+        self._run = run
+
+    def write(self, key_values: Mapping[str, Any], key_excluded: Mapping[str, Any], step: int = 0) -> None:
+        """Log the numbers at an environment step."""
+        self._run.log({name: float(value) for name, value in key_values.items() if isinstance(value, Real)}, step=step)
+
+    def close(self) -> None:
+        """Leave the run open: the callback ends it."""
+
+
+def _run_id(path: Path) -> str:
+    """Return the id of the run in a file, a new one where there is none."""
+    if not path.is_file():
+        path.write_text(uuid.uuid4().hex[:8] + "\n", encoding="utf-8")
+    return path.read_text(encoding="utf-8").strip()

@@ -1,0 +1,219 @@
+"""Tables in the terminal: no number is cut at 80 columns, whatever the table, and none is lost."""
+
+import json
+import re
+from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+
+from turtlebot_gym_agents.commands.calibration_report import calibration_tables
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.commands.learning_report import Trained, search_table, training_table
+from turtlebot_gym_agents.commands.study import table as study_table
+from turtlebot_gym_agents.commands.tables import fitted
+from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.speed.report import tables as speed_tables
+
+ROOT = Path(__file__).parents[2]
+WIDTH = 80
+
+
+def shown(tables, width=WIDTH, keys=None):
+    """Return the lines of tables in a terminal of a width."""
+    console = Console(width=width, record=True, file=StringIO())
+    for table in tables:
+        console.print(*fitted(table, width, keys=keys))
+    lines = console.export_text().splitlines()
+    assert max(map(cell_len, lines)) <= width
+    return lines
+
+
+def require_whole(lines, tables):
+    """Each number of the tables stands on a line as a whole, and nothing is cut."""
+    text = "\n".join(lines)
+    assert "…" not in text
+    for table in tables:
+        for column in table.columns:
+            for cell in column.cells:
+                for number in re.findall(r"[-+]?\d[\d,.e+-]*", str(cell)):
+                    assert number in text
+
+
+def numbers(rows, columns):
+    table = Table("policy", *(f"figure {at}, m" for at in range(columns)), title="drives", caption="in metres")
+    for at in range(rows):
+        table.add_row(f"policy-{at}", *(f"{10.0 * at + column:.1f} ({at}.0, {column}.0)" for column in range(columns)))
+    return table
+
+
+@pytest.mark.parametrize("width", [30, 40, 80, 120, 200])
+def test_each_part_has_the_keys_and_each_column_stands_once(width):
+    table = numbers(3, 9)
+    parts = fitted(table, width)
+    assert [column.header for part in parts for column in part.columns[1:]] == [column.header for column in table.columns[1:]]
+    for part in parts:
+        assert [*part.columns[0].cells] == [*table.columns[0].cells]
+    assert (parts[0].title, parts[-1].caption) == ("drives", "in metres")
+    require_whole(shown([table], width), [table])
+    assert (len(parts) == 1) == (width == 200)
+
+
+def test_a_table_that_fits_stays_as_it_is():
+    table = numbers(2, 3)
+    assert fitted(table, 160) == [table]
+
+
+def test_rich_alone_would_cut_the_numbers():
+    console = Console(width=WIDTH, record=True, file=StringIO())
+    console.print(numbers(3, 9))
+    assert "12.0 (1.0, 2.0)" not in console.export_text()
+
+
+def test_texts_and_headings_wrap_between_words_and_intervals_do_not():
+    table = Table("name", "a long heading of a narrow column", "interval", "remedy")
+    table.add_row("alpha", "1", "0.0123 to 0.0456 *", "drive straight on for ten metres and more, both ways")
+    lines = shown([table], 50)
+    assert any("0.0123 to 0.0456 *" in line for line in lines)
+    assert any(re.search(r"\bdrive\b", line) for line in lines)
+
+
+def test_sections_stay_where_they_are():
+    table = numbers(2, 9)
+    table.rows[0].end_section = True
+    assert all([row.end_section for row in part.rows] == [True, False] for part in fitted(table, WIDTH))
+
+
+def test_a_path_is_broken_and_not_cut():
+    table = Table("seed", "return", "policy")
+    table.add_row("0", "1.00", "/a/" + 30 * "long/" + "policy.onnx")
+    text = "".join(shown([table]))
+    assert "…" not in text
+    assert re.sub(r"[^\w/.]", "", text.partition("1.00")[2]).startswith("/a/long/long")
+
+
+# Each command's own.
+
+
+@pytest.fixture
+def narrow(monkeypatch, capsys):
+    """Run a command in a terminal of 80 columns, and return its lines."""
+    monkeypatch.setenv("COLUMNS", str(WIDTH))
+
+    def run(*words):
+        assert main(list(map(str, words))) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert max(cell_len(line) for line in lines if re.match("[┏┡├└│┃]", line)) <= WIDTH
+        assert "…" not in "".join(lines)
+        return lines
+
+    return run
+
+
+def rows_of(lines, name):
+    """Return the numbers of the rows that begin with a name, of all parts."""
+    pattern = rf"[│┃]\s*{re.escape(name)}\s*[│┃](.*)"
+    return [float(number) for line in lines if (row := re.match(pattern, line)) for number in re.findall(r"-?\d+\.\d+", row[1])]
+
+
+def test_evaluate(narrow, tmp_path):
+    path = tmp_path / "result.json"
+    lines = narrow("evaluate", "--policy", "proportional", "bearing", "--episodes", "20", "--json", path)
+    for run in json.loads(path.read_text())["runs"]:
+        found, summary = rows_of(lines, run["label"]), run["summary"]
+        for value in (100.0 * np.array([*summary["success"].values()])).round(1):
+            assert value in found
+        assert round(summary["effort"]["value"], 2) in found
+        assert round(float(np.mean(run["episodes"]["odometry"]["heading_max"])), 3) in found
+
+
+def test_evaluate_with_long_labels(narrow):
+    words = ["--policy", "rotate-drive-rotate", "bearing", "--noise", "tutorial", "documented", "--observation", "ekf", "odometry"]
+    lines = narrow("evaluate", *words, "--episodes", "5")
+    assert "rotate-drive-rotate," in "\n".join(lines)
+
+
+def test_estimate(narrow):
+    lines = narrow("estimate", "--runs", "50", "--filter", "matched", "gated")
+    assert len(rows_of(lines, "bound")) == 3
+    assert len(rows_of(lines, "matched")) >= 11
+
+
+def test_replay(narrow, tmp_path):
+    time = np.linspace(0.0, 20.0, 1001)
+    rows = np.stack([time, np.full_like(time, 0.204), 0.0 * time, 0.2 * time, 0.0 * time, 0.0 * time], axis=1)
+    np.savetxt(tmp_path / "straight.csv", rows, delimiter=",", header="t,vx,gyro,px,py,theta", comments="")
+    lines = narrow("replay", tmp_path / "straight.csv", "--seeds", "2")
+    assert "straight.csv" in "\n".join(lines)
+    assert sum("wheels alone" in line for line in lines) >= 1
+
+
+def test_tune_baseline(narrow, tmp_path):
+    lines = narrow("tune-baseline", "--tries", "2", "--episodes", "20", "--out", tmp_path / "tuned.json")
+    assert rows_of(lines, "0, defaults")
+
+
+def test_train_and_tune():
+    best = {"success": 0.998, "return": 12.34, "steps_to_end": 104.5}
+    result = SimpleNamespace(steps=1_000_000, seconds=1234.5, steps_per_second=123_456.0, best=best)
+    folder = Path("/home/somebody/experiments/turtlebot/runs/nav/seed-0")
+    trained = training_table([Trained(0, folder, result)], title="TurtleBotNav-v0")  # pyright: ignore[reportArgumentType]
+    require_whole(shown([trained]), [trained])
+    parameters = {"learning_rate": 0.00123456789, "n_steps": 32, "gamma": 0.98, "ent_coef": 1.5e-05, "net_arch": "small"}
+    trials = [SimpleNamespace(number=at, value=12.345 - at, params=parameters) for at in range(9)]
+    searched = search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="the best of 10")  # pyright: ignore[reportArgumentType]
+    assert searched.row_count == 5
+    require_whole(shown([searched]), [searched])
+
+
+def test_benchmark():
+    result = json.loads((ROOT / "benchmarks" / "speed.json").read_text())
+    tables = speed_tables(result)
+    require_whole(shown(tables), tables)
+
+
+def test_study():
+    one = {"success": Interval(0.999, 0.996, 1.0), "time": Interval(10.36, 10.08, 10.64), "difference": Interval(-0.21, -0.3, -0.1)}
+    rows = [
+        {
+            "setting": {"env": f"turtlebot_gym/TurtleBot{env}-v0", "noise": noise, "delay": delay},
+            "compared_with": "bearing",
+            "policies": {"bearing": one, "rotate-drive-rotate": one | {"p_holm": 0.0012}},
+            "trainings": {"ppo": one | {"p_holm": 0.5, "trainings": 3}},
+        }
+        for env in ("Nav", "Square") for noise in ("tutorial", "documented") for delay in (0, 2)
+    ]  # fmt: skip
+    table = study_table(rows, title="a study")
+    lines = shown([table], keys=4)
+    require_whole(lines, [table])
+    assert any("99.9 (99.6, 100.0)" in line for line in lines)
+
+
+def test_calibrate(calibration):
+    tables = calibration_tables(calibration, title="a drive with a rather long name.csv")
+    require_whole(shown(tables), tables)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    """A calibration of which one number is not determined."""
+    from turtlebot_gym import make_noise
+    from turtlebot_gym.calibration import Estimate
+    from turtlebot_gym.calibration.coordinates import PARAMETERS
+
+    def number(value, high, **more):
+        told = {"value": value, "low": 0.9 * value, "high": high, "unit": "rad^2/m^2", "is_profile": True, "is_determined": True}
+        return Estimate(**told | more)
+
+    values = {name: 0.00123456 * (1 + at) for at, name in enumerate(PARAMETERS)}
+    estimates = {name: number(value, 1.1 * value) for name, value in values.items()}
+    unsure = number(0.01, np.inf, is_determined=False, remedy="turn on the spot, both ways")
+    return SimpleNamespace(
+        kind="pose", has_truth=True, segment=1.0, segments=123, integrator="euler", noise=make_noise("tutorial"),
+        estimates=estimates | {"R_theta": unsure}, unknown={"bias": "a true pose"}, remarks=["3 rows dropped out"],
+    )  # fmt: skip
