@@ -8,8 +8,11 @@ import mkdocs_gen_files
 sys.path.insert(0, str(Path("docs/generate").resolve()))
 from layout import PACKAGES, headline, pages
 
-ELSEWHERE = {name: "environments.md" for name in ("turtlebot_gym.envs.navigation", "turtlebot_gym.envs.rooms")} | {
-    name: "vector_environments.md" for name in ("turtlebot_gym.envs.navigation_vector", "turtlebot_gym.envs.rooms_vector")
+ELSEWHERE = {
+    "turtlebot_gym.envs.navigation": "environments.md",
+    "turtlebot_gym.envs.rooms": "environments.md",
+    "turtlebot_gym.envs.navigation_vector": "vector_environments.md",
+    "turtlebot_gym.envs.rooms_vector": "vector_environments.md",
 }
 """Modules that are described on the pages of the environments."""
 
@@ -24,7 +27,10 @@ def write(page):
     with mkdocs_gen_files.open(page.path, "w") as file:
         package = page.modules or page.under
         if page.name in ELSEWHERE:
-            print(f"# {page.name} {{ #{page.name} }}\n\n{headline(page.name)}\n\nSee [the environments]({ELSEWHERE[page.name]}).", file=file)
+            print(
+                f"# {page.name} {{ #{page.name} }}\n\n{headline(page.name)}\n\nSee [the environments]({ELSEWHERE[page.name]}).",
+                file=file,
+            )
             return
         print(f"::: {page.name}\n    options:\n      heading_level: 1", file=file)
         if package:  # what a package re-exports stands where it is defined

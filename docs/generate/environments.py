@@ -58,12 +58,14 @@ with mkdocs_gen_files.open("reference/environments.md", "w") as page:
         shown = SHOWN[spec.name]
         with mkdocs_gen_files.open(f"reference/{spec.name}.png", "wb") as file:
             file.write(picture_of(spec, shown))
-        print(f"![{spec.id} driven by {shown.policy}: robot, estimate, odometry and goal]({spec.name}.png)", file=page)
-        print(f"{{ title=\"{spec.name}-v0, policy {shown.policy}, seed {shown.seed}\" }}\n", file=page)
+        words = f"{spec.id} driven by {shown.policy}: robot, estimate, odometry and goal"
+        print(f'![{words}]({spec.name}.png "{spec.name}-v0, policy {shown.policy}, seed {shown.seed}")\n', file=page)
     print("</div>\n\nWith `gym.make` each is a scalar environment:\n", file=page)
     print("::: turtlebot_gym.envs.navigation.NavigationEnv\n", file=page)
     print("::: turtlebot_gym.envs.rooms.RoomsEnv\n", file=page)
 with mkdocs_gen_files.open("reference/vector_environments.md", "w") as page:
-    print("# Vector environments\n\nThe same ids through `gym.make_vec(ID, num_envs=N)`, compiled and with N rows.\n", file=page)
+    print(
+        "# Vector environments\n\nThe same ids through `gym.make_vec(ID, num_envs=N)`, compiled and with N rows.\n", file=page
+    )
     print("::: turtlebot_gym.envs.navigation_vector.NavigationVectorEnv\n", file=page)
     print("::: turtlebot_gym.envs.rooms_vector.RoomsVectorEnv\n", file=page)

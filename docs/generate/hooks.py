@@ -13,26 +13,30 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from latex2mathml.converter import convert
 from layout import Page, pages
+from math_core import LatexToMathML
 from PIL import Image
 
+CONVERTER = LatexToMathML()
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
 """What `pymdownx.arithmatex` leaves of a formula."""
 API = re.compile(r"\]\((?:[\w./-]*/)?turtlebot_gym\w*\.md#(turtlebot_gym[\w.]*)\)")
 NOTEBOOK = re.compile(r"\]\(((?:\.\./)*(?:notebooks/)?\d\d_\w+)\.ipynb\)")
 PICTURE = re.compile(r"<p>((?:\s*<img [^>]*>)+)\s*</p>")
-CELL = re.compile(r"<td([^>]*)>(\s*[+\-−<~]?\d[\d.,\s()±+\-−%×]*(?:e[+-]?\d+)?(?: ?[a-zA-Z/²µ%]{1,6})?\s*)</td>")
+CELL = re.compile(
+    r"<td([^>]*)>(\s*[+<~\u2212-]?\d[\d.,\s()%+\u00b1\u00d7\u2212-]*(?:e[+-]?\d+)?(?: ?[a-zA-Z/\u00b2%]{1,6})?\s*)</td>"
+)
 """A cell of a table that holds a number, with its interval and its unit."""
+TITLE = re.compile(r' title="([^"]*)"')
 IMG = re.compile(r'<img [^>]*?src="([^"#]+)[^>]*>')
 
 
 def mathml(formula: str, *, display: bool) -> str:
     """Return a formula in MathML; the LaTeX stays as its alternative text."""
     told = formula.strip()
-    made = convert(told, display="block" if display else "inline")
-    return made.replace("<math ", f'<math alttext="{html.escape(told, quote=True)}" ', 1)
+    made = CONVERTER.convert_with_local_state(told, displaystyle=display)
+    return made.replace("<math", f'<math alttext="{html.escape(told, quote=True)}"', 1)
 
 
 def on_config(config: Any) -> Any:
@@ -71,12 +75,14 @@ def on_page_content(content: str, *, page: Any, config: Any, files: Any) -> str:
     sources = {file.abs_dest_path: file.abs_src_path for file in files if file.abs_src_path}
 
     def boxed(found: re.Match[str]) -> str:
-        return "".join(f'<figure class="picture">{IMG.sub(linked, one)}</figure>' for one in re.findall("<img [^>]*>", found[1]))
+        return "".join(map(figure, IMG.finditer(found[1])))
 
-    def linked(found: re.Match[str]) -> str:
+    def figure(found: re.Match[str]) -> str:
         width, height = size(Path(sources[str((folder / found[1]).resolve())]))
         tag = found[0].replace("<img ", f'<img width="{width}" height="{height}" loading="lazy" ', 1)
-        return f'<a href="{found[1]}" style="--width: {width}px">{tag}</a>'
+        title = TITLE.search(found[0])
+        caption = f"<figcaption>{title[1]}</figcaption>" if title else ""
+        return f'<figure class="picture" style="--width: {width}px"><a href="{found[1]}">{tag}</a>{caption}</figure>'
 
     return PICTURE.sub(boxed, content)
 

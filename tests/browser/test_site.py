@@ -36,8 +36,9 @@ API = "turtlebot_gym"
 OVERFLOWING = """() => {
     const root = document.documentElement, wide = root.clientWidth, found = []
     if (root.scrollWidth > wide) found.push(`the page is ${root.scrollWidth} px wide`)
-    const told = (one) => `${one.tagName.toLowerCase()} "${(one.getAttribute("src") || one.textContent).trim().slice(0, 40)}"`
-    for (const one of document.querySelectorAll(".md-content :is(p, li, dd, h1, h2, h3, pre, table, img, math, iframe, code)")) {
+    const told = (one) => `${one.tagName} "${(one.getAttribute("src") || one.textContent).trim().slice(0, 40)}"`
+    const parts = ".md-content :is(p, li, dd, h1, h2, h3, h4, pre, table, img, math, iframe, code)"
+    for (const one of document.querySelectorAll(parts)) {
         const box = one.getBoundingClientRect()
         if (box.width === 0 || box.height === 0 || one.closest("template, [hidden], .md-source-file")) continue
         let scrolls = null  // the nearest box that the reader can scroll, which may hold what is wider
