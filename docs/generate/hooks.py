@@ -51,14 +51,14 @@ def _extend(items: list[Any]) -> None:
             if not isinstance(inside, list):
                 continue
             if len(inside) == 1 and isinstance(inside[0], str) and inside[0].startswith("reference/turtlebot_gym"):
-                inside.extend(_entry(page) for page in pages(Path(inside[0]).stem))
+                inside[:] = [{"Contents": inside[0]}, *(_entry(page) for page in pages(Path(inside[0]).stem))]
             else:
                 _extend(inside)
 
 
 def _entry(page: Page) -> dict[str, Any]:
     title = page.name.rpartition(".")[2]
-    return {title: [page.path, *(_entry(each) for each in page.under)] if page.under else page.path}
+    return {title: [{"Contents": page.path}, *(_entry(each) for each in page.under)] if page.under else page.path}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
