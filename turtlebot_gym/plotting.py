@@ -40,9 +40,7 @@ _ESTIMATE: _Style = {"color": VERMILLION, "linestyle": (0, (4, 1.5)), "linewidth
 _BAND: _Style = {
     "facecolor": (VERMILLION, 0.2), "edgecolor": (VERMILLION, 0.5), "linewidth": 0.6, "zorder": 2.1, "label": ESTIMATE_WITHIN
 }  # fmt: skip
-_ODOMETRY: _Style = {
-    "color": SKY_BLUE, "linestyle": "", "marker": ".", "markersize": 4.0, "zorder": 2.0, "label": "odometry"
-}  # fmt: skip
+_ODOMETRY: _Style = {"color": SKY_BLUE, "linestyle": "", "marker": ".", "markersize": 4.0, "zorder": 2.0, "label": "odometry"}
 _REFERENCE: _Style = {
     "color": GREEN, "linestyle": "-.", "linewidth": 1.2, "zorder": 2.2, "drawstyle": "steps-post", "label": "reference"
 }  # fmt: skip
@@ -50,13 +48,13 @@ _WAYPOINT: _Style = {
     "color": GREEN, "linestyle": "", "marker": "o", "markersize": 9.0, "fillstyle": "none", "mew": 1.8, "label": "waypoint"
 }  # fmt: skip
 _START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
-_COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post", "label": "command"}
+_COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post"}
 _SCAN: _Style = {"color": PURPLE, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 2.3, "label": "last scan"}
 _SOLID, _UNKNOWN = "#777777", "#dddddd"
-_COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE)
+_COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE, BLACK)
 _STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
 PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
-"""Colour and line style of each path in turn."""
+"""Colour and line style of each path in turn: six colours, then these with other styles."""
 _COMPONENTS = {"x": "x (m)", "y": "y (m)", "theta": "heading (rad)"}
 _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
 
@@ -160,9 +158,9 @@ def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "
     return _over_time(axes, _COMPONENTS[component])
 
 
-def draw_command(axes: Axes, trajectory: Trajectory, component: Literal["v", "omega"]) -> Axes:
+def draw_command(axes: Axes, trajectory: Trajectory, component: Literal["v", "omega"], *, label: str = "command") -> Axes:
     """Draw the commanded speed or turning rate over time."""
-    _plot(axes, trajectory.time, trajectory.command[:, list(_COMMANDS).index(component)], _COMMAND)
+    _plot(axes, trajectory.time, trajectory.command[:, list(_COMMANDS).index(component)], {**_COMMAND, "label": label})
     return _over_time(axes, _COMMANDS[component])
 
 
@@ -183,6 +181,7 @@ def tutorial_figure(
     room: Obstacles | None = None,
     grid: GridMap | None = None,
     scan: tuple[Scan, Pose] | None = None,
+    command: str = "command",
 ) -> Figure:
     """Return a drive at a glance: its trajectory; x, y and heading, commands and position error over time.
 
@@ -192,6 +191,7 @@ def tutorial_figure(
         room: What stood around.
         grid: The map of it.
         scan: The last scan, and the pose of the LiDAR's frame.
+        command: What the legend calls the trajectory's commands.
     """
     figure = _figure(14.0, 7.0, title)
     panels = figure.subplot_mosaic(
@@ -205,13 +205,12 @@ def tutorial_figure(
         draw_map(panels["trajectory"], grid)
     if scan:
         draw_scan(panels["trajectory"], *scan)
-    draw_component(panels["x"], trajectory, "x")
-    draw_component(panels["y"], trajectory, "y")
-    draw_component(panels["theta"], trajectory, "theta")
-    draw_command(panels["v"], trajectory, "v")
-    draw_command(panels["omega"], trajectory, "omega")
+    for component in ("x", "y", "theta"):
+        draw_component(panels[component], trajectory, component)
+    for component in ("v", "omega"):
+        draw_command(panels[component], trajectory, component, label=command)
     draw_position_error(panels["error"], trajectory)
-    _legend(figure, columns=8)
+    legend_below(figure, columns=8)
     return figure
 
 
@@ -219,18 +218,21 @@ def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: 
     """Return the true paths of several drives in one figure; a cross marks the end of each.
 
     Args:
-        trajectories: Label and drive of each.
+        trajectories: Label and drive of each; labels that agree up to a comma share a colour and differ in line style.
         title: What stands above.
     """
     figure = _figure(6.4, 6.8, title)
     axes = figure.subplots()
+    names = [label.partition(",")[0] for label, _ in trajectories]
     for at, (label, trajectory) in enumerate(trajectories):
-        color, style = PATHS[at % len(PATHS)]
+        first, turn = list(dict.fromkeys(names)).index(names[at]), names[:at].count(names[at])
+        color, style = PATHS[(len(_COLORS) * turn + first) % len(PATHS)]
         path = trajectory.true_state
         axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
         axes.plot(path[-1:, 0], path[-1:, 1], color=color, marker="X", markersize=9.0, markeredgecolor="white", zorder=4.0)
+    axes.plot([], [], color=_SOLID, linestyle="", marker="X", markersize=9.0, label="end")
     _draw_places(axes, [trajectory for _, trajectory in trajectories])
-    _legend(figure, columns=3)
+    legend_below(figure, columns=3)
     return figure
 
 
@@ -291,10 +293,8 @@ def _figure(width: float, height: float, title: str | None) -> Figure:
     return figure
 
 
-def _legend(figure: Figure, *, columns: int) -> None:
-    """Put one legend for all panels below them, where it covers nothing."""
-    entries = {}
-    for axes in figure.axes:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
+def legend_below(figure: Figure, *, columns: int) -> None:
+    """Put one legend for all panels below them, where it hides nothing; it replaces the one before."""
+    figure.legends.clear()
+    entries = {name: one for axes in figure.axes for one, name in zip(*axes.get_legend_handles_labels(), strict=True)}
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False)

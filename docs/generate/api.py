@@ -1,25 +1,53 @@
-"""The API reference: a page for each package, with all its public modules, from their docstrings."""
+"""The API reference: for each package a page that lists its modules, and the pages of these from their docstrings."""
 
-from importlib import import_module
-from pkgutil import walk_packages
+import sys
+from pathlib import Path
 
 import mkdocs_gen_files
 
-PACKAGES = {
-    "turtlebot_gym": "The core: models, filters, tasks, the step as a system, the compiled loop and the environments.",
-    "turtlebot_gym_agents": "Policies, evaluation, training and the command line.",
-    "turtlebot_gym_ros": "The blocks of the loop, and the shell that makes ROS 2 nodes of them.",
+sys.path.insert(0, str(Path("docs/generate").resolve()))
+from layout import PACKAGES, headline, pages
+
+ELSEWHERE = {
+    "turtlebot_gym.envs.navigation": "environments.md",
+    "turtlebot_gym.envs.rooms": "environments.md",
+    "turtlebot_gym.envs.navigation_vector": "vector_environments.md",
+    "turtlebot_gym.envs.rooms_vector": "vector_environments.md",
 }
-ELSEWHERE = ("turtlebot_gym.envs.navigation",)
-"""Modules that have a page of their own."""
+"""Modules that are described on the pages of the environments."""
+
+
+def row(name):
+    """Return a module's line in a list of modules."""
+    return f"| [`{name}`]({ELSEWHERE.get(name, f'{name}.md')}) | {headline(name)} |"
+
+
+def write(page):
+    """Write the page of a module or a package, and those under it."""
+    with mkdocs_gen_files.open(page.path, "w") as file:
+        package = page.modules or page.under
+        if page.name in ELSEWHERE:
+            print(
+                f"# {page.name} {{ #{page.name} }}\n\n{headline(page.name)}\n\nSee [the environments]({ELSEWHERE[page.name]}).",
+                file=file,
+            )
+            return
+        print(f"::: {page.name}\n    options:\n      heading_level: 1", file=file)
+        if package:  # what a package re-exports stands where it is defined
+            print("      members: []", file=file)
+        if page.under:
+            print("\n| module | |\n|---|---|", *(row(each.name) for each in page.under), sep="\n", file=file)
+        for name in page.modules:
+            print(f"\n::: {name}", file=file)
+    for each in page.under:
+        write(each)
+
 
 for package, title in PACKAGES.items():
-    root = import_module(package)
-    names = [package, *(module.name for module in walk_packages(root.__path__, f"{package}."))]
-    modules = [name for name in names if not name.endswith("__main__") and not name.startswith(ELSEWHERE)]
-    with mkdocs_gen_files.open(f"reference/{package}.md", "w") as page:
-        print(f"# API: {package}\n\n{title}\n", file=page)
-        for name in modules:
-            print(f"::: {name}\n", file=page)
-            if hasattr(import_module(name), "__path__"):  # what a package re-exports stands where it is defined
-                print("    options:\n      members: []\n", file=page)
+    contents = pages(package)
+    with mkdocs_gen_files.open(f"reference/{package}.md", "w") as file:
+        print(f"# API: {package}\n\n{title}\n\n| package or module | |\n|---|---|", file=file)
+        print(*(row(page.name) for page in contents), sep="\n", file=file)
+        print(f"\n::: {package}\n    options:\n      members: []", file=file)
+    for page in contents:
+        write(page)

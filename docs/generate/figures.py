@@ -1,4 +1,4 @@
-"""The block diagrams, drawn from what the blocks declare; and what the pages show of benchmarks and notebooks."""
+"""The block diagrams, drawn from what the blocks declare; and what the pages show of benchmarks."""
 
 import io
 from pathlib import Path
@@ -30,6 +30,3 @@ save("concepts/guarded.svg", GUARDED, size=(9.0, 5.2), plain=False)
 for path in (*Path("benchmarks").glob("robustness.*"), *Path("benchmarks").glob("speed.*")):
     with mkdocs_gen_files.open(str(path), "wb") as file:
         file.write(path.read_bytes())
-for path in Path("notebooks").glob("*.ipynb"):
-    with mkdocs_gen_files.open(str(path), "w") as file:
-        file.write(path.read_text(encoding="utf-8").replace(".ipynb)", ".html)"))  # they are pages here

@@ -39,12 +39,12 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
         """Begin a table."""
         print(f"\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", file=page)
 
-    print("# Presets\n\nWhere a name is taken, so are [parameters of your own](../howto/preset.md).\n\n## Robots", file=page)
+    print("# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/preset.md).\n\n## Robots", file=page)
     table("", *ROBOTS)
     for field in fields(Robot):
         row = " | ".join(number(getattr(robot, field.name)) for robot in ROBOTS.values())
         print(f"| `{field.name}`: {said(f'robots.Robot.{field.name}')} | {row} |", file=page)
-    print("\n## Noise\n\nFields that are not given are at their defaults: no noise.", file=page)
+    print("\n## Noise\n\nFields not listed keep their defaults, which mean no noise.", file=page)
     table("name", "what it is", "parameters")
     for name, noise in presets.NOISES.items():
         print(f"| `{name}` | {said(f'presets.{name.upper()}')} | {', '.join(differences(noise))} |", file=page)

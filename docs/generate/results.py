@@ -30,10 +30,10 @@ with mkdocs_gen_files.open("results.md", "a") as page:
     print(f"\n{conditions(study)}\n", file=page)
     print("## All comparisons\n", file=page)
     print(
-        "Times are means over episodes, with a failure as the time limit. The first baseline of a scenario is the one that",
+        "Times are means over episodes; a failed episode counts as the time limit. The first baseline of each scenario was the",
         file=page,
     )
-    print("was fastest in its tuning: PPO is compared with it.\n", file=page)
+    print("fastest one after tuning, and PPO is compared with it.\n", file=page)
     print("| scenario | policy | time, s | untuned, s | PPO minus it, s | p (Holm) | success, % |", file=page)
     print("|---|---|---|---|---|---|---|", file=page)
     for row in study["comparisons"]:
@@ -50,8 +50,8 @@ with mkdocs_gen_files.open("results.md", "a") as page:
     episodes, first = rooms["config"]["episodes"], rooms["config"]["first_seed"]
     print(
         f"`make study-rooms`: {episodes} held-out rooms of each setting, on seeds from {first:,}. LiDAR `lds01`, noise",
-        "`tutorial` and the filter's estimate where the setting does not say otherwise. `ppo-rooms` is the training that did",
-        "best on the trainings' own seeds.\n",
+        "`tutorial` and the filter's estimate where the setting does not say otherwise. `ppo-rooms` is the best of the",
+        "trainings, by its evaluation seeds.\n",
         sep="\n",
         file=page,
     )
@@ -63,7 +63,7 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
     barn = json.loads(Path("benchmarks/barn.json").read_text(encoding="utf-8"))
     print("\n## The 200 worlds of the BARN challenge\n", file=page)
-    print(f"`make bench-barn`: {barn['config']['episodes']} drives through each; intervals are over worlds.\n", file=page)
+    print(f"`make bench-barn`: {barn['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
     print("| policy | success, % | collisions, % | time-outs, % | score, at most 0.5 |", file=page)
     print("|---|---|---|---|---|", file=page)
     for policy, told in barn["mean"].items():
@@ -71,8 +71,8 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         print(f"| {policy} | {shares} | {told['barn']['value']:.3f} |", file=page)
     print("\n## The live graph\n", file=page)
     live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
-    print(f"`make bench-ros`, on {live['cores']} cores; a process for each node, real DDS.\n", file=page)
-    print("| | measured | to be below |\n|---|---|---|", file=page)
+    print(f"`make bench-ros`, on {live['cores']} cores; one process per node, over real DDS.\n", file=page)
+    print("| | measured | limit |\n|---|---|---|", file=page)
     for part, result in live["parts"].items():
         for figure in result["figures"]:
             limit = "" if figure["limit"] is None else f"{figure['limit']:g}"

@@ -27,7 +27,7 @@ DOMAIN = 101
 """A ROS domain where nobody listens: a guard's first messages are zeros."""
 PACKAGE = Path("bridges/turtlebot_gym_ros")
 ROS_OWN = ("/rosout", "/parameter_events", "/clock", "parameter", "type_description")
-"""What every ROS node has is left out."""
+"""What every ROS node has, and the page leaves out."""
 
 source = griffe.load("turtlebot_gym_ros", search_paths=[PACKAGE])
 
@@ -53,9 +53,9 @@ def freshness(item):
 def topics_of(node, inputs):
     """Yield the rows of a node's topics and services."""
     taken = {f"/{item.topic}": freshness(item) for item in inputs.values()}
-    for verb, ends in (("publishes", node.publishers), ("hears", node.subscriptions)):
+    for verb, ends in (("publishes", node.publishers), ("subscribes", node.subscriptions)):
         for end in ends:
-            note = taken.get(end.topic_name, "") if verb == "hears" else ""
+            note = taken.get(end.topic_name, "") if verb == "subscribes" else ""
             yield f"| {verb} | `{end.topic_name}` | `{type_name(end.msg_type)}` | {quality(end.qos_profile)} | {note} |"
     for service in node.services:
         yield f"| serves | `{node.resolve_service_name(service.srv_name)}` | `{type_name(service.srv_type)}` | | |"
@@ -82,7 +82,7 @@ def write(page, node, description, classes, block=None):
     rows = [row for row in topics_of(node, inputs) if not any(own in row for own in ROS_OWN)]
     if rows:
         print(
-            "| | topic or service | type | quality of service | taken |\n|---|---|---|---|---|", *rows, "", sep="\n", file=page
+            "| | topic or service | type | quality of service | as input |\n|---|---|---|---|---|", *rows, "", sep="\n", file=page
         )
     rows = parameters_of(node, classes)
     print("| parameter | type | default | meaning |\n|---|---|---|---|", *rows, "", sep="\n", file=page)
@@ -91,10 +91,10 @@ def write(page, node, description, classes, block=None):
 prepare()
 with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryDirectory() as folder:
     print(
-        "# ROS reference\n\nRead from the running nodes. Names are relative: a namespace and remappings change them as usual. "
-        "The quality of service of a block's topics can be overridden by parameters, `qos_overrides.TOPIC...`. Parameters are "
-        "fixed once a node runs; a wrong name, type or value is refused. `/cmd_vel` is TwistStamped, or Twist with "
-        "`enable_stamped_cmd_vel` false.\n",
+        "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as usual. "
+        "The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are fixed once a "
+        "node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
+        "`enable_stamped_cmd_vel` is false.\n",
         file=page,
     )
     context = Context()

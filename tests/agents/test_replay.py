@@ -242,3 +242,15 @@ def test_the_figure_shows_the_wheels_alone_too():
     figure = replay_figure(replay(drive), dead_reckoning(drive), title="a drive")
     lines = [line for axes in figure.axes for line in axes.lines if line.get_label() == "wheels alone"]
     assert len(lines) == 2
+
+
+def test_the_figures_legend_hides_nothing_and_calls_a_measured_twist_measured():
+    drive = perfect_drive(200)
+    figure = replay_figure(replay(drive), dead_reckoning(drive))
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert {"wheels alone", "measured wheel twist"} <= set(names)
+    assert "command" not in names
+    assert not any(legend.get_window_extent().overlaps(axes.get_tightbbox()) for axes in figure.axes)
+    assert not any(axes.get_legend() for axes in figure.axes)

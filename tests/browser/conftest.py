@@ -2,4 +2,5 @@
 
 import importlib.util
 
-collect_ignore = [] if all(map(importlib.util.find_spec, ("bokeh", "playwright"))) else ["test_watch.py"]
+NEEDS = {"test_watch.py": ("bokeh", "playwright"), "test_site.py": ("mkdocs", "math_core", "playwright")}
+collect_ignore = [name for name, modules in NEEDS.items() if not all(map(importlib.util.find_spec, modules))]

@@ -240,6 +240,21 @@ def test_comparison_tells_the_drives_apart_in_colour_and_in_print():
     assert HAS_UNIT.match(drawn.get_ylabel())
 
 
+def test_runs_of_a_policy_share_a_colour_and_no_two_runs_look_alike():
+    names = [f"{policy}, {noise}" for policy in "abcdef" for noise in ("tutorial", "documented", "wheel")]
+    (drawn,) = comparison_figure([(name, drive()) for name in names]).axes
+    looks = {name: (line(drawn, name).get_color(), line(drawn, name).get_linestyle()) for name in names}
+    styles = {name: str(line(drawn, name)._dash_pattern) for name in names}
+    assert {color for name, (color, _) in looks.items() if name.startswith("a")} == {looks["a, wheel"][0]}
+    assert len({color for color, _ in looks.values()}) == 6
+    assert len({(looks[name][0], styles[name]) for name in names}) == len(names)
+
+
+def test_the_end_of_a_drive_is_in_the_legend():
+    figure = comparison_figure([("policy", drive())])
+    assert "end" in {text.get_text() for text in figure.legends[0].get_texts()}
+
+
 def test_series_differ_in_lightness_too():
     drawn = draw_component(axes(), drive(), "x")
     grey = [

@@ -11,9 +11,10 @@ from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Body, Course, World
-from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS
+from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, Senses, State
 
+PALE_GREEN = (153, 216, 199)
 BODY, GREEN, BLACK, VERMILLION, SKY_BLUE = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0), (86, 180, 233)
 FAR = Pose(-1.8, -1.8, 0.0)
 
@@ -107,6 +108,20 @@ def test_the_goal_has_the_radius_of_arrival():
     inside = NAV.radius - 0.01
     assert pixel(picture, 1.0, 1.0 + inside) == pixel(picture, 1.0, 1.0 - inside) == GREEN
     assert pixel(picture, 1.0, 1.0 + NAV.radius + 0.05) != GREEN
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_a_goal_pose_shows_the_headings_that_count(heading):
+    goal = Pose(0.5, 0.5, heading)
+    point, pose = (make(task=task).draw(world(reference=goal)) for task in (NAV, POSE))
+
+    def beyond(picture, off):
+        return pixel(picture, 0.5 + 0.35 * np.cos(heading + off), 0.5 + 0.35 * np.sin(heading + off))
+
+    inside, outside = 0.8 * POSE.heading_tolerance, 1.3 * POSE.heading_tolerance
+    assert {beyond(pose, off) for off in (-inside, 0.0, inside)} == {PALE_GREEN}
+    assert PALE_GREEN not in {beyond(pose, off) for off in (-outside, outside)}
+    assert PALE_GREEN not in {beyond(point, off) for off in (-inside, 0.0, inside)}
 
 
 @pytest.mark.parametrize("scale", [2.0, 4.0])

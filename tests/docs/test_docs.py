@@ -8,7 +8,9 @@ import subprocess
 import sys
 from dataclasses import fields
 from html.parser import HTMLParser
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import NamedTuple
 from unittest.mock import patch
 from urllib.parse import unquote, urlsplit
@@ -31,6 +33,7 @@ from turtlebot_gym_ros.nodes import NODES
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
+API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")
 KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 QUICK = {
@@ -269,8 +272,13 @@ def test_links_and_figures_of_the_site_exist(site):
 
 def test_the_site_needs_no_network(site):
     for path in site.rglob("*.html"):
-        if path.parent.name != "notebooks":  # nbconvert has their formulas set by MathJax, from a server
-            assert not [each for each in Html(path).loads if urlsplit(each).scheme not in ("", "data")], path
+        assert not [each for each in Html(path).loads if urlsplit(each).scheme not in ("", "data")], path
+
+
+def test_formulas_are_mathml(site):
+    notebook = (site / "notebooks" / "01_closed_loop.html").read_text(encoding="utf-8")
+    assert notebook.count("<math ") > 40
+    assert not [path for path in site.rglob("*.html") if 'class="arithmatex"' in path.read_text(encoding="utf-8")]
 
 
 def test_the_reference_is_complete(site, ros):
@@ -281,7 +289,11 @@ def test_the_reference_is_complete(site, ros):
     assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)
     environments = (site / "reference" / "environments.html").read_text()
     assert all(f"<code>turtlebot_gym/TurtleBot{name}-v0</code>" in environments for name in ("Nav", "Pose", "Square"))
-    assert {"turtlebot_gym.estimation.update.update", "turtlebot_gym.tasks.task.Task"} <= html["turtlebot_gym"]
+    assert "turtlebot_gym.estimation.update.update" in html["turtlebot_gym.estimation.update"]
+    assert "turtlebot_gym.tasks.task.Task" in html["turtlebot_gym.tasks"]
+    modules = {module.name for package in API for module in walk_packages(import_module(package).__path__, f"{package}.")}
+    undescribed = {name for name in modules if not any(name in ids for ids in html.values())}
+    assert all(name.endswith("__main__") for name in undescribed), undescribed
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])

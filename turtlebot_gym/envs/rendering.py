@@ -250,8 +250,16 @@ class Renderer:
         """Draw the circle within which a waypoint is reached, and its heading."""
         radius = self._length(self._task.radius)
         centre = self._at(waypoint.x, waypoint.y)
+        if self._task.heading_tolerance < math.pi:
+            self._draw_tolerance(surface, centre, waypoint.theta, 3.0 * radius)
         self._disc(surface, color, centre, radius, width)
         self._draw_heading(surface, color, centre, waypoint.theta, radius, width)
+
+    def _draw_tolerance(self, surface: Surface, centre: tuple, theta: float, length: float) -> None:
+        """Draw the headings that count as right, as a sector."""
+        angles = np.linspace(-1.0, 1.0, 17) * self._task.heading_tolerance + theta
+        arc = [(centre[0] + length * math.cos(angle), centre[1] - length * math.sin(angle)) for angle in angles.tolist()]
+        self._pygame.draw.polygon(surface, _PALE_GREEN, [centre, *arc])
 
     def _draw_robot(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
         self._disc(surface, _BODY, centre, size)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from turtlebot_gym.plotting import comparison_figure, tutorial_figure
+from turtlebot_gym.plotting import PATHS, comparison_figure, legend_below, tutorial_figure
 from turtlebot_gym_agents.evaluation.estimation import Estimation
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
@@ -128,13 +128,14 @@ def estimation_figure(result: Estimation) -> Figure:
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     sides = figure.subplots(1, 2)
-    for axes, columns, label in zip(sides, (slice(0, 2), slice(2, 3)), ("position, m", "heading, rad"), strict=True):
-        for name, one in result.filters.items():
-            axes.plot(result.time, np.sqrt((one.rmse[:, columns] ** 2).sum(axis=1)), label=name)
-        axes.plot(result.time, np.sqrt((result.bound[:, columns] ** 2).sum(axis=1)), "k--", label="bound")
-        axes.set(xlabel="time, s", ylabel=f"RMSE of the {label}", ylim=(0.0, None))
+    for axes, columns, label in zip(sides, (slice(0, 2), slice(2, 3)), ("position (m)", "heading (rad)"), strict=True):
+        for (name, one), (color, style) in zip(result.filters.items(), PATHS, strict=False):
+            rmse = np.sqrt((one.rmse[:, columns] ** 2).sum(axis=1))
+            axes.plot(result.time, rmse, color=color, linestyle=style, label=name)
+        axes.plot(result.time, np.sqrt((result.bound[:, columns] ** 2).sum(axis=1)), "k:", linewidth=2.5, label="bound")
+        axes.set(xlabel="time (s)", ylabel=f"RMSE of the {label}", ylim=(0.0, None))
         axes.grid(alpha=0.3)
-    sides[1].legend()
+    legend_below(figure, columns=6)
     figure.suptitle(f"noise {result.config['noise']}, {result.config['runs']} drives")
     return figure
 

@@ -25,7 +25,7 @@ from turtlebot_gym.models.odometry import sense
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
-from turtlebot_gym.plotting import PURPLE, tutorial_figure
+from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.trajectory import Trajectory, position_error
@@ -276,11 +276,10 @@ def replay_figure(trajectory: Trajectory, wheels: NDArray[np.float64], *, title:
         wheels: The poses by dead reckoning, shape (T, 3).
         title: What stands above.
     """
-    figure = tutorial_figure(trajectory, title=title)
+    figure = tutorial_figure(trajectory, title=title, command="measured wheel twist")
     panels = {axes.get_label(): axes for axes in figure.axes}
     style: dict[str, Any] = {"color": PURPLE, "linestyle": ":", "linewidth": 1.5, "label": "wheels alone"}
     panels["trajectory"].plot(wheels[:, 0], wheels[:, 1], **style)
     panels["error"].plot(trajectory.time, position_error(wheels, trajectory.true_state), **style)
-    for name in ("trajectory", "error"):
-        panels[name].legend(handles=panels[name].lines[-1:])
+    legend_below(figure, columns=8)
     return figure

@@ -1,0 +1,268 @@
+"""The documentation in a real browser: each page at 1400 and 400 pixels, light and dark.
+
+``SITE`` names a folder with the built site; without it the site is built. Where ``SCREENSHOTS`` names a folder, a picture of
+each page is left there, with a list of all addresses that the pages asked for.
+"""
+
+import functools
+import http.server
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+import pytest
+from playwright import sync_api
+
+ROOT = Path(__file__).parents[2]
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+if not CHROMIUM:
+    pytest.skip("needs Chromium: apt-get install chromium", allow_module_level=True)
+
+pytestmark = pytest.mark.browser
+WIDTHS = {"wide": 1400, "narrow": 400}
+HEIGHT = 900
+TALLEST = 30_000
+"""No page is longer than this at 1400 pixels, px."""
+API = "turtlebot_gym"
+"""Pages of the API begin with it. They are all alike: they are looked at light only, and pictures are kept of a few."""
+
+OVERFLOWING = """() => {
+    const root = document.documentElement, wide = root.clientWidth, found = []
+    if (root.scrollWidth > wide) found.push(`the page is ${root.scrollWidth} px wide`)
+    const told = (one) => `${one.tagName} "${(one.getAttribute("src") || one.textContent).trim().slice(0, 40)}"`
+    const parts = ".md-content :is(p, li, dd, h1, h2, h3, h4, pre, table, img, math, iframe, code)"
+    for (const one of document.querySelectorAll(parts)) {
+        const box = one.getBoundingClientRect()
+        if (box.width === 0 || box.height === 0 || one.closest("template, [hidden], .md-source-file")) continue
+        let scrolls = null  // the outermost box that the reader can scroll, which may hold what is wider
+        for (let each = one; each; each = each.parentElement) {
+            if (["auto", "scroll"].includes(getComputedStyle(each).overflowX) && each.matches(".md-content *")) scrolls = each
+        }
+        const edge = scrolls ? scrolls.getBoundingClientRect() : box
+        if (edge.right > wide + 1 || edge.left < -1) found.push(`${told(one)} ends at ${Math.round(edge.right)} px`)
+        if (!scrolls && one.scrollWidth > one.clientWidth + 1 && getComputedStyle(one).overflowX === "hidden")
+            found.push(`${told(one)} is cut off`)
+    }
+    return found
+}"""
+"""What is wider than the page, or cut off without a way to scroll to it."""
+PICTURES = """async () => {
+    const shown = [...document.querySelectorAll(".md-content img")].filter((one) => getComputedStyle(one).display !== "none")
+    for (const one of shown) one.loading = "eager"
+    await Promise.all(shown.map((one) => one.decode().catch(() => null)))
+    return shown.filter((one) => !one.naturalWidth).map((one) => one.src)
+}"""
+"""Pictures that are not there."""
+LINES = """() => [...document.querySelectorAll(".md-content table:not([class]) td.number")].filter((one) => {
+    const style = getComputedStyle(one)
+    return one.clientHeight && one.firstChild && (() => {
+        const range = document.createRange()
+        range.selectNodeContents(one)
+        return new Set([...range.getClientRects()].map((each) => Math.round(each.top))).size > 1
+    })()
+}).map((one) => one.textContent)"""
+"""Numbers in tables that are broken into lines."""
+
+
+class Seen(NamedTuple):
+    """What was found on a page."""
+
+    overflowing: dict[str, list[str]]
+    """By width and scheme."""
+    missing: list[str]
+    broken: list[str]
+    errors: list[str]
+    outside: list[str]
+    inside: list[str]
+    height: int
+    formulas: int
+    dollars: bool
+    ground: dict[str, str]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the built site."""
+    if os.environ.get("SITE"):
+        return Path(os.environ["SITE"]).resolve()
+    folder = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    quiet = {"DISABLE_MKDOCS_2_WARNING": "true", "NO_MKDOCS_2_WARNING": "true"}
+    done = subprocess.run(build, cwd=ROOT, env={**os.environ, **quiet}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(site):
+    """Address of the site on this machine."""
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_):
+            """Say nothing."""
+
+    listening = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(site)))
+    threading.Thread(target=listening.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{listening.server_port}"
+    listening.shutdown()
+    listening.server_close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Visitor:
+    """A tab of the browser that may speak to one server only; it keeps what is asked for and complained of."""
+
+    def __init__(self, browser, server):
+        self.server = server
+        self.page = browser.new_page(viewport={"width": WIDTHS["wide"], "height": HEIGHT})
+        self.asked, self.errors = [], []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
+        self.page.route(lambda url: self._outside(url), lambda route: route.abort())
+
+    def _outside(self, url):
+        return urlsplit(url).scheme not in ("data", "blob") and not url.startswith(f"{self.server}/")
+
+    def open(self, path):
+        self.asked.clear()
+        self.errors.clear()
+        self.page.set_viewport_size({"width": WIDTHS["wide"], "height": HEIGHT})
+        self.page.emulate_media(color_scheme="light")
+        self.page.goto(f"{self.server}/{path}")
+
+    def look(self, name, folder, schemes=("light", "dark")):
+        """Go through widths and schemes, and return what is found; keep two pictures if there is a folder for them."""
+        overflowing, missing, ground = {}, [], {}
+        height = self.page.evaluate("document.documentElement.scrollHeight")
+        for size, width in WIDTHS.items():
+            self.page.set_viewport_size({"width": width, "height": HEIGHT})
+            for scheme in schemes:
+                self.page.emulate_media(color_scheme=scheme)
+                missing += self.page.evaluate(PICTURES)
+                overflowing[f"{size}, {scheme}"] = self.page.evaluate(OVERFLOWING)
+                ground[scheme] = self.page.evaluate("getComputedStyle(document.body).backgroundColor")
+                if folder is not None and (size, scheme) in (("wide", "light"), ("narrow", schemes[-1])):
+                    self.page.screenshot(path=folder / f"{name}-{size}-{scheme}.png", full_page=True)
+        return Seen(
+            overflowing={each: found for each, found in overflowing.items() if found},
+            missing=missing,
+            broken=self.page.evaluate(LINES),
+            errors=list(self.errors),
+            outside=[url for url in self.asked if self._outside(url)],
+            inside=[url for url in self.asked if not self._outside(url)],
+            height=height,
+            formulas=self.page.locator(".md-content math").count(),
+            dollars="$$" in self.page.inner_text(".md-content") or self.page.locator(".md-content .arithmatex").count() > 0,
+            ground=ground,
+        )
+
+
+@pytest.fixture(scope="module")
+def visitor(browser, server):
+    return Visitor(browser, server)
+
+
+@pytest.fixture(scope="module")
+def seen(site, visitor):
+    """What is found on each page of the site."""
+    folder = Path(os.environ["SCREENSHOTS"], "site") if os.environ.get("SCREENSHOTS") else None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    found, count = {}, 0
+    for path in sorted(site.rglob("*.html")):
+        name = path.relative_to(site).as_posix()
+        if name.startswith("gallery/") or name == "404.html":  # views of drives, tested by test_watch.py
+            continue
+        count += path.name.startswith(API)
+        of_api = path.name.startswith(API)
+        kept = folder if not of_api or count % 20 == 1 else None
+        visitor.open(name)
+        flat = name.removesuffix(".html").replace("/", "-")
+        found[name] = visitor.look(flat, kept, ("light",)) if of_api else visitor.look(flat, kept)
+    if folder is not None:
+        asked = {name: sorted({urlsplit(url).path for url in one.inside}) for name, one in found.items()}
+        told = {"outside": sorted({url for one in found.values() for url in one.outside}), "inside": asked}
+        (folder / "requests.json").write_text(json.dumps(told, indent=1))
+        (folder / "seen.json").write_text(json.dumps({name: one._asdict() for name, one in found.items()}, indent=1))
+    assert len(found) > 40
+    return found
+
+
+def test_nothing_is_wider_than_the_page(seen):
+    assert not {name: one.overflowing for name, one in seen.items() if one.overflowing}
+
+
+def test_nothing_is_asked_of_anybody_else(seen):
+    assert not {name: one.outside for name, one in seen.items() if one.outside}
+    assert all(one.inside for one in seen.values())
+
+
+def test_pages_complain_of_nothing(seen):
+    assert not {name: one.errors for name, one in seen.items() if one.errors}
+
+
+def test_pictures_are_there(seen):
+    assert not {name: one.missing for name, one in seen.items() if one.missing}
+
+
+def test_numbers_in_tables_keep_to_a_line(seen):
+    assert not {name: one.broken for name, one in seen.items() if one.broken}
+
+
+def test_no_page_is_too_long(seen):
+    assert not {name: one.height for name, one in seen.items() if one.height > TALLEST}
+
+
+def test_formulas_are_mathml(seen):
+    assert seen["notebooks/01_closed_loop.html"].formulas > 40
+    assert not [name for name, one in seen.items() if one.dollars]
+
+
+def test_pages_are_light_and_dark(seen):
+    for name, one in seen.items():
+        lightness = {scheme: sum(map(int, told.strip("rgba()").split(",")[:3])) for scheme, told in one.ground.items()}
+        assert lightness["light"] > 700, name
+        assert lightness.get("dark", 0) < 200, name
+
+
+def test_the_views_of_the_gallery_draw(visitor):
+    visitor.open("gallery.html")
+    views = visitor.page.locator("iframe.view")
+    for at in range(views.count()):
+        views.nth(at).scroll_into_view_if_needed()
+        views.nth(at).content_frame.locator("html[data-ready]").wait_for(state="attached", timeout=60_000)
+        canvas = views.nth(at).content_frame.locator(".map canvas").first
+        assert canvas.bounding_box()["width"] > 100
+    assert views.count() == 3
+    assert not visitor.errors
+    assert not [url for url in visitor.asked if visitor._outside(url)]
+
+
+@pytest.mark.parametrize(
+    ("added", "noticed"),
+    [
+        ("<table class='x'><tr><td style='min-width: 2000px'>wide</td></tr></table>", "overflowing"),
+        ("<p style='overflow: hidden; white-space: nowrap'>" + "cut " * 400 + "</p>", "overflowing"),
+        ("<img src='nowhere.png'>", "missing"),
+        ("<img src='https://example.org/picture.png'>", "outside"),
+    ],
+)
+def test_what_is_wrong_is_noticed(visitor, added, noticed):
+    visitor.open("limits.html")
+    visitor.page.evaluate("told => document.querySelector('.md-content article').insertAdjacentHTML('beforeend', told)", added)
+    visitor.page.wait_for_timeout(300)
+    assert getattr(visitor.look("", None), noticed)
