@@ -22,6 +22,7 @@ import tomllib
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).parents[2]
+WORDS = Path(__file__).with_name("words.toml")
 WHOLE = (
     "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docs", "notebooks", "agents", "benchmarks", "bridges",
     "turtlebot_gym",
@@ -66,10 +67,10 @@ class Finding(NamedTuple):
         return f"{self.path}:{self.line}: {self.found!r}: write {self.write!r}"
 
 
-def read_rules(path: Path = Path(__file__).with_name("words.toml")) -> list[Rule]:
+def read_rules() -> list[Rule]:
     """Return the word list."""
     rules = []
-    for entry in tomllib.loads(path.read_text(encoding="utf-8"))["rule"]:
+    for entry in tomllib.loads(WORDS.read_text(encoding="utf-8"))["rule"]:
         phrase, sample = entry.get("find"), entry.get("sample", entry.get("find", ""))
         pattern = entry["pattern"] if phrase is None else rf"(?i)(?<!\w){re.escape(phrase)}(?!\w)"
         pattern = pattern.replace(r"\ ", " ").replace(" ", r"\s+")  # a phrase may go over the end of a line
@@ -85,12 +86,15 @@ def _without_code(text: str) -> str:
     return re.sub(r"(`+)[^`]*\1|https?://\S+", lambda match: "`" + "\n" * match[0].count("\n") + "`", text)
 
 
+SHOWN = {"softbreak": "\n", "hardbreak": "\n", "code_inline": "`", "html_inline": ""}
+"""What stands for the parts of a passage that are not text."""
+
+
 def of_markdown(text: str, first: int = 1) -> Iterator[Passage]:
     """Return the passages of a Markdown text whose first line has the number `first`."""
     for token in MarkdownIt("commonmark").enable("table").parse(text):
         if token.type == "inline" and token.map is not None:
-            told = [child.content if child.type == "text" else "\n" if child.type == "softbreak" else "`" * (child.type == "code_inline")
-                    for child in token.children or ()]  # fmt: skip
+            told = [SHOWN.get(child.type, child.content) for child in token.children or ()]
             yield Passage("".join(told), first + token.map[0])
 
 
