@@ -190,8 +190,6 @@ def check(line, ros):
         case ["turtlebot-gym", command, *given]:
             options = {item.name for item in fields(COMMANDS[command])}
             assert {word[2:] for word in given if word.startswith("--")} <= options
-        case ["tensorboard", "--logdir", _]:
-            pass
         case ["ray", "start", *given]:
             assert {word for word in given if word.startswith("--")} <= {"--head", "--port", "--address"}
         case ["sbatch", "--array=0-31", script, *_]:
