@@ -11,7 +11,7 @@ from pathlib import Path
 from shutil import copyfile
 from textwrap import fill
 
-from robustness_text import conditions, summary
+from robustness_text import headline
 
 BEGIN, END = "<!-- The study's findings, by benchmarks/publish.py -->", "<!-- The end of the study's findings -->"
 SHIPPED = tuple(f"out/pretrained/ppo-{task}.{kind}" for task in ("nav", "pose", "square") for kind in ("onnx", "md"))
@@ -31,8 +31,7 @@ WIDTH = 128
 def findings(study: Path) -> str:
     """Return the README's passage, between its marks."""
     results = json.loads(study.read_text(encoding="utf-8"))
-    lines = [fill(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False) for line in summary(results)]
-    return "\n".join([BEGIN, "", *lines, "", fill(conditions(results), WIDTH, break_on_hyphens=False), "", END])
+    return "\n".join([BEGIN, "", fill(headline(results), WIDTH, break_on_hyphens=False), "", END])
 
 
 def with_findings(text: str, told: str) -> str:

@@ -296,6 +296,15 @@ def test_the_reference_is_complete(site, ros):
     assert all(name.endswith("__main__") for name in undescribed), undescribed
 
 
+def test_the_release_notes_are_the_changelog(site):
+    told = (site / "releases.html").read_text(encoding="utf-8")
+    entries = [token.content for token in parsed(ROOT / "CHANGELOG.md") if token.type == "inline"]
+    assert len(entries) > 50
+    assert told.count("<li>") >= len(entries) - 3  # all but the title, the sentence below it and the version
+    assert "Release notes" in told
+    assert 'href="howto/fix.html"' in told
+
+
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])
 def test_links_between_files_exist(name):
     path = ROOT / name

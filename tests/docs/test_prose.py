@@ -1,0 +1,68 @@
+"""The prose linter finds every phrase of its word list, and nothing in the project's own texts."""
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # a script, not a package
+prose = import_module("prose")
+
+RULES = prose.read_rules()
+
+
+@pytest.mark.parametrize("rule", RULES, ids=[f"rule {number}" for number in range(len(RULES))])
+def test_each_entry_of_the_word_list_is_found_in_its_sample(rule):
+    for text in (rule.sample, f"The robot drives. {rule.sample}", rule.sample.replace(" ", "\n")):
+        assert rule.pattern.search(text), text
+    assert rule.write
+    if rule.allow:
+        assert not rule.pattern.search(rule.allow)
+
+
+def test_the_examples_of_the_house_style_are_found():
+    told = [
+        "it stops where it believes to be",
+        "What a step has come to.",
+        "and write there what has come of it",
+        "The study's; one that holds a study is gone on with.",
+        "Of policies, noises and observations each combination is evaluated.",
+        "of its variances and those of Q the larger ones count",
+        "Who comes late is given the last value.",
+        "Nobody waits for somebody who waits for him.",
+        "it is told the time",
+        "Whether lost messages are sent again; without, publishers of either kind are understood.",
+        "what a timer moves by is not asked for by anybody",
+        "a page for who comes from the tutorial",
+    ]
+    for text in told:
+        assert list(prose.check(prose.Passage(text, 1), RULES)), text
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("page.md", "# A page\n\nIt stops where\nit believes to\nbe, in `code`.\n"),
+        ("table.md", "| a |\n|---|\n| b |\n| it believes to be |\n"),
+        ("module.py", 'def f():\n    """Return it.\n\n    It believes to be there.\n    """\n'),
+        ("message.py", "\n\n\nraise ValueError(f'{1} believes to be there')\n"),
+        ("comment.py", "x = 1\n\n# It stops where it\n# believes to be.\n"),
+    ],
+)
+def test_findings_name_file_and_line(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    (found,) = prose.findings([tmp_path / name], RULES)
+    assert (found.path.name, found.line) == (name, 4)
+    assert str(found).endswith("write 'believes it is'")
+
+
+def test_code_is_not_read(tmp_path):
+    (tmp_path / "page.md").write_text("Text with `it believes to be`.\n\n```python\n# it believes to be\n```\n")
+    (tmp_path / "module.py").write_text('"""The field ``it believes to be`` is a name."""\ncolor = "gray"\n')
+    assert not list(prose.findings([tmp_path], RULES))
+
+
+def test_the_project_is_clean():
+    found = list(prose.findings([prose.ROOT / name for name in prose.WHOLE if (prose.ROOT / name).exists()], RULES))
+    assert not found, "\n".join(map(str, found))
