@@ -106,9 +106,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         fix: An external pose sensor that gives the filter a measurement now and then: "beacons", "late",
             "localization", "markers", "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for
             none.
-        plant: Model of the motion: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels creep and
-            slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the extra
-            [mujoco], and a step takes a hundred times as long.
+        plant: Model of the motion: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels creep
+            and slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the
+            extra [mujoco], and a step takes a hundred times as long.
         render_mode: None, "human" or "rgb_array".
 
     Raises:

@@ -142,7 +142,7 @@ class VectorFieldHistogramPolicy(_Reactive):
         cost = cost + self._weight * np.abs(wrap(_ANGLES - last[..., None]))
         blocked = self._blocked(to)
         angle = _ANGLES[np.argmin(np.where(blocked, np.inf, cost), axis=-1)]
-        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # not the nearest candidate: the goal itself
+        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # exactly to the goal
         stuck = blocked.all(axis=-1)
         self._last = np.where(stuck, last, angle)
         return self._drive(to, np.where(stuck, np.where(last >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))

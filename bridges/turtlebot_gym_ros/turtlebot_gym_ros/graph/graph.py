@@ -57,8 +57,8 @@ class Graph:
             teleoperation None is real time.
         domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
-        frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/". parameters: Parameters by name; each goes
-            to the nodes that have one of that name.
+        frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".
+        parameters: Parameters by name; each goes to the nodes that have one of that name.
 
     Raises:
         ValueError: If a node refuses its parameters, no node has one of them, or lock-step is combined with an unstamped Twist.
