@@ -97,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         "no obstacles to avoid; a real one has, and only a policy of observation layout 2, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
-    parser.add_argument("--processes", action="store_true", help="run each node in a process of its own")
+    parser.add_argument("--processes", action="store_true", help="run each node in its own process")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
     parser.add_argument("--speed", type=float, help="1 is real time; by default as fast as the nodes answer, in lock-step")
     parser.add_argument(
@@ -106,22 +106,22 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml (default burger)")
     parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default tutorial)")
     parser.add_argument("--filter", help="matched (default), tutorial, gated, mixture, slip or scale")
-    parser.add_argument("--fix", help=f"what measures the pose from outside: {', '.join(FIXES)}, or FILE.yaml (default none)")
+    parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default none)")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
     )
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
-    parser.add_argument("--plant", choices=list(PLANTS), help="what moves the robot (default unicycle); mujoco needs MuJoCo")
-    parser.add_argument("--friction", type=float, help="with --plant mujoco, between wheels and floor (default 1)")
-    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, between caster and floor (default 0.05)")
-    parser.add_argument("--switch", choices=["arrival", "time"], help="when the next waypoint is taken (default arrival)")
-    parser.add_argument("--seed", type=int, help="of the noise, and of the room")
-    parser.add_argument("--namespace", help="of all nodes and topics, such as robot1; by default none")
-    parser.add_argument("--frame-prefix", help='before all frames; by default that of the namespace, "robot1/"')
+    parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default unicycle); mujoco needs MuJoCo")
+    parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default 1)")
+    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default 0.05)")
+    parser.add_argument("--switch", choices=["arrival", "time"], help="when to switch to the next waypoint (default arrival)")
+    parser.add_argument("--seed", type=int, help="seed of the noise and of the room")
+    parser.add_argument("--namespace", help="namespace of all nodes and topics, such as robot1; by default none")
+    parser.add_argument("--frame-prefix", help='prefix of all frames; by default that of the namespace, "robot1/"')
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
     parser.add_argument("--watch", action="store_true", help="show the drive in a browser, until Ctrl-C")
-    parser.add_argument("--port", type=int, default=5006, help="with --watch, where on localhost (default 5006); 0 for any")
+    parser.add_argument("--port", type=int, default=5006, help="with --watch, port on localhost (default 5006); 0 for any")
     parser.add_argument("--json", type=Path, help="write the metrics to this file")
     return parser
 

@@ -76,7 +76,7 @@ class AsPlant(Drive):
         self._rule = Plant(trigger, now=hands.now())
         self._answers = {key: hands.feeds[key] for key, each in block.inputs.items() if each.lock_step == "same"}
         if not self._answers:
-            raise ValueError("lock_step must be false for a plant that no input answers.")
+            raise ValueError("lock_step must be false for a plant without an input that answers it.")
         self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
         self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)

@@ -72,11 +72,11 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
         for verb, others in (("publishes", publishers), ("subscribes to", subscriptions)):
             found += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
         if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
-            found.append(Problem(WARN, f"{mine.topic}: nobody listens."))
+            found.append(Problem(WARN, f"{mine.topic}: there is no listener."))
         rivals = [name for other in publishers if (name := _name(other)) != node.get_fully_qualified_name()]
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
-            found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; who is obeyed is left to chance."))
+            found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [_name(other) for other in subscriptions]
             strangers = {_name(other) for other in subscriptions if other.node_name not in NODES}

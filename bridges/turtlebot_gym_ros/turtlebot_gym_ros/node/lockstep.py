@@ -35,13 +35,13 @@ def trigger_of(trigger: Every | On, inputs: Mapping[str, Input]) -> On | None:
     """
     for each in inputs.values():
         if each.lock_step == "refused":
-            raise ValueError(f"lock_step must be false where {each.topic} is heard: its messages belong to no step.")
+            raise ValueError(f"lock_step must be false with an input on {each.topic}: its messages belong to no step.")
     if isinstance(trigger, On):
         return trigger
     if trigger.answers is not None:
         return On(trigger.answers)
     if trigger.speed is None:
-        raise ValueError("lock_step must be false for a block that runs by the clock: it answers nobody.")
+        raise ValueError("lock_step must be false for a block that runs by the clock: it answers no step.")
     return None
 
 

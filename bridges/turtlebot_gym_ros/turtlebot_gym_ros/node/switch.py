@@ -17,8 +17,8 @@ from turtlebot_gym_ros.node.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
 
-BLIND = "It sees no obstacles: whoever enables it watches the robot."
-SEEING = "It sees only those obstacles that its LiDAR does: whoever enables it watches the robot."
+BLIND = "It sees no obstacles: watch the robot while it is enabled."
+SEEING = "It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
 
 
 def warning_of(inputs: Mapping[str, Input]) -> str:

@@ -58,7 +58,7 @@ class Monitor:
         # Farther than the robot can move in the time to contact plus the whole validity of a scan.
         used = limits.time + timing.age + timing.period + timing.reaction
         self._reach = (speed + turning * abs(body.center_x)) * used
-        self._points, self._sent, self._bad = np.empty((3, 0)), -math.inf, "no scan has come"
+        self._points, self._sent, self._bad = np.empty((3, 0)), -math.inf, "no scan has arrived"
         self._times, self._poses, self._told = [now], [(0.0, 0.0, 0.0)], [STOP]
         self.state = ""
 

@@ -33,10 +33,10 @@ class Report:
         """Record the age of a topic's message at its arrival."""
         if age.seconds > self._p.max_age:
             why = f"{topic}: messages are {age.seconds:.2f} s old by {age.by} when they come, more than {self._p.max_age} s: "
-            self._times[topic] = now, why + "are the clocks of both computers set (NTP), and is the connection quick enough?"
+            self._times[topic] = now, why + "are both clocks synchronized (NTP), and is the connection fast enough?"
         elif age.ahead > 0.0:
-            why = f"{topic}: the sender's clock is {age.ahead:.2f} s ahead of this computer's, so only arrival counts: "
-            self._times[topic] = now, why + "set the clocks of both (NTP)"
+            why = f"{topic}: the sender's clock is {age.ahead:.2f} s ahead of this computer's, so only arrival times count: "
+            self._times[topic] = now, why + "synchronize both clocks (NTP)"
 
     def message(self, now: float, *, robots: int) -> DiagnosticArray:
         """Return the diagnostics of this second, and log new problems.
@@ -88,14 +88,14 @@ class Report:
         monitor = self._arbiter.monitor
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")
-            return DiagnosticStatus.ERROR, f"collision monitor: {topic}: {why}; nothing moves without a scan"
+            return DiagnosticStatus.ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
         if monitor and monitor.state:
             return DiagnosticStatus.WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():
             if now - heard <= RECENT:
                 return DiagnosticStatus.WARN, why
         if robots == 0:
-            return DiagnosticStatus.WARN, f"nobody listens to {topics[0]}"
+            return DiagnosticStatus.WARN, f"{topics[0]} has no listener"
         return DiagnosticStatus.OK, self._arbiter.state
 
     def _mismatch(self, topics: list[str]) -> str:
