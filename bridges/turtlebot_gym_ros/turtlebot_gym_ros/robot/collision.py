@@ -126,7 +126,7 @@ def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[n
     blind = math.hypot(body.scan_x - body.center_x, body.scan_y) + scan.range_min * (1.0 - limits.error)
     if scan.range_min > 0.0 and blind > body.radius + limits.margin:
         raise ValueError(
-            f"the LiDAR sees nothing below range_min, {scan.range_min:g} m, so the margin must be at least {blind - body.radius:.3f} m"
+            f"it sees nothing below range_min, {scan.range_min:g} m, so the margin must be at least {blind - body.radius:.3f} m"
         )
     if np.isnan(ranges).any():
         raise ValueError("it has ranges that are NaN")
