@@ -126,7 +126,7 @@ def room_differences(one: Told, other: Told) -> dict[str, float]:
 
 
 def first(trajectory: Trajectory, steps: int) -> Trajectory:
-    """Return the start of a drive, and so many steps."""
+    """Return the start and the first steps of a drive."""
     return Trajectory(*(rows[: steps + 1] for rows in trajectory))
 
 

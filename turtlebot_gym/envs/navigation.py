@@ -60,7 +60,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 7 | stated standard deviation of the position (of the odometry; 0 for the truth) | m | 0 | 5 |
     | 8 | stated standard deviation of the heading | rad | 0 | pi |
     | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
-    | 10 | distance to the waypoint after this one; to this one again where there is none | m | 0 | 20 |
+    | 10 | distance to the waypoint after this one; to this one again if there is none | m | 0 | 20 |
     | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
 
     ## Rewards

@@ -23,7 +23,7 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
 
     Args:
         evaluations: Label and evaluation of each, on the same seeds.
-        title: What stands above.
+        title: Title of the figure or table.
     """
     first = next(iter(evaluations.values()))
     driven = Table(
@@ -83,7 +83,7 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
 
     Args:
         results: Name and result of each.
-        title: What stands above.
+        title: Title of the figure or table.
     """
     table = Table(
         "", "", "position, m: mean", "max", "final", "heading, rad: mean", "max", "final", "per metre, m", "rad", title=title

@@ -98,7 +98,7 @@ class VectorFieldHistogramPolicy(_Reactive):
         dt: Control interval, s.
         ahead: Weight of the angle to the current direction; the angle to the goal has the weight 1.
         last: Weight of the angle to the last direction chosen.
-        margin: See `_Reactive`, as of the next five.
+        margin: See `_Reactive`, as for the next five arguments.
         lag: See there.
         sight: See there.
         gain: See there.
@@ -156,7 +156,7 @@ class FollowTheGapPolicy(_Reactive):
         dt: Control interval, s.
         alpha: Distance of an obstacle at which gap and goal have equal weight, m.
         field: Angle on both sides of the goal in which gaps are considered, rad.
-        margin: See `_Reactive`, as of the next five.
+        margin: See `_Reactive`, as for the next five arguments.
         lag: See there.
         sight: See there.
         gain: See there.

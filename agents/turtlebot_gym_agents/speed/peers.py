@@ -139,7 +139,7 @@ class Present(NamedTuple):
     """Available peers."""
 
     contenders: dict[str, Contender]
-    """By name."""
+    """Contenders by name."""
     versions: dict[str, dict[str, str]]
     """Versions of each peer, or under "missing" why it is not available."""
 
