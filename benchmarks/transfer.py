@@ -2,6 +2,7 @@
 
 The same seeds are driven with the unicycle, with a Burger in MuJoCo on a floor that grips, and on a slippery one. Policies are
 compared with themselves on the unicycle in pairs; all filters see the same drives, whose commands do not depend on an estimate.
+
 `make study-transfer` runs it and writes `transfer.json`. Finished drives are kept under `out/`, by commit, so an interrupted
 run resumes.
 """

@@ -3,9 +3,10 @@
 It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. Unless
 ``collision_monitor`` is switched on it does NOT SEE OBSTACLES. It does not use the shell of the other nodes and shares little
 with them: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a message
-(`sent`), `discovery`, and the description of parameters (`standalone`). **Its own death is not covered**: a TurtleBot3 holds
-its last command indefinitely, so a killed guard leaves the robot moving. The launch file respawns it, and a guard's first
-messages are zeros.
+(`sent`), `discovery`, and the description of parameters (`standalone`).
+
+**Its own death is not covered**: a TurtleBot3 holds its last command indefinitely, so a killed guard leaves the robot moving.
+The launch file respawns it, and a guard's first messages are zeros.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
 ``/emergency_stop`` (Bool, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence the
@@ -26,11 +27,14 @@ until it is enabled again, which it refuses while any button is pressed, or one 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
 A restarted guard remembers no emergency stop and no button; with ``start_enabled`` false it must be enabled then too. After one
-of several buttons is removed for good, restart the guard. **Namespaces.** All its topics are relative: the guard of /robot1
-subscribes to /robot1/emergency_stop only, and serves /robot1/cmd_vel_guard/enable. To stop several robots with one button,
-remap ``emergency_stop`` of each guard, and of each node that moves a robot, to a common topic. Each robot is still enabled
-separately. Parameters: see `arbiter.Parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and
-without ``/clock``.
+of several buttons is removed for good, restart the guard.
+
+**Namespaces.** All its topics are relative: the guard of /robot1 subscribes to /robot1/emergency_stop only, and serves
+/robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node
+that moves a robot, to a common topic. Each robot is still enabled separately.
+
+Parameters: see `arbiter.Parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and without
+``/clock``.
 """
 
 from __future__ import annotations
