@@ -47,7 +47,7 @@ def example():
     return module
 
 
-# A block of one's own.
+# A custom block.
 
 
 def test_a_block_is_tried_in_a_loop_without_ros(example):
