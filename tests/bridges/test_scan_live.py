@@ -211,7 +211,7 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"policy": "vfh"}, "it needs a world"),
+        ({"policy": "vfh"}, "and needs a world"),
         ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "ground:blind", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, got 7"),
