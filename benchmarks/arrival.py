@@ -1,7 +1,8 @@
-"""When a robot should believe that it has arrived: rules side by side, each on the same drives to a goal.
+"""Compare rules for when a robot should believe that it has arrived, on the same drives to a goal.
 
-The bearing law drives on to the goal's centre; each rule is asked at every step and counts at the first one that it holds in.
-Its arrival is false where the true pose is outside of the radius then. `make bench-arrival` runs it and writes `arrival.json`.
+The bearing law drives on to the goal's centre; each rule is evaluated at every step, and the first step in which it holds
+counts. Its arrival is false if the true pose is outside of the radius then. `make bench-arrival` runs it and writes
+`arrival.json`.
 """
 
 from __future__ import annotations
@@ -27,33 +28,33 @@ from turtlebot_gym_agents.provenance import settings_of, write_json
 RESULTS = Path(__file__).with_suffix(".json")
 NOISES = ("tutorial", "documented", "rough", "wheel")
 RADIUS, DT = NAV.radius, 0.1
-"""Of the navigation task, m; and the control interval, s."""
+"""Radius of the navigation task, m; and the control interval, s."""
 
 
 class Told(NamedTuple):
-    """What is known of n drives at a step."""
+    """The belief in n drives at a step."""
 
     believed: NDArray[np.float64]
     """Believed distance to the goal, shape (n,), m."""
     deviation: NDArray[np.float64]
-    """Stated standard deviation of the position, a root mean square over the two axes, shape (n,), m."""
+    """Stated standard deviation of the position, root mean square over the two axes, shape (n,), m."""
 
 
 Rule = Callable[[list[Told]], NDArray[np.bool_]]
 
 
 def within(radius: float, times: int = 1) -> Rule:
-    """Return the rule that the belief is within a radius, so many times in a row."""
+    """Return the rule that the belief is within a radius a number of times in a row."""
     return lambda told: np.all([one.believed < radius for one in told[-times:]], axis=0) & (len(told) >= times)
 
 
 def likely(probability: float) -> Rule:
-    """Return the rule that the position is within the radius with a probability, as the filter says."""
+    """Return the rule that the position is within the radius with a probability, by the filter's covariance."""
     return lambda told: inside(told[-1].believed, told[-1].deviation) >= probability
 
 
 def inside(distance: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the probability that a round Gaussian so far from the goal is within the radius, by Rice's distribution."""
+    """Return the probability that an isotropic Gaussian around a point is within the radius, by Rice's distribution."""
     middle = (np.arange(60) + 0.5) * (RADIUS / 60.0)
     s, d = np.maximum(deviation, 1e-4)[:, None], distance[:, None]
     density = middle / s**2 * np.exp(-((middle - d) ** 2) / (2.0 * s**2)) * i0e(middle * d / s**2)
@@ -76,18 +77,18 @@ class Config:
     """Compare rules of arrival."""
 
     drives: int = 4000
-    """Drives under each noise."""
+    """Number of drives under each noise."""
     seed: int = 0
-    """The first one's."""
+    """Seed of the first drive."""
     steps: int = 400
     """Length of a drive."""
     json: Path | None = RESULTS
-    """Where the results go."""
+    """File for the results."""
 
 
 def compare(noise: str, config: Config) -> dict[str, Any]:
-    """Return for each rule how often its arrival is false, how long after the first rule it comes, and how often never."""
-    n, endless = config.drives, 1e-9  # so small a radius is never reached, and the robot drives on
+    """Return how often each rule's arrival is false, how much later than the first rule it occurs, and how often never."""
+    n, endless = config.drives, 1e-9  # a radius this small is never reached, and the robot drives on
     task = replace(NAV, radius=endless)
     envs = gym.make_vec(
         "turtlebot_gym/TurtleBotNav-v0", num_envs=n, task=task, noise=noise, info="full", max_episode_steps=config.steps + 1
@@ -118,7 +119,7 @@ def compare(noise: str, config: Config) -> dict[str, Any]:
 
 
 def table(noise: str, found: dict[str, Any]) -> Table:
-    """Return what was found under a noise."""
+    """Return a table of the results under a noise."""
     drawn = Table("rule", "false, %", "later, s", "never, %", title=noise)
     for name, row in found.items():
         false, later = row["false"], row["later"]
@@ -132,7 +133,7 @@ def table(noise: str, found: dict[str, Any]) -> Table:
 
 
 def main() -> None:
-    """Drive, print tables, and write."""
+    """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     found = {}
     with progress(len(NOISES)) as advance_to:

@@ -1,12 +1,12 @@
-"""The 200 worlds of the BARN challenge, with a Burger that was never trained on them.
+"""Drive a Burger that was never trained on them through the 200 worlds of the BARN challenge.
 
-A robot starts before each world's field of cylinders and has to reach a goal 10 m further on, behind it. A world counts once,
-with the mean over its episodes, which differ in their noise; intervals are over worlds. The score is the challenge's: success
-times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time that the shortest way takes at full speed.
+A robot starts in front of each world's field of cylinders and must reach a goal behind it, 10 m further on. A world counts
+once, with the mean over its episodes, which differ in their noise; intervals are over worlds. The score is the challenge's:
+success times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time for the shortest path at full speed.
 
     python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
 
-What was driven is kept under `out/`, by commit, so an interrupted run resumes. A policy can be added to earlier results with
+Finished drives are kept under `out/`, by commit, so an interrupted run resumes. A policy can be added to earlier results with
 ``--policy NAME --add-to benchmarks/barn.json``; each policy's commit is in the file.
 
 References:
@@ -37,7 +37,7 @@ from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
 from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
 AT_ONCE = 20
-"""Worlds that are driven, and kept, together."""
+"""Number of worlds driven and stored together."""
 FIGURES = ("success", "collision", "timeout", "barn", "spl", "time_to_goal")
 
 
@@ -61,21 +61,21 @@ class Config:
     noise: str = "tutorial"
     """Noise preset."""
     episodes: int = 5
-    """Of each world; episode i has the seed SEED + i."""
+    """Episodes per world; episode i has the seed SEED + i."""
     seed: int = 1_000_000
     """The first seed."""
     limit: int = 5000
     """Longest episode, steps: 8 times the shortest."""
     first: int | None = None
-    """Only so many worlds."""
+    """Number of worlds to drive, from the first."""
     processes: int = 1
-    """Processes at once, each on one core."""
+    """Number of parallel processes, each on one core."""
     runs: Path | None = None
-    """Where drives are kept; out/barn/COMMIT where it is not given."""
+    """Folder of finished drives; by default out/barn/COMMIT."""
     add_to: tuple[Path, ...] = ()
-    """Results with the same settings, from which the policies are taken over that are not driven now."""
+    """Earlier results with the same settings, whose other policies are included in the new result."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Where the result goes."""
+    """File for the result."""
 
 
 def read(path: Path) -> list[FloorPlan]:
@@ -112,7 +112,7 @@ def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> Worlds:
 
 
 def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], config: Config) -> Worlds:
-    """Return a policy's figures in some worlds, of which the first has this number; they are driven where that is missing."""
+    """Return a policy's figures in consecutive worlds from a first number; missing ones are driven."""
     told = slug(
         policy=name_of(policy), worlds=f"{first}-{len(plans)}", lidar=config.lidar, noise=config.noise, n=config.episodes,
         seed=config.seed, limit=config.limit,
@@ -121,14 +121,14 @@ def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], co
 
 
 def settings(config: Config, policies: Iterable[str]) -> dict[str, Any]:
-    """Return what a result was made with."""
+    """Return the settings of a result."""
     told = settings_of(replace(config, policy=tuple(policies)))
-    del told["processes"]  # changes no result
+    del told["processes"]  # does not affect results
     return told
 
 
 def read_results(path: Path, config: Config) -> tuple[dict[str, Worlds], dict[str, str]]:
-    """Return each policy's figures in all worlds, and the commit at which it was driven, from a file.
+    """Read each policy's figures in all worlds, and the commit of its drives, from a file.
 
     Raises:
         ValueError: If the file's drives had other settings.
@@ -143,7 +143,7 @@ def read_results(path: Path, config: Config) -> tuple[dict[str, Worlds], dict[st
 
 
 def drive_all(config: Config) -> dict[str, Worlds]:
-    """Return the figures of all policies that are to be driven, in all worlds."""
+    """Return the figures of all requested policies in all worlds."""
     plans, folder = read(config.worlds)[: config.first], config.runs or results_folder("barn")
     firsts = range(0, len(plans), AT_ONCE)
     jobs = [
@@ -155,7 +155,7 @@ def drive_all(config: Config) -> dict[str, Worlds]:
 
 
 def main() -> None:
-    """Drive, print a table, and write what is asked for."""
+    """Drive, print a table, and write the requested files."""
     config = tyro.cli(Config)
     rows, commits = {}, {}
     for path in config.add_to:

@@ -1,17 +1,17 @@
 """Fit the drift of wheel odometry, the alphas of `turtlebot_gym.ProcessNoise`, to recorded drives with known truth.
 
-From every row on, the wheels alone are followed from the true pose for half a metre, for one and for two; how far position and
-heading are then off is compared with what noise on speed and turning rate would make of it:
+From every row, wheel odometry is integrated from the true pose for 0.5, 1 and 2 m, and its errors of position and heading are
+compared with those predicted by noise on speed and turning rate:
 
     E[position error^2] = sum over rows of (var_v + var_omega L^2) dt^2,    E[heading error^2] = sum of var_omega dt^2,
 
-with L the distance from where the row's motion happened to where the segment ends, and var_v, var_omega the execution's
-variances. The alphas are those that make the errors most likely, were they Gaussian (position: in two dimensions alike), with
-equal weight for each drive and length. It is not the likelihood of whole poses: real wheels slip sideways in turns, which
-noise on a unicycle's twist can only mimic, and would be blown up to.
+with L the distance from the row's motion to the end of the segment, and var_v, var_omega the variances of the execution. The
+alphas maximize the likelihood of the errors under a Gaussian model (isotropic in position), with equal weight for each drive
+and length. This is not the likelihood of whole poses: real wheels slip sideways in turns, which noise on a unicycle's twist
+could only mimic by being inflated.
 
-`turtlebot-gym calibrate`, which fits that likelihood to one drive, is no substitute here: of these two recordings, which are
-slow and hardly turn on the spot, it determines no alpha, and two of the second one's intervals lie above the preset
+`turtlebot-gym calibrate`, which fits that likelihood to one drive, is no substitute here: from these two recordings, which are
+slow and hardly turn on the spot, it determines no alpha, and two intervals of the second one lie above the preset
 (`calibration_recorded.json`).
 
     python benchmarks/calibrate_wheels.py ../shared/data/wifibot1.txt ../shared/data/wifibot2.txt
@@ -36,13 +36,13 @@ from turtlebot_gym_agents.evaluation.replay import Drive, dead_reckoning, drift,
 LENGTHS = (0.5, 1.0, 2.0)
 """Lengths of the segments, m."""
 RESOLUTION = 1e-7
-"""Least variance of an error: a third of a millimetre and of a milliradian squared, that of the truth."""
+"""Least variance of an error: that of the truth, a third of a millimetre and of a milliradian, squared."""
 STARTS = ((1e-3, 1e-3, 1e-3, 1e-3), (1e-2, 1e-4, 1e-2, 1e-3), (1e-4, 1e-4, 1e-4, 1e-4))
-"""Alphas from which the search starts."""
+"""Alphas at which the search starts."""
 
 
 class Segments(NamedTuple):
-    """Errors at the ends of a drive's n segments, and what each alpha, were it 1, would make of their variances."""
+    """Errors at the ends of a drive's n segments, and the variances that each alpha predicts at the value 1."""
 
     position: NDArray[np.float64]
     """Squared errors, shape (n,), m^2."""
@@ -67,7 +67,7 @@ def collect(drive: Drive, length: float) -> Segments:
     last = np.searchsorted(path, path[first] + length)
     position, heading = drift(wheels, drive.truth, first, last)
     middle = 0.5 * (wheels[1:, :2] + wheels[:-1, :2])
-    # A variance of 1 on the twist is one of 0.1 s / dt, that is 0.1 s dt on a row's motion.
+    # A variance of 1 on the twist becomes 0.1 s / dt, that is 0.1 s dt on a row's motion.
     shares = REFERENCE_PERIOD * np.diff(drive.time)[:, None] * drive.twist[1:] ** 2
     to_position, to_heading = np.zeros((len(first), 4)), np.zeros((len(first), 4))
     for at, (i, j) in enumerate(zip(first, last, strict=True)):
@@ -78,7 +78,7 @@ def collect(drive: Drive, length: float) -> Segments:
 
 
 def fit(drives: list[list[Segments]]) -> NDArray[np.float64]:
-    """Return the alphas, shape (4,), that make the errors most likely."""
+    """Return the maximum-likelihood alphas, shape (4,)."""
 
     def cost(logarithms: NDArray[np.float64]) -> float:
         return sum(segments.likelihood(np.exp(logarithms)) for drive in drives for segments in drive)
@@ -97,7 +97,7 @@ class Config:
 
 
 def main() -> None:
-    """Fit, and print the alphas and how well they tell the drift."""
+    """Fit, and print the alphas and how well they predict the drift."""
     files = tyro.cli(Config, description=__doc__).files
     drives = [[collect(read_drive(path), length) for length in LENGTHS] for path in files]
     alphas = fit(drives)

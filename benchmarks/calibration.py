@@ -1,9 +1,9 @@
-"""Whether a calibration's intervals hold the truth, and what it is worth on recorded drives.
+"""Check whether a calibration's intervals contain the truth, and what it gains on recorded drives.
 
 `make bench-calibration` runs both parts. The first fits the noise model to five-minute drives of the environment with random
-known noise, from the truth and from the innovations alone, and counts how often the 95 % intervals hold the known values. It
-takes about half an hour of one core; what is done is kept in ``--kept``, and an interrupted run goes on. The second calibrates
-on one recorded drive and judges on the other.
+known noise, from the truth and from the innovations alone, and counts how often the 95 % intervals contain the known values. It
+takes about half an hour of one core; finished fits are kept in ``--kept``, and an interrupted run resumes. The second
+calibrates on one recorded drive and evaluates on the other.
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ from turtlebot_gym_agents.evaluation.replay import read_drive
 from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
 RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
-"""Where each part's results go."""
+"""File for each part's results."""
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 VIEWS = {"truth": True, "innovations": False}
-"""What is fitted to: the truth, or the innovations alone."""
+"""Data of a fit: the truth, or the innovations alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Calibrate drives whose noise is known, and recorded ones."""
+    """Calibrate drives with known noise, and recorded ones."""
 
     part: Literal["coverage", "recorded"] = "coverage"
-    """Whether intervals hold the truth, or what a calibration is worth on recorded drives."""
+    """Part to run: coverage of intervals, or gain of a calibration on recorded drives."""
     drives: int = 200
-    """Drives of five minutes, each with a noise of its own, that are fitted to the truth ..."""
+    """Number of drives of five minutes, each with its own noise, to fit to the truth ..."""
     blind: int = 200
     """... and to the innovations alone."""
     seed: int = 0
-    """The first one's."""
+    """Seed of the first drive."""
     data: Path = Path("../shared/data")
     """Folder with the recorded drives."""
     seeds: int = 20
-    """Of the measured poses on recorded drives, each time."""
+    """Number of seeds for the measured poses on recorded drives."""
     results: Path | None = Path(__file__).parent
     """Folder for the results."""
     kept: Path = Path("out/calibration")
-    """Folder for what is done already."""
+    """Folder for finished fits."""
     seconds: float = float("inf")
-    """Stop after so much time, s; the next run goes on."""
+    """Time limit of this run, s; the next run resumes."""
 
     def wanted(self) -> dict[str, int]:
-        """Return how many drives are fitted to each view."""
+        """Return the number of drives to fit for each view."""
         return {"truth": self.drives, "innovations": self.blind}
 
 
 def random_noise(seed: int) -> Noise:
-    """Return a noise model: the sensor's from good to poor, the execution's round that of a real robot."""
+    """Return a random noise model: sensors from good to poor, execution noise around that of a real robot."""
     random = np.random.default_rng([seed, 7])
     x, y, heading = random.uniform((0.02, 0.02, 0.03), (0.08, 0.08, 0.12))
     alphas = np.exp(random.uniform(np.log(0.002), np.log(0.012), 4))
@@ -87,7 +87,7 @@ def true_value(noise: Noise, name: str) -> float:
 
 
 def calibrated(seed: int, view: str) -> dict[str, Any]:
-    """Return what was fitted to one drive, beside the truth."""
+    """Return the fit to one drive with the true values."""
     noise = random_noise(seed)
     log = simulated_log(noise, seed=seed)
     began = time.process_time()
@@ -100,7 +100,7 @@ def calibrated(seed: int, view: str) -> dict[str, Any]:
 
 
 def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
-    """Return how often the intervals of each parameter hold the truth, among all drives and where it was determined."""
+    """Return how often the intervals of each parameter contain the truth, among all drives and those that determine it."""
     told = {}
     for name in (*PARAMETERS, "dropout_probability"):
         ones = [row["estimates"][name] for row in rows if row["view"] == view and name in row["estimates"]]
@@ -122,13 +122,13 @@ def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
 
 
 def band(drives: int) -> tuple[float, float]:
-    """Return the shares between which 95 % of counts fall, were each interval to hold the truth in 95 % of all drives."""
+    """Return the range of 95 % of the shares if each interval contains the truth in 95 % of all drives."""
     low, high = stats.binom.interval(0.95, drives, 0.95)
     return float(low / drives), float(high / drives)
 
 
 def recorded(config: Config) -> dict[str, Any]:
-    """Return how a filter that was calibrated on one recorded drive does on the other, beside the uncalibrated one."""
+    """Return the results of a filter calibrated on one recorded drive on the other, with those of the uncalibrated one."""
     drives = {name: read_drive(config.data / name) for name in RECORDED}
     told = {}
     for name, other in (RECORDED, RECORDED[::-1]):
@@ -154,7 +154,7 @@ def recorded(config: Config) -> dict[str, Any]:
 
 
 def covered(config: Config) -> dict[str, Any] | None:
-    """Return the coverage over simulated drives, or nothing where time ran out: the next run goes on."""
+    """Return the coverage over simulated drives, or None if time ran out; the next run resumes."""
     kept = config.kept / f"{provenance()['commit']}.jsonl"
     kept.parent.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
@@ -176,7 +176,7 @@ def covered(config: Config) -> dict[str, Any] | None:
 
 
 def main() -> None:
-    """Calibrate, count, print, and write."""
+    """Calibrate, count, print, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     if config.part == "coverage":
         result = covered(config)

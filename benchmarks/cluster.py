@@ -1,8 +1,7 @@
-"""What a unit of work costs on Ray, with 1 and 2 workers, and what that means for 1,000.
+"""Measure the cost of a unit of work on Ray with 1 and 2 workers, and extrapolate to 1,000.
 
-Measured: the same evaluation without Ray and with each number of workers, in turn; empty units, which tell what a unit costs
-beside its work; the size of a result; what the driver does with one. The plan for more workers follows from those numbers, and
-says so.
+Measured: the same evaluation without Ray and with each number of workers, in turn; empty units, for the overhead of a unit; the
+size of a result; the driver's work per result. The plan for more workers is calculated from those numbers, and says so.
 
 `make bench-cluster` runs it.
 """
@@ -34,28 +33,28 @@ PLANNED = (2, 16, 128, 1000)
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Measure, and plan."""
+    """Measure and extrapolate."""
 
     episodes: int = 8000
-    """Episodes of the evaluation that is timed."""
+    """Episodes of the timed evaluation."""
     empty: int = 200
-    """Units that do nothing."""
+    """Number of empty units."""
     rounds: int = 2
-    """How often each number of workers has its turn; the best one counts."""
+    """Turns of each number of workers; the best one counts."""
     json: Path = Path("benchmarks/cluster.json")
-    """Where the results go."""
+    """File for the results."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Empty:
-    """A unit that does nothing, and tells as much as 250 episodes do."""
+    """A unit that does nothing and returns as much data as 250 episodes."""
 
     number: int
     memory = 0
     size = 1
 
     def about(self) -> dict[str, Any]:
-        """Return what tells it from the others."""
+        """Return what distinguishes it from the others."""
         return {"empty": self.number}
 
     def run(self) -> Result:
@@ -64,14 +63,14 @@ class Empty:
 
 
 def seconds_of(units: list[Any], workers: Workers) -> float:
-    """Return how long units take, s."""
+    """Return the time for some units, s."""
     begun = time.perf_counter()
     complete(units, workers=workers)
     return time.perf_counter() - begun
 
 
 def measured(config: Config) -> dict[str, Any]:
-    """Return seconds of units by the number of workers, 0 without Ray, and what starting Ray takes."""
+    """Return the time of units by number of workers, with 0 for no Ray, and the time to start Ray, s."""
     asked = {"env": NAV, "episodes": config.episodes, "seed": 0}
     work, empty = drives("bearing", **asked), [Empty(number=number) for number in range(config.empty)]
     complete(work[:1])  # compiled
@@ -83,7 +82,7 @@ def measured(config: Config) -> dict[str, Any]:
                 told = {"work": seconds_of(work, in_turn), "empty": seconds_of(empty, in_turn)}
             else:
                 with ray_workers("local", workers=workers, memory=Drive.memory) as ray:
-                    complete(work[: 2 * workers], workers=ray)  # workers have begun, and loaded the loops
+                    complete(work[: 2 * workers], workers=ray)  # workers have started and loaded the loops
                     start = time.perf_counter() - begun
                     told = {"start": start, "work": seconds_of(work, ray), "empty": seconds_of(empty, ray)}
             best = found.setdefault(workers, told)
@@ -94,24 +93,24 @@ def measured(config: Config) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Peak:
-    """A unit that does another one, and tells what memory its process has needed so far."""
+    """A unit that runs another one, and reports the peak memory of its process."""
 
     unit: Any
     memory = 0
     size = 1
 
     def about(self) -> dict[str, Any]:
-        """Return what the other one is."""
+        """Return the other unit's description."""
         return {"peak": self.unit.about()}
 
     def run(self) -> Result:
-        """Do it."""
+        """Run the unit."""
         self.unit.run()
         return Result({"bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}, {}, {}, {})
 
 
 def peaks() -> dict[str, float]:
-    """Return what a worker needs for a unit of each kind, bytes."""
+    """Return the memory of a worker for a unit of each kind, bytes."""
     (drive,) = drives("ppo-nav", env=NAV, episodes=CHUNK, seed=0)
     found = {}
     for name, unit in (("drive", drive), ("training", training(TrainingConfig(steps=20_000, evaluations=1)))):
@@ -121,7 +120,7 @@ def peaks() -> dict[str, float]:
 
 
 def driver() -> dict[str, float]:
-    """Return what a result costs the driver: bytes, and seconds to name its unit and to keep it."""
+    """Return the driver's cost of a result: bytes, and seconds to name its unit and to store it."""
     (unit,) = drives("bearing", env=NAV, episodes=CHUNK, seed=CHUNK)
     result = complete([unit])[0]
     held = sum(array.nbytes for array in result.arrays.values())
@@ -145,10 +144,9 @@ def driver() -> dict[str, float]:
 
 
 def plan(found: dict[str, Any], costs: dict[str, float], config: Config) -> dict[str, Any]:
-    """Return what follows for more workers, by arithmetic alone; nothing here was run.
+    """Return the plan for more workers, by arithmetic only; nothing of it was run.
 
-    A worker does a unit in so many seconds as the evaluation says; the driver needs so many for each as empty units say, the
-    store's included.
+    A worker's time per unit is that of the evaluation; the driver's is that of empty units, including the store.
     """
     times = found["by_workers"]
     unit = times[0]["work"] / found["units"]
@@ -174,7 +172,7 @@ def plan(found: dict[str, Any], costs: dict[str, float], config: Config) -> dict
 
 
 def main() -> None:
-    """Measure, plan, and write."""
+    """Measure, extrapolate, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     found, costs = measured(config), driver()
     times = found["by_workers"]

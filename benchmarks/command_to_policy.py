@@ -1,12 +1,12 @@
-"""From command to policy: what ``turtlebot-gym train`` takes beside the learning itself, and on a busy machine.
+"""Measure the overhead of ``turtlebot-gym train`` over the learning itself, also on a busy machine.
 
-Two contenders take turns, each in a process of its own: the whole command, from its start to the written policy, and the bare
-``model.learn()`` of the same steps with the same algorithm, adapter, network and seed, without callbacks, timed without imports
-and preparation. Wall time and CPU seconds count, the ratio of each round, and the median over the rounds. One more run tells
+Two contenders take turns, each in its own process: the whole command, from its start to the written policy, and the bare
+``model.learn()`` with the same steps, algorithm, adapter, network and seed, without callbacks, timed without imports and
+preparation. The results are medians over the rounds of wall time, CPU seconds and the ratio in each round. One more run shows
 where the command's time goes.
 
 With ``--busy 4`` each round has a second part beside four busy processes, which this program starts and stops: CPU seconds of a
-training should not grow with them. The machine is taken as it is found; its load is written down.
+training should not grow with them. The machine is used as it is; its load is recorded.
 
 `make bench-train` runs it, with nothing else on the cores.
 """
@@ -29,33 +29,33 @@ from typing import Any, Literal, NamedTuple
 import tyro
 
 LIMIT = 1.25
-"""The whole command may take so many times the bare learning, wall time."""
+"""Limit on the ratio of the whole command to the bare learning, wall time."""
 BUSY_LIMIT = 1.3
-"""On a busy machine a training may take so many times the CPU seconds."""
+"""Limit on the ratio of a training's CPU seconds on a busy machine to those alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Time the command beside the bare learning."""
+    """Compare the time of the command with the bare learning."""
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """Environment id."""
     steps: int = 1_000_000
-    """Of each training."""
+    """Steps of each training."""
     seed: int = 0
-    """Of all trainings."""
+    """Seed of all trainings."""
     rounds: int = 3
-    """How often each contender has its turn."""
+    """Number of turns of each contender."""
     busy: int = 0
     """Busy processes for the second part of each round; 0 for none."""
     json: Path | None = None
     """Write the results here."""
     part: Literal["all", "bare", "account"] = "all"
-    """What a child process does."""
+    """Part to run in a child process."""
 
 
 class Cost(NamedTuple):
-    """What a turn takes, s."""
+    """Cost of a turn, s."""
 
     wall: float
     cpu: float
@@ -63,7 +63,7 @@ class Cost(NamedTuple):
 
 @dataclass
 class Stopwatch:
-    """Adds up the time that functions take, without that of others within them."""
+    """Adds up the time of functions, without that of nested ones."""
 
     taken: dict[str, list[float]] = field(default_factory=dict)
     """Wall and CPU seconds by name."""
@@ -99,7 +99,7 @@ def _now() -> tuple[float, float]:
 
 
 def bare(config: Config) -> Cost:
-    """Return what ``learn()`` alone takes, in this process."""
+    """Return the cost of ``learn()`` alone, in this process."""
     import torch
 
     from turtlebot_gym.compiled.threads import limited
@@ -118,7 +118,7 @@ def bare(config: Config) -> Cost:
 
 
 def account(config: Config, folder: Path) -> dict[str, list[float]]:
-    """Return where the command's time goes, wall and CPU seconds by part, in this process."""
+    """Return the command's wall and CPU seconds by part, in this process."""
     watch = Stopwatch()
     with watch.time("all the rest"):
         with watch.time("imports: the command line"):
@@ -143,7 +143,7 @@ def account(config: Config, folder: Path) -> dict[str, list[float]]:
 
 
 def command(config: Config) -> Cost:
-    """Return what the whole command takes, as a process."""
+    """Return the cost of the whole command, as a process."""
     with tempfile.TemporaryDirectory() as folder:
         arguments = [sys.executable, "-m", "turtlebot_gym_agents", *_arguments(config), "--out", f"{folder}/run"]
         start = time.perf_counter()
@@ -162,7 +162,7 @@ def _arguments(config: Config) -> list[str]:
 
 
 def _child(config: Config, part: str) -> Any:
-    """Return what a part of this program prints in a process of its own."""
+    """Run a part of this program in its own process, and return what it prints."""
     options = ["--part", part, "--env", config.env, "--steps", str(config.steps), "--seed", str(config.seed)]
     done = subprocess.run([sys.executable, __file__, *options], capture_output=True, text=True)
     if done.returncode:
@@ -192,7 +192,7 @@ def one_round(config: Config) -> dict[str, Cost]:
 
 
 def machine() -> dict[str, Any]:
-    """Return what it is measured on."""
+    """Return the description of the machine."""
     lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines() if Path("/proc/cpuinfo").is_file() else []
     model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
     return {"cpu": model, "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]}
@@ -223,7 +223,7 @@ def _measure(config: Config) -> None:
     from turtlebot_gym_agents.provenance import write_json
 
     before = machine()
-    command(Config(env=config.env, steps=1, seed=config.seed))  # compile, and have the files in memory
+    command(Config(env=config.env, steps=1, seed=config.seed))  # compile, and load the files into memory
     rounds = [one_round(config) for _ in range(config.rounds)]
     where = _child(config, "account")
     console = Console(width=None if sys.stdout.isatty() else 120)

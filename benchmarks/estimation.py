@@ -1,4 +1,4 @@
-"""Each filter beside the posterior Cramer-Rao bound, under each noise preset, on 20,000 drives.
+"""Compare each filter with the posterior Cramer-Rao bound, under each noise preset, on 20,000 drives.
 
 `make bench-estimation` runs it and writes `estimation.json`; `turtlebot-gym estimate` does the same for one setting.
 """
@@ -19,7 +19,7 @@ from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
 EXACT = " without floors"
-"""Stands behind the name of a filter that assumes the true noise, and no more."""
+"""Suffix of a filter that assumes exactly the true noise."""
 SETTINGS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "tutorial": (("matched", "matched without floors", "gated", "mixture", "tutorial"), {"noise": "tutorial"}),
     "documented without its bias": (
@@ -36,25 +36,25 @@ SETTINGS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Hold filters against the bound."""
+    """Compare filters with the bound."""
 
     runs: int = 20_000
-    """Drives in each setting."""
+    """Number of drives in each setting."""
     seed: int = 0
-    """The first one's."""
+    """Seed of the first drive."""
     json: Path | None = RESULTS
-    """Where the results go."""
+    """File for the results."""
 
 
 def tuning(name: str, noise: Noise) -> FilterTuning:
     """Return a filter's tuning by its name here."""
     found = make_filter(name.removesuffix(EXACT), noise)
-    exact = noise.odometry.R if found.odometry_input else found.R  # else spikes and quantization belong to it
+    exact = noise.odometry.R if found.odometry_input else found.R  # otherwise it includes spikes and quantization
     return replace(found, Q=(0.0,) * 5, R=exact) if name.endswith(EXACT) else found
 
 
 def main() -> None:
-    """Drive, print tables, and write."""
+    """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     found = {}
     for name, (filters, options) in SETTINGS.items():

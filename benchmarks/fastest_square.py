@@ -1,9 +1,9 @@
-"""How fast the square could be driven by a robot that knows everything: a bound on what any policy can reach.
+"""Compute a lower bound on the time of any policy for the square, for a robot that knows everything.
 
-The way is a chain of straight lines from the origin through a point of each waypoint's disc; any other way through these
-points is longer, and turns at least as much. A robot at its wheels' limit, where ``|v| + |omega| b / 2`` is bounded,
-gives up the way ``b / 2`` for each radian that it turns, wherever it does so. The points are chosen by
-`scipy.optimize.minimize`, from several starts.
+The path is a chain of straight lines from the origin through a point of each waypoint's disc; any other path through these
+points is longer and turns at least as much. A robot at its wheels' limit, which bounds ``|v| + |omega| b / 2``, loses the
+distance ``b / 2`` for each radian of turning, wherever it turns. The points are chosen by `scipy.optimize.minimize`, from
+several starts.
 
 Run `python benchmarks/fastest_square.py`.
 """
@@ -21,7 +21,7 @@ WAYPOINTS = np.array([waypoint[:2] for waypoint in SQUARE_WAYPOINTS])
 
 
 def way(offsets: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the length of a way, m, and how much it turns, rad; offsets (8,) from the waypoints are cut to the radius."""
+    """Return the length of a path, m, and its total turn, rad; offsets (8,) from the waypoints are clipped to the radius."""
     offsets = offsets.reshape(4, 2)
     excess = np.maximum(np.hypot(*offsets.T) / SQUARE.radius, 1.0)
     legs = np.diff(np.vstack([np.zeros(2), WAYPOINTS + offsets / excess[:, None]]), axis=0)
@@ -31,7 +31,7 @@ def way(offsets: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def seconds(offsets: NDArray[np.float64]) -> float:
-    """Return the time that a way takes at least, s."""
+    """Return the least time for a path, s."""
     length, turned = way(offsets)
     return (length + turned * ROBOT.wheel_separation / 2.0) / min(ROBOT.max_linear, ROBOT.max_wheel)
 

@@ -1,9 +1,9 @@
-"""Faults of the guard, injected live: real processes, real DDS, and an independent listener on ``/cmd_vel`` that judges.
+"""Inject faults into live guards: real processes, real DDS, and an independent listener on ``/cmd_vel`` as the judge.
 
-Each worker is a process with a guard of its own in a ROS domain of its own. It is whoever commands, every button of the
-emergency stop, and the robot, see `faults_robot`. A motion is unsafe if the guard publishes it more than 0.45 s after the
-newest motion command was sent (0.4 s, and 0.05 s for a guard that loses its processor between the decision and the message), or
-after what the fault forbids. What a stopped process leaves on the wheels is not judged: no process can help it.
+Each worker is a process with its own guard in its own ROS domain. It plays the sources of commands, every emergency-stop button
+and the robot, see `faults_robot`. A motion is unsafe if the guard publishes it more than 0.45 s after the newest motion command
+was sent (0.4 s, plus 0.05 s for a guard that loses its processor between decision and message), or after the fault forbids it.
+Commands that a stopped process leaves on the wheels are not judged: no process can prevent them.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ class Config:
     """Inject faults into guards, and count unsafe motions."""
 
     faults: int = 1000
-    """How many, the same number of each kind."""
+    """Number of faults, equal for each kind."""
     workers: int = 4
-    """How many guards at a time, at least 2: every second one has emergency stops."""
+    """Number of guards at a time, at least 2: every second one has emergency stops."""
     busy: int = 2
-    """How many processes that only burn time run beside them."""
+    """Number of busy processes that run beside them."""
     seed: int = 0
-    """Seed of what varies: durations, speeds, delays."""
+    """Seed of the variations: durations, speeds, delays."""
     domain: int = 120
     """First of the ROS domains, one for each worker."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Write the results here too."""
+    """Also write the results here."""
 
 
 def work(at: int, config: Config, buttons: bool, tasks: Any, results: Any) -> None:

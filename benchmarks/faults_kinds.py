@@ -1,6 +1,6 @@
-"""The faults that are injected into a guard.
+"""The faults to inject into a guard.
 
-Each begins on a robot that drives, and returns how many motions were unsafe beyond those that came too late.
+Each begins with a driving robot, and returns the number of unsafe motions besides those that were too late.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import time
 from faults_robot import Robot
 
 SETTLE = 0.06
-"""Time for a message to take its effect, s: several turns of the guard, on a busy machine."""
+"""Time for a message to take effect, s: several cycles of the guard on a busy machine."""
 
 
 def suspended(robot: Robot, rng: random.Random, low: float = 1.2, high: float = 3.0) -> int:
-    """Stop the guard's process while two sources publish, which both end meanwhile."""
+    """Stop the guard's process while two sources publish, both of which end meanwhile."""
     robot.set(**{"in": (0.15, 0.0), "teleop": (0.1, 0.0)})
     time.sleep(0.15)
     robot.guard.send_signal(signal.SIGSTOP)
@@ -31,7 +31,7 @@ def suspended(robot: Robot, rng: random.Random, low: float = 1.2, high: float = 
 
 
 def briefly_suspended(robot: Robot, rng: random.Random) -> int:
-    """The same for 0.1 to 0.6 s."""
+    """Stop the guard's process for 0.1 to 0.6 s."""
     return suspended(robot, rng, 0.1, 0.6)
 
 
@@ -75,7 +75,7 @@ def two_buttons(robot: Robot, rng: random.Random) -> int:
 
 
 def button_dies(robot: Robot, rng: random.Random) -> int:
-    """Let one of two buttons fall silent while the other goes on."""
+    """Let one of two buttons fall silent while the other continues."""
     which = rng.randrange(2)
     with robot.lock:
         robot.pressed[which] = None
@@ -108,7 +108,7 @@ def flood(robot: Robot, rng: random.Random) -> int:
 
 
 def nonsense(robot: Robot, rng: random.Random) -> int:
-    """Command what is not finite, or far above the limits."""
+    """Send commands that are not finite, or far above the limits."""
     since = time.time()
     robot.set(**{"in": rng.choice([(math.nan, 0.1), (0.1, math.inf), (9.0, -3.0), (1e300, 1e300), (-50.0, 0.0)])})
     time.sleep(0.6)
@@ -117,7 +117,7 @@ def nonsense(robot: Robot, rng: random.Random) -> int:
 
 
 def disabled(robot: Robot, rng: random.Random) -> int:
-    """Disable the guard while commands go on, and enable it when none is sent any more."""
+    """Disable the guard while commands continue, and enable it after the last one."""
     if not robot.enable(False):
         return 0  # a service that did not answer in time
     since = time.time()

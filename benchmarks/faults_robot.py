@@ -1,7 +1,6 @@
-"""A guard's process, all who speak to it, and the listener that judges: on rclpy alone, it knows nothing of the guard's code.
+"""A guard's process, its publishers, and the judging listener, on rclpy only and independent of the guard's code.
 
-It notes when each command was sent, and when DDS says that the guard published each of its own (the source time, on the same
-clock).
+It records when each command was sent, and by DDS's source time, on the same clock, when the guard published each of its own.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from typing import Any
 
 
 class Robot:
-    """A guard's process, all who speak to it, and the listener.
+    """A guard's process, its publishers, and the listener.
 
     Args:
         domain: Its ROS domain.
-        buttons: Whether it has emergency stops. A suspended guard that has heard one stops for its silence too.
+        buttons: Whether it has emergency stops. A suspended guard that has heard one also stops because of its silence.
     """
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
@@ -69,7 +68,7 @@ class Robot:
         self.heard.append((info["source_timestamp"] * 1e-9, message.twist.linear.x, message.twist.angular.z))
 
     def _speak(self) -> None:
-        """Send what is commanded at 20 Hz and what the buttons say at 10 Hz."""
+        """Send commands at 20 Hz and the buttons' states at 10 Hz."""
         turn = 0
         while not self.over.wait(0.05):
             turn += 1
@@ -81,7 +80,7 @@ class Robot:
                         self.say(which, pressed)
 
     def command(self, name: str, v: float, omega: float, age: float = 0.0) -> None:
-        """Send one command; by its stamp it is as old as it is said to be."""
+        """Send one command with a stamp of a given age, s."""
         message, now = self.kinds[0](), time.time()
         message.header.stamp.sec, message.header.stamp.nanosec = int(now - age), int((now - age) % 1.0 * 1e9)
         message.twist.linear.x, message.twist.angular.z = v, omega
@@ -90,23 +89,23 @@ class Robot:
         self.sources[name].publish(message)
 
     def say(self, which: int, pressed: bool) -> None:
-        """Let a button say once whether it is pressed."""
+        """Publish once whether a button is pressed."""
         self.buttons[which].publish(self.kinds[1](data=pressed))
 
     def set(self, **commands: tuple[float, float]) -> None:
-        """Command this from now on, and nothing else."""
+        """Set the commands to send from now on."""
         with self.lock:
             self.commands = commands
 
     def enable(self, on: bool, patience: float = 5.0) -> bool:
-        """Ask the guard, and return whether it agreed."""
+        """Call the guard's service, and return whether it agreed."""
         future, until = self.client.call_async(self.kinds[2].Request(data=on)), time.monotonic() + patience
         while not future.done() and time.monotonic() < until:
             time.sleep(0.002)
         return bool(future.done() and future.result().success)
 
     def drive(self, patience: float = 120.0) -> None:
-        """Bring the robot to drive, whatever was before."""
+        """Make the robot drive, from any state."""
         until = time.monotonic() + patience
         with self.lock:
             self.pressed = [False, False] if self.has_buttons else [None, None]
@@ -122,7 +121,7 @@ class Robot:
         raise RuntimeError("the robot does not drive")
 
     def motions(self, since: float) -> list[float]:
-        """Return when motions were published."""
+        """Return the times at which motions were published."""
         return [at for at, v, omega in list(self.heard) if at > since and (v, omega) != (0.0, 0.0)]
 
     def lag(self, since: float) -> float:
@@ -137,7 +136,7 @@ class Robot:
         return max((at - sent[bisect_right(sent, at) - 1] for at in ends), default=0.0)
 
     def close(self) -> None:
-        """End all."""
+        """Shut everything down."""
         self.over.set()
         for thread in self.threads:
             thread.join()

@@ -1,6 +1,6 @@
-"""What a fix is worth to a robot with wheel odometry, and what a late one costs: put in at its stamp, or taken for one of now.
+"""Measure the value of fixes for a robot with wheel odometry, and the cost of late ones: applied at their stamp, or as current.
 
-Long drives, most with commands that are drawn, the same for all. `make bench-fix` runs it and writes `fix.json`.
+The drives are long, most with random commands, the same for all cases. `make bench-fix` runs it and writes `fix.json`.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ RESULTS = Path(__file__).with_suffix(".json")
 DT, HOLD = 0.1, 10
 """Control interval, s, and steps for which a command is held."""
 FORWARD, TURN = (0.0, 1.0), (-0.3, 0.3)
-"""Ranges of the actions that are drawn, shares of the robot's limits: without a fix they lead 0.8 m astray in five minutes."""
+"""Ranges of the random actions, shares of the robot's limits: without a fix they lead to an error of 0.8 m in five minutes."""
 LATE_POSE = FixNoise(R=(0.1**2, 0.1**2, 0.05**2), period=0.5, delay=0.3, dropout_probability=0.3)
 
 
 class Case(NamedTuple):
-    """What measures the pose, and how the robot drives."""
+    """The pose sensor, and how the robot drives."""
 
     fix: FixNoise | None
     is_naive: bool = False
-    """Whether a fix's age is passed over."""
+    """Whether the age of a fix is ignored."""
     on_square: bool = False
-    """Whether the bearing law drives round the square, instead of commands that are drawn."""
+    """Whether the bearing law drives around the square instead of random commands."""
 
 
 CASES = {
@@ -66,17 +66,17 @@ class Config:
     """Drive with wheel odometry and fixes."""
 
     runs: int = 150
-    """Drives in each case."""
+    """Number of drives in each case."""
     seconds: float = 300.0
-    """Their length."""
+    """Length of a drive, s."""
     seed: int = 0
-    """The first one's."""
+    """Seed of the first drive."""
     json: Path | None = RESULTS
-    """Where the results go."""
+    """File for the results."""
 
 
 def naive(system: System) -> System:
-    """Return a system with fixes of which each passes for one of the very step in which it comes."""
+    """Return a system that treats each fix as measured in the step in which it arrives."""
     sense = system.sense
 
     @kernel
@@ -89,7 +89,7 @@ def naive(system: System) -> System:
 
 
 def drive(p: Parameters, system: System, on_square: bool, config: Config, done: Callable[[int], None]) -> dict[str, Any]:
-    """Return errors and consistency, each a mean over a drive, and what a step costs."""
+    """Return errors and consistency, each a mean over a drive, and the cost of a step."""
     n, steps = config.runs, round(config.seconds / DT)
     batch, policy = Batch(n, p, SQUARE_WAYPOINTS, system=system), BearingPolicy()
     batch.seeds[:] = config.seed + np.arange(n)
@@ -127,7 +127,7 @@ def told(interval: Any, digits: int) -> str:
 
 
 def main() -> None:
-    """Drive, print a table, and write."""
+    """Drive, print a table, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     task, found = replace(SQUARE, laps=1e6, max_steps=1e9), {}
     table = Table(

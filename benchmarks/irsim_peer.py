@@ -1,4 +1,4 @@
-"""IR-SIM, a simulator of robots with LiDARs, in a virtual environment and a process of its own: the peer of `rooms.py`."""
+"""IR-SIM, a simulator of robots with LiDARs, in its own virtual environment and process: the peer of `rooms.py`."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ for line in sys.stdin:
 
 
 def start_peer(folder: Path, scene: Scene, turn: float) -> subprocess.Popen[str]:
-    """Start IR-SIM in a room of ours; it is installed where it is missing.
+    """Start IR-SIM in one of this package's rooms; it is installed if missing.
 
     Args:
-        folder: Its virtual environment.
+        folder: Folder of its virtual environment.
         scene: The room.
-        turn: The turning rate that it drives with, rad/s.
+        turn: Turning rate of its command, rad/s.
     """
     python = folder / "bin" / "python"
     if not (folder / "installed").exists():
@@ -59,7 +59,7 @@ def start_peer(folder: Path, scene: Scene, turn: float) -> subprocess.Popen[str]
 
 
 def by_peer(peer: subprocess.Popen[str]) -> Callable[[int], tuple[float, float]]:
-    """Return a contender that lets the peer make steps."""
+    """Return a contender that makes steps in the peer."""
 
     def run(steps: int) -> tuple[float, float]:
         assert peer.stdin is not None

@@ -1,8 +1,8 @@
-"""Whether the live graph is the environment: equal to the number in lock-step, close in real time, and how fast.
+"""Compare the live graph with the environment: equality in lock-step, closeness in real time, and speed.
 
-In lock-step each run of the graph, in one process or in four, alone or beside busy processes, must give the same bytes; their
-difference from the environment's episode of the same seed must be nothing. In real time, under the same load, the estimate's
-error must be the environment's. Run ``make bench-lockstep``.
+In lock-step each run of the graph, in one process or in four, alone or beside busy processes, must give the same bytes, without
+any difference from the environment's episode of the same seed. In real time, under the same load, the estimate's error must
+equal the environment's. Run ``make bench-lockstep``.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.bringup import room_metrics
 
 DOMAINS = range(180, 215)
-"""ROS domains of graphs that run at the same time; people and the tests use others."""
+"""ROS domains of graphs that run at the same time; users and the tests use others."""
 
 AT_ONCE = 2
-"""Graphs in real time at the same time."""
+"""Number of simultaneous graphs in real time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,15 +54,15 @@ class Config:
     runs: int = 20
     """Runs of the same drive in one process, and as many in four, half of them beside busy processes."""
     busy: int = 4
-    """How many processes do nothing but keep the machine busy."""
+    """Number of busy processes."""
     real_time: int = 10
     """Seeds of the drives in real time."""
     rooms: int = 20
-    """Rooms, of the preset "dense", with a process for each node."""
+    """Number of rooms of the preset "dense", with a process for each node."""
     room_policy: str = "ppo-rooms"
-    """Who drives there."""
+    """Policy in the rooms."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Write the results here too."""
+    """Also write the results here."""
 
 
 def rooms(config: Config) -> dict[str, Any]:
@@ -97,7 +97,7 @@ def equality(config: Config) -> dict[str, Any]:
 
 
 def repeats(config: Config) -> dict[str, Any]:
-    """Drive the tutorial's square again and again, and count how many different drives that gives."""
+    """Drive the tutorial's square repeatedly, and count the distinct drives."""
     drive, found = Drive(), {}
     for processes in (False, True):
         for load in (0, config.busy):
@@ -108,7 +108,7 @@ def repeats(config: Config) -> dict[str, Any]:
 
 
 def speeds(config: Config) -> dict[str, Any]:
-    """Measure how many times faster than real time a drive runs, and what a step costs, without the start."""
+    """Measure the speed of a drive as a multiple of real time, and the cost of a step, without the start."""
     found = {}
     for processes in (False, True):
         rates, before, begin = [], usage(), time.perf_counter()
@@ -121,7 +121,7 @@ def speeds(config: Config) -> dict[str, Any]:
                 steps, cpu = (graph.time - at) / DT, usage() - own
         found["4 processes" if processes else "1 process"] = {
             "times_real_time": rates,
-            # Of child processes the processor time is known at their end: start and import are in it.
+            # The processor time of child processes is known only at their end, and includes start and imports.
             "cpu_ms_per_step": 1e3 * cpu / steps,
             "cpu_s_with_starts_and_processes": usage() - before,
             "wall_s": time.perf_counter() - begin,
@@ -130,7 +130,7 @@ def speeds(config: Config) -> dict[str, Any]:
 
 
 def usage() -> float:
-    """Return the processor time of this process and of the child processes that have ended, s."""
+    """Return the processor time of this process and of finished child processes, s."""
     each = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in each)
 

@@ -1,4 +1,4 @@
-"""The same drive twice, in the environment and in the live graph, and by how much the two differ."""
+"""Run the same drive in the environment and in the live graph, and compare the two."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from turtlebot_gym_ros import Graph
 DT = 0.1
 """Control interval, s."""
 TRAVELS = np.zeros((5, 5), np.bool_)
-"""Which entries of a covariance have a place in an `Odometry` message: those of the pose and those of the twist."""
+"""Entries of a covariance that an `Odometry` message has: those of the pose and those of the twist."""
 TRAVELS[:3, :3] = TRAVELS[3:, 3:] = True
 ROOM_STEPS = 600
 """Length of an episode in a room."""
@@ -35,11 +35,11 @@ class RoomDrive(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What was said of an episode in a room."""
+    """Record of an episode in a room."""
 
     trajectory: Trajectory
     clearance: NDArray[np.float32]
-    """Shape (T,), m; in single precision, as it travels."""
+    """Clearance, shape (T,), m; in single precision, as in its message."""
 
 
 class Drive(NamedTuple):
@@ -57,12 +57,12 @@ class Drive(NamedTuple):
 
     @property
     def laps(self) -> int:
-        """So many that the last waypoint is not reached in a minute."""
+        """Number of laps, enough that the last waypoint is not reached in a minute."""
         return 1 if self.switch == "time" else 50
 
 
 def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
-    """Return the environment's drive: arrival by belief, as the generator judges it; ``number`` counts the seed's episodes."""
+    """Return the environment's drive, with arrival by belief as in the generator; ``number`` counts the seed's episodes."""
     env = gym.make(
         "turtlebot_gym/TurtleBotSquare-v0",
         max_episode_steps=10**9,
@@ -89,7 +89,7 @@ def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
 
 
 def live(drive: Drive, steps: int, **options: Any) -> Trajectory:
-    """Return the graph's drive, of as many steps; the options are those of `Graph`."""
+    """Return the graph's drive over a number of steps; the options are those of `Graph`."""
     with Graph(**drive._asdict(), laps=drive.laps, goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 4.0 * steps * DT))
         return first(graph.trajectory(), steps)
@@ -113,7 +113,7 @@ def room_episode(drive: RoomDrive) -> Told:
 
 
 def room_live(drive: RoomDrive, steps: int, **options: Any) -> Told:
-    """Return the graph's drive, of as many steps; the options are those of `Graph`."""
+    """Return the graph's drive over a number of steps; the options are those of `Graph`."""
     with Graph(**drive._asdict(), goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
         return Told(first(graph.trajectory(), steps), graph.clearance()[: steps + 1].astype(np.float32))
@@ -126,7 +126,7 @@ def room_differences(one: Told, other: Told) -> dict[str, float]:
 
 
 def first(trajectory: Trajectory, steps: int) -> Trajectory:
-    """Return the start of a drive, and so many steps."""
+    """Return the start and the first steps of a drive."""
     return Trajectory(*(rows[: steps + 1] for rows in trajectory))
 
 

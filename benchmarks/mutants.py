@@ -1,8 +1,8 @@
-"""Change the code at random places, one change at a time, and count how many of the changes the tests notice.
+"""Change the code at random places, one change at a time, and count how many changes the tests notice.
 
-The table of modules, with the tests that concern each and how many mutants are drawn of it, is `mutants.toml`; mutants that
-no test could notice are in `equivalent_mutants.toml`, each with the reason, and do not count. Mutants live in copies of the
-project in a temporary folder: an interrupted run leaves nothing behind.
+The table of modules, with the tests of each and its number of mutants, is `mutants.toml`; mutants that no test could notice are
+in `equivalent_mutants.toml`, each with the reason, and do not count. Mutants live in copies of the project in a temporary
+folder: an interrupted run leaves nothing behind.
 
     python benchmarks/mutants.py
     python benchmarks/mutants.py --only presets parameters --quota 100
@@ -39,9 +39,9 @@ from turtlebot_gym_agents.provenance import write_json
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 PACKAGES = (".", "agents", "bridges/turtlebot_gym_ros")
-"""The folders that the packages are imported from."""
+"""Folders from which the packages are imported."""
 MEMORY = 8 * 2**20
-"""Greatest address space of a test process, KiB: a mutant may fill any memory."""
+"""Largest address space of a test process, KiB, since a mutant may fill any memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,15 +49,15 @@ class Config:
     """Measure how many mutants the tests notice."""
 
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
-    """Modules whose path ends like this; all of them without."""
+    """Modules whose path ends like this; by default all."""
     quota: int | None = None
-    """Mutants of each module, instead of the table's number."""
+    """Number of mutants of each module, instead of the table's."""
     seed: int = 9
-    """Of the draw."""
+    """Seed of the draw."""
     jobs: int = 2
-    """Mutants that are tested at once."""
+    """Number of mutants tested in parallel."""
     json: Path | None = None
-    """Where the result goes."""
+    """File for the result."""
 
 
 class Module(NamedTuple):
@@ -67,13 +67,13 @@ class Module(NamedTuple):
     tests: list[str]
     quota: int
     compiled: bool = False
-    """Whether its tests need the compiled loop; else numba compiles nothing, and a changed kernel costs no compilation."""
+    """Whether its tests need the compiled loop; if not, numba is off, and a changed kernel costs no compilation."""
     without: list[str] = []
-    """Tests of those files that are left out, because they take long without a compiler."""
+    """Tests of those files to leave out, because they take long without a compiler."""
 
 
 class Result(NamedTuple):
-    """What became of a mutant."""
+    """Result of a mutant."""
 
     mutant: Mutant
     outcome: str
@@ -84,7 +84,7 @@ class Result(NamedTuple):
 
 
 def table(config: Config) -> list[Module]:
-    """Return the modules that are asked for."""
+    """Return the requested modules."""
     text = tomllib.loads((HERE / "mutants.toml").read_text(encoding="utf-8"))
     rows = [Module(**({"quota": config.quota or row.get("quota", text["quota"])} | row)) for row in text["module"]]
     rows = [row._replace(quota=config.quota or row.quota) for row in rows]
@@ -95,7 +95,7 @@ def table(config: Config) -> list[Module]:
 
 
 def equivalents() -> dict[tuple[str, str, str, str], str]:
-    """Return the reasons why mutants are equivalent, by module, function, and lines as they were and are."""
+    """Return the reasons why mutants are equivalent, by module, function, and lines before and after."""
     rows = tomllib.loads((HERE / "equivalent_mutants.toml").read_text(encoding="utf-8"))["mutant"]
     return {(row["path"], row["function"], row["was"], row["now"]): row["why"] for row in rows}
 
@@ -120,12 +120,12 @@ class Copy:
         command += [f"--deselect={name}" for name in module.without]
         paths = [str(self.folder / package) for package in PACKAGES]
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NUMBA", "PYTHON"))}
-        # Without bytecode files no stale one can hide a mutant that has its original's size and second.
+        # Without bytecode files no stale one can hide a mutant with the size and modification second of its original.
         env = kept | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1", "TMPDIR": str(self._temporary)}
         env |= {"OMP_NUM_THREADS": "1"} | ({} if module.compiled else {"NUMBA_DISABLE_JIT": "1"})
         start = time.monotonic()
         limited = ["sh", "-c", f'ulimit -v {MEMORY}; exec "$@"', "sh", *command]
-        # A file takes the output: a grandchild that outlived the tests would keep a pipe open.
+        # The output goes to a file: a grandchild that outlived the tests would keep a pipe open.
         with (self._temporary / "output").open("w+") as output:
             self._process = subprocess.Popen(
                 limited, cwd=self.folder, env=env, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
@@ -151,7 +151,7 @@ class Copy:
         return Result(mutant, {"passed": "survived", "failed": "killed"}.get(outcome, outcome), seconds)
 
     def baseline(self, modules: list[Module]) -> Iterator[tuple[str, float]]:
-        """Run each module's tests on the unchanged code, and yield how long they take.
+        """Run each module's tests on the unchanged code, and yield their duration.
 
         Raises:
             SystemExit: If they fail.
@@ -174,7 +174,7 @@ class Copy:
             file.write_text(original, encoding="utf-8")
 
     def stop(self) -> None:
-        """End the tests that run, if any do, with all that they have started."""
+        """End running tests, with all processes that they have started."""
         if self._process is not None:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -184,7 +184,7 @@ class Copy:
 
 @contextmanager
 def copies(count: int) -> Iterator[list[Copy]]:
-    """Make copies of the project; at the end, end what runs in them and remove them."""
+    """Make copies of the project; afterwards, end their processes and remove them."""
     with ExitStack() as stack:
         folders = [stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)) for _ in range(count)]
         made = [Copy(Path(folder)) for folder in folders]
@@ -196,7 +196,7 @@ def copies(count: int) -> Iterator[list[Copy]]:
 
 
 def judge_all(modules: list[Module], config: Config) -> list[Result]:
-    """Draw the mutants of each module, and test those that are not known to be equivalent."""
+    """Draw the mutants of each module, and test those not known to be equivalent."""
     known, results, waiting = equivalents(), [], []
     for module in modules:
         for mutant in draw(module.path, (ROOT / module.path).read_text(encoding="utf-8"), module.quota, seed=config.seed):
@@ -257,7 +257,7 @@ def summary(modules: list[Module], results: list[Result]) -> dict[str, dict[str,
 
 
 def main() -> None:
-    """Draw, test, print and write."""
+    """Draw, test, print, and write the results."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended from outside"))  # as Ctrl-C does, so that copies are removed
     config = tyro.cli(Config, description=__doc__)
     modules, start = table(config), time.monotonic()

@@ -1,10 +1,10 @@
-"""Mutants: small changes to a module's code, drawn at random, that its tests should notice.
+"""Mutants: small random changes to a module's code that its tests should notice.
 
-cosmic-ray finds the places and makes the changes. Exchanges of operators that any test would notice, because Python answers
-most of them with a TypeError (``*`` for ``<<``, ``<`` for ``is``), are left out: they would only flatter the score. Four
-operators are added: a number doubled or halved, a lost statement, a name taken for its counterpart, and two arguments
-exchanged. A change that touches annotations or docstrings only is no mutant, nor is one that only lets an argument be given
-without its name, or that asks which of two words comes first in the alphabet.
+cosmic-ray finds the places and makes the changes. Exchanges of operators that any test would notice, because most of them cause
+a TypeError (``*`` for ``<<``, ``<`` for ``is``), are left out, since they would only inflate the score. Four operators are
+added: a number doubled or halved, a deleted statement, a name replaced by its counterpart, and two arguments swapped. A change
+to annotations or docstrings only is not a mutant, nor is one that only makes a keyword-only argument positional, or that
+compares two words alphabetically.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ALIKE = (
 )
 """Operators are exchanged within each of these sets."""
 NO_EFFECT = ("kernel",)
-"""Decorators whose loss changes nothing where nothing is compiled."""
+"""Decorators whose removal changes nothing without compilation."""
 
 
 class Mutant(NamedTuple):
@@ -43,11 +43,11 @@ class Mutant(NamedTuple):
     operator: str
     line: int
     function: str
-    """Where it stands, by its qualified name; "" at the top of the module."""
+    """Qualified name of the function; "" at the top of the module."""
     was: str
-    """The changed lines as they were, without indentation."""
+    """The changed lines before, without indentation."""
     now: str
-    """The changed lines as they are."""
+    """The changed lines after."""
     code: str
     """The whole module, changed."""
 
@@ -70,7 +70,7 @@ class ScaleNumber(Operator):
 
 
 class DeleteStatement(Operator):
-    """Leave out an assignment, a call or a ``raise``."""
+    """Delete an assignment, a call or a ``raise``."""
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         if node.type == "simple_stmt" and node.children[0].type in ("expr_stmt", "atom_expr", "raise_stmt"):
@@ -87,7 +87,7 @@ class DeleteStatement(Operator):
 
 
 class SwapName(Operator):
-    """Take a function or a name for its counterpart: the smaller for the larger, the sine for the cosine, y for x."""
+    """Replace a function or a name by its counterpart: min by max, sine by cosine, x by y."""
 
     pairs = (("min", "max"), ("minimum", "maximum"), ("any", "all"), ("sin", "cos"), ("sine", "cosine"), ("floor", "ceil"))
     counterparts = dict(pairs) | {other: one for one, other in pairs} | {"x": "y", "y": "x", "v": "omega", "omega": "v"}
@@ -108,7 +108,7 @@ class SwapName(Operator):
 
 
 class SwapArguments(Operator):
-    """Exchange a call's first two positional arguments, unless their order does not matter."""
+    """Swap a call's first two positional arguments, unless their order is irrelevant."""
 
     symmetric = ("min", "max", "minimum", "maximum", "hypot", "array_equal")
 
@@ -139,18 +139,18 @@ def operators() -> dict[str, Operator]:
         if kind in ("ReplaceBinaryOperator", "ReplaceComparisonOperator"):
             if any(set(exchanged) <= group for group in ALIKE):
                 found[name] = get_operator(full)()
-        elif kind not in ("VariableReplacer", "VariableInserter"):  # they want arguments
+        elif kind not in ("VariableReplacer", "VariableInserter"):  # these need arguments
             found[name] = get_operator(full)()
     return found
 
 
 def draw(path: str, code: str, count: int, *, seed: int) -> list[Mutant]:
-    """Draw mutants of a module: places at random, each with one operator that applies there; then, if needed, with another.
+    """Draw mutants of a module: random places, each with one applicable operator, and with a second one if needed.
 
     Args:
-        path: What the module is called.
+        path: Name of the module.
         code: Its source.
-        count: How many; fewer where there are no more.
+        count: Number of mutants; fewer if there are not enough.
         seed: The same seed draws the same mutants of the same code.
     """
     known, tree = operators(), get_ast(code)
@@ -181,7 +181,7 @@ def draw(path: str, code: str, count: int, *, seed: int) -> list[Mutant]:
 
 
 def _meaning(code: str) -> str | None:
-    """Return what of a module has an effect, or None if it is no Python."""
+    """Return the parts of a module that have an effect; None if it is not valid Python."""
     try:
         tree = ast.parse(code)
     except (SyntaxError, ValueError):
@@ -198,7 +198,7 @@ def _orders_words(node: ast.AST) -> bool:
 
 
 class _WithoutWords(ast.NodeTransformer):
-    """Take out docstrings, annotations, which arguments need their names, and decorators without effect."""
+    """Removes docstrings, annotations, keyword-only markers, and decorators without effect."""
 
     def visit_Expr(self, node: ast.Expr) -> Any:
         return None if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str) else self.generic_visit(node)

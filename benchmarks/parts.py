@@ -1,4 +1,4 @@
-"""What benchmarks of the live graph share: the parts of a sitting with the machine's load, and busy neighbours."""
+"""Shared by benchmarks of the live graph: the parts of a sitting with the machine's load, and busy neighbours."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 NEIGHBOUR = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
-"""A busy neighbour, for as long as somebody waits."""
+"""Program of a busy neighbour, which ends with its parent."""
 
 
 class Figure(NamedTuple):
@@ -20,12 +20,12 @@ class Figure(NamedTuple):
     value: float
     unit: str
     limit: float | None = None
-    """What it must stay below; None where it is only told."""
+    """Limit that it must stay below; None if it is only reported."""
 
 
 @contextmanager
 def busy(number: int) -> Iterator[None]:
-    """Keep the machine busy with so many processes."""
+    """Keep the machine busy with a number of processes."""
     processes = [subprocess.Popen([sys.executable, "-c", NEIGHBOUR]) for _ in range(number)]
     try:
         yield
@@ -43,5 +43,5 @@ def measured(parts: Mapping[str, Callable[[], dict[str, Any]]]) -> Iterator[tupl
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))

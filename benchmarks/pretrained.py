@@ -1,10 +1,10 @@
-"""Train the policies that come with the package, compare them with tuned baselines, and write their cards.
+"""Train the policies shipped with the package, compare them with tuned baselines, and write their cards.
 
-Training is randomized: noise, speed scale and delay differ from environment to environment. Of several trainings the one with
-the highest return on the training's own evaluation seeds is taken. It is then compared, on seeds that neither has seen, with
-the baselines of its task, each tuned for the very noise: a policy for all noises against specialists.
+Training is randomized: noise, speed scale and delay differ between environments. The training with the highest return on its
+own evaluation seeds is selected from several. It is then compared, on new seeds, with the baselines of its task, each tuned for
+the noise of the comparison: one policy for all noises against specialists.
 
-`make study` runs it. What is done is kept under `out/`, by commit, so an interrupted run resumes.
+`make study` runs it. Finished work is kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -46,38 +46,38 @@ class Config(Budget):
     """Train and describe the shipped policies."""
 
     tasks: tuple[Literal["nav", "pose", "square"], ...] = ("nav", "pose", "square")
-    """Which of them."""
+    """Policies to train."""
     seeds: int = 3
-    """Trainings of each, with seeds from 0 on, of which the best is taken."""
+    """Number of trainings of each, with seeds from 0; the best one is selected."""
     steps: int | None = None
-    """Steps of each training; those of the configuration where it is not given."""
+    """Steps of each training; by default those of the configuration."""
     first_seed: int = 2_000_000
     """First seed of the evaluation's episodes."""
     runs: Path | None = None
-    """Where trainings are kept; out/pretrained/COMMIT where it is not given."""
+    """Folder of trainings; by default out/pretrained/COMMIT."""
     tunings: Path | None = None
-    """Where tuned baselines are kept; those of the study, out/study/COMMIT, where it is not given."""
+    """Folder of tuned baselines; by default those of the study, out/study/COMMIT."""
     out: Path = Path("out/pretrained")
-    """Where policies, cards and pretrained.json go."""
+    """Folder for policies, cards and pretrained.json."""
 
 
 def training(folder: Path, steps: int | None, task: str, seed: int) -> Path:
-    """Return the folder of a training, which is made where it is missing."""
+    """Return the folder of a training, which is run if missing."""
     return trained(folder, seed, steps, env=TASKS[task], randomize=True)
 
 
 def prepare(folder: Path, policy: str, budget: Budget, task: str, noise: str) -> None:
-    """Tune a baseline, if that was not done."""
+    """Tune a baseline, unless it is already tuned."""
     tuned(folder, policy, budget, **scenario(task, noise))
 
 
 def scenario(task: str, noise: str) -> dict[str, Any]:
-    """Return the environment's arguments, named as the study names them, whose tunings are then used again."""
+    """Return the environment's arguments in the form of the study, so that its tunings are reused."""
     return {"env": TASKS[task], "observation": "ekf", "noise": noise}
 
 
 def compared(config: Config, tunings: Path, bundle: Path, task: str) -> list[dict[str, Any]]:
-    """Return a policy's figures beside those of the tuned baselines, for each noise."""
+    """Return a policy's figures with those of the tuned baselines, for each noise."""
     policy, rows = BundlePolicy(bundle), []
     for noise in NOISES:
         options = scenario(task, noise)
@@ -138,7 +138,7 @@ def card(task: str, config: Config, bundle: Path, rows: list[dict[str, Any]]) ->
 
 
 def _verdicts(rows: list[dict[str, Any]]) -> list[str]:
-    """Return a line for each outcome, the losses first: against which baselines the whole interval is on one side."""
+    """Return a line for each outcome, losses first, with the baselines for which the whole interval is on one side."""
     found: dict[int, list[str]] = {1: [], 0: [], -1: []}
     for row in rows:
         if "ppo_minus_it" in row:
@@ -152,7 +152,7 @@ def _signed(interval: tuple[float, ...], digits: int) -> str:
 
 
 def main() -> None:
-    """Train, tune, evaluate, and write."""
+    """Train, tune, evaluate, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     folder, tunings = config.runs or results_folder("pretrained"), config.tunings or results_folder("study")
     jobs = [(training, (folder, config.steps, task, seed)) for task in reversed(config.tasks) for seed in range(config.seeds)]

@@ -1,7 +1,7 @@
-"""Put what the studies have left under `out/` into its places, and what `robustness.py` says into the README.
+"""Copy the studies' results from `out/` into the repository, and the findings of `robustness.py` into the README.
 
-Nothing that belongs to the repository changes before, so that results carry a clean commit. `make study` and
-`make study-rooms` run it last.
+Nothing in the repository changes before this step, so that results carry a clean commit. `make study` and `make study-rooms`
+run it last.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PLACES = {
     ),
     "agents/pretrained": (*SHIPPED, "out/rooms/ppo-rooms.onnx", "out/rooms/ppo-rooms.md"),
 }
-"""Which files go to which folder."""
+"""Files by target folder."""
 WIDTH = 128
 
 
@@ -44,7 +44,7 @@ def with_findings(text: str, told: str) -> str:
 
 
 def main() -> None:
-    """Copy the files that are there, and write the README's passage."""
+    """Copy the existing files, and write the README's passage."""
     for folder, sources in PLACES.items():
         for source in filter(Path.is_file, map(Path, sources)):
             copyfile(source, Path(folder) / source.name)

@@ -1,11 +1,11 @@
-"""The study: where learning beats geometry, by how much, and how sure that is.
+"""The study: where learning beats geometry, by how much, and with what certainty.
 
-In each scenario PPO is trained anew with several seeds, and the baselines are tuned anew with as many episodes to each try as
-the evaluation has. All drive the same fresh episodes. The intervals contain the differences between trainings as well as those
-between episodes, and the p-values are corrected for the number of scenarios (Holm). A tuned baseline is one policy: its
-interval has episodes only.
+In each scenario PPO is trained with several seeds, and the baselines are tuned with as many episodes per try as the evaluation
+has. All drive the same new episodes. The intervals include the variation between trainings as well as between episodes, and the
+p-values are corrected for the number of scenarios (Holm). A tuned baseline is a single policy, so its interval covers episodes
+only.
 
-`make study` runs it. What is done is kept under `out/`, by commit, so an interrupted run resumes.
+`make study` runs it. Finished work is kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -54,35 +54,35 @@ SCENARIOS: dict[str, dict[str, Any]] = {
         )
     },
 }
-"""Environments' arguments by name. The robot is the burger where none is named."""
+"""Arguments of environments by name. The default robot is the burger."""
 LEVEL = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config(Budget):
-    """Train, tune and evaluate it all."""
+    """Train, tune and evaluate everything."""
 
     only: tuple[str, ...] = ()
-    """Scenarios by name; all where it is empty."""
+    """Scenarios by name; by default all."""
     seeds: int = 5
-    """Trainings of each scenario, with seeds from 0 on."""
+    """Number of trainings of each scenario, with seeds from 0."""
     steps: int | None = None
-    """Steps of each training; those of the configuration where it is not given."""
+    """Steps of each training; by default those of the configuration."""
     first_seed: int = 1_000_000
     """First seed of the evaluation's episodes."""
     runs: Path | None = None
-    """Where trainings and tunings are kept; out/study/COMMIT where it is not given."""
+    """Folder of trainings and tunings; by default out/study/COMMIT."""
     out: Path = Path("out/study")
-    """Where robustness.json and robustness.png go."""
+    """Folder for robustness.json and robustness.png."""
 
 
 def training(folder: Path, steps: int | None, seed: int, options: dict[str, Any]) -> Path:
-    """Return the bundle of a training, which is made where it is missing."""
+    """Return the bundle of a training, which is run if missing."""
     return trained(folder, seed, steps, **options) / "policy.onnx"
 
 
 def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
-    """Return the row of a scenario, whose trainings and tunings are there."""
+    """Return the row of a scenario with finished trainings and tunings."""
     options = SCENARIOS[name]
     baselines = evaluate_baselines(folder, config, config.first_seed, **options)
     common = {**options, "episodes": config.episodes, "seed": config.first_seed}
@@ -115,20 +115,20 @@ def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
 
 
 def false_arrivals(config: Config, noise: str) -> dict[str, Any]:
-    """Return how often the bearing law, as it comes, ends an episode on belief at a place where it is not."""
+    """Return how often the bearing law with its defaults ends an episode by a false belief of arrival."""
     options = {"env": NAV, "arrival": "belief", "noise": noise, "episodes": config.episodes, "seed": config.first_seed}
     return {"noise": noise, "policy": "bearing", "false_arrival": share(evaluate("bearing", **options).episodes.false_arrival)}
 
 
 def verdict(row: dict[str, Any]) -> str:
-    """Return what may be said, with the corrected p-value."""
+    """Return the verdict by the corrected p-value."""
     if row["p_holm"] >= LEVEL:
         return "no difference found"
     return "PPO faster" if row["ppo"]["difference"].value < 0.0 else "PPO slower"
 
 
 def table(rows: list[dict[str, Any]], config: Config) -> Table:
-    """Return the comparisons for the terminal."""
+    """Return the comparisons as a table for the terminal."""
     drawn = Table(
         "scenario", "baseline", "untuned, s", "tuned, s", "PPO, s", "PPO - tuned, s", "p (Holm)", "success, %", "",
         title=f"{config.seeds} trainings, {config.episodes} episodes, 95 % intervals",
@@ -155,7 +155,7 @@ def main() -> None:
     config = tyro.cli(Config, description=__doc__)
     folder = config.runs or results_folder("study")
     names = config.only or tuple(SCENARIOS)
-    # The longest first, so that no process ends long after the others.
+    # Longest first, so that no process ends long after the others.
     ordered = sorted(names, key=lambda name: (SCENARIOS[name]["env"] == NAV, SCENARIOS[name]["env"]))
     jobs = [(training, (folder, config.steps, seed, SCENARIOS[name])) for name in ordered for seed in range(config.seeds)]
     jobs += [
@@ -174,7 +174,7 @@ def main() -> None:
 
 
 def prepare(folder: Path, policy: str, budget: Budget, options: dict[str, Any]) -> None:
-    """Tune a baseline in a process of its own."""
+    """Tune a baseline in its own process."""
     tuned(folder, policy, budget, **options)
 
 

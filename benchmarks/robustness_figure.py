@@ -1,4 +1,4 @@
-"""The study's figure: PPO minus the tuned baseline in every scenario, and beside it what tuning the baseline was worth."""
+"""The study's figure: PPO minus the tuned baseline in every scenario, and the gain from tuning the baseline."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from matplotlib.lines import Line2D
 
 GREEN, VERMILLION, GREY = "#009E73", "#D55E00", "#666666"
 VERDICTS = {"PPO faster": (GREEN, "^"), "PPO slower": (VERMILLION, "v"), "no difference found": (GREY, "o")}
-"""Colour and marker of what may be said after the correction for the number of scenarios."""
+"""Colour and marker of each verdict after the correction for the number of scenarios."""
 
 LINEAR = 0.2
-"""Differences up to this are drawn to a linear scale, s."""
+"""Largest difference drawn on a linear scale, s."""
 TICKS = (-5.0, -2.0, -1.0, -0.5, -0.2, -0.1, 0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def draw(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Draw comparisons as `robustness.py` writes them, one scenario to a line."""
+    """Draw comparisons from `robustness.py`, one line per scenario."""
     figure = Figure(figsize=(11.5, 1.9 + 0.36 * len(rows)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[2.2, 1.0])
     at = np.arange(len(rows))[::-1]

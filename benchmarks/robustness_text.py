@@ -1,4 +1,4 @@
-"""What the study says, in sentences, the losses of learning first; README and documentation take them from here."""
+"""The study's findings in sentences, losses of learning first, for README and documentation."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ VERDICTS = {
 }
 
 LISTED = 4
-"""Scenarios that are listed one by one; of more there stand the two ends, and the others in the tables of the documentation."""
+"""Most scenarios listed one by one; of more, only the two ends are listed, and the tables of the documentation have the
+rest."""
 
 
 def summary(results: Mapping[str, Any]) -> list[str]:
-    """Return the study's findings as Markdown bullets, from what `robustness.py` has written."""
+    """Return the study's findings as Markdown bullets, from the results of `robustness.py`."""
     rows = results["comparisons"]
     return [
         *_verdicts(rows),
@@ -36,7 +37,7 @@ def headline(results: Mapping[str, Any]) -> str:
 
 
 def conditions(results: Mapping[str, Any]) -> str:
-    """Return in a sentence how the figures were made."""
+    """Describe how the figures were made."""
     config, n = results["config"], len(results["comparisons"])
     return (
         f"Each scenario has {config['seeds']} trainings (seeds 0 to {config['seeds'] - 1}) and {config['episodes']} paired "
@@ -57,7 +58,7 @@ def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _listed(items: Sequence[str]) -> str:
-    """Return what was sorted, all of it or its two ends."""
+    """Return a sorted list as text, complete or only its two ends."""
     return "; ".join(items) if len(items) <= LISTED else f"from {items[0]} to {items[-1]}"
 
 
@@ -68,7 +69,7 @@ def _difference(row: Mapping[str, Any]) -> str:
 
 
 def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what the same comparison would say of baselines that nobody tuned."""
+    """Return the result of the same comparison with untuned baselines."""
     gains = _won_against_defaults(rows)
     if not gains:
         return []
@@ -87,7 +88,7 @@ def _won_against_defaults(rows: Sequence[Mapping[str, Any]]) -> dict[str, tuple[
 
 
 def _filter(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what the filter is worth to either policy, for each noise for which both were tried."""
+    """Return the filter's gain for either policy, for each noise with both results."""
     by_name = {row["scenario"]: row for row in rows}
     told = []
     for noise in ("tutorial", "documented", "rough", "wheel"):

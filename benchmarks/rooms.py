@@ -1,8 +1,8 @@
-"""Speed of rooms: rays, steps, maps and the making of worlds, each beside what it must be, as ratios in one run.
+"""Measure the speed of rooms: rays, steps, maps and the making of worlds, each with its target, as ratios within one run.
 
 Contenders take turns and the best turn of each counts, in CPU seconds, so that other programs disturb the ratios little; wall
-time stands beside it. IR-SIM, the peer, is installed into a virtual environment of its own, and drives in the same room with
-the same beams and the same command: the robot turns on the spot.
+time is reported too. IR-SIM, the peer, is installed into its own virtual environment, and drives in the same room with the same
+beams and the same command: the robot turns on the spot.
 
 `make bench-rooms` runs it, with nothing else on the cores.
 """
@@ -39,7 +39,7 @@ from turtlebot_gym_agents.provenance import settings_of, write_json
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
 TURN = 0.3
-"""The command that all robots drive with: a turning rate, as a share of the limit for ours and in rad/s for the peer's."""
+"""Command of all robots: a turning rate, as a share of the limit for this package and in rad/s for the peer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +47,13 @@ class Config:
     """Measure rooms."""
 
     rounds: int = 7
-    """How often each contender has its turn."""
+    """Number of turns of each contender."""
     seconds: float = 0.5
-    """How long a turn takes, s."""
+    """Length of a turn, s."""
     num_envs: int = 4096
-    """Environments that are stepped together."""
+    """Number of environments stepped together."""
     peer: Path | None = Path("out/irsim")
-    """The peer's virtual environment, made where it is missing; None leaves the peer out."""
+    """The peer's virtual environment, created if missing; None leaves the peer out."""
     json: Path | None = None
     """Write the results here."""
 
@@ -62,17 +62,17 @@ class Rate(NamedTuple):
     """Calls per second of a contender's best turn."""
 
     cpu: float
-    """By CPU seconds."""
+    """Rate by CPU seconds."""
     wall: float
-    """By wall time."""
+    """Rate by wall time."""
 
 
 def best_rates(contenders: dict[str, Callable[[int], tuple[float, float]]], config: Config) -> dict[str, Rate]:
     """Return the rates of contenders that take turns.
 
     Args:
-        contenders: Each makes a number of calls, and returns the CPU and the wall seconds that they took.
-        config: How often and how long.
+        contenders: Functions that make a number of calls and return their CPU and wall seconds.
+        config: Number and length of turns.
     """
     calls = {}
     for name, run in contenders.items():
@@ -83,7 +83,7 @@ def best_rates(contenders: dict[str, Callable[[int], tuple[float, float]]], conf
 
 
 def timed(call: Callable[[], Any]) -> Callable[[int], tuple[float, float]]:
-    """Return a contender that makes a call of ours again and again."""
+    """Return a contender that repeats a call of this package."""
 
     def run(calls: int) -> tuple[float, float]:
         cpu, wall = time.process_time(), time.perf_counter()
@@ -134,7 +134,7 @@ def rays(config: Config) -> dict[str, Any]:
 
 
 def _grid_walk(squares: NDArray[np.int8], column: float, row: float, dx: float, dy: float, reach: float) -> float:
-    """Return what `ray_to_cells` does, by a plain walk from cell to cell."""
+    """Return the result of `ray_to_cells` by a plain walk from cell to cell."""
     inverse_dx, inverse_dy = inverse(dx), inverse(dy)
     step_x, step_y = 1 if inverse_dx > 0.0 else -1, 1 if inverse_dy > 0.0 else -1
     i, j = int(row), int(column)
@@ -154,7 +154,7 @@ def _grid_walk(squares: NDArray[np.int8], column: float, row: float, dx: float, 
 
 
 def _walker(walk: Callable[..., float]) -> Callable[..., None]:
-    """Return a compiled function that casts the beams of robots on a map, all of it in cells."""
+    """Return a compiled function that casts the beams of robots on a map, in units of cells."""
 
     def scan(squares: Any, poses: Any, beams: Any, ranges: Any) -> None:
         for robot in range(len(poses)):
@@ -178,7 +178,7 @@ def hall(seed: int = 0) -> GridMap:
 
 
 def maps(config: Config) -> dict[str, Any]:
-    """Return rays per second on a map with 360 beams, by strides and by a plain walk, and how much their ranges differ."""
+    """Return rays per second on a map with 360 beams, by strides and by a plain walk, and the difference of their ranges."""
     grid = hall()
     rows, columns = np.nonzero(grid.squares[0])
     random = np.random.default_rng(1)
@@ -196,7 +196,7 @@ def maps(config: Config) -> dict[str, Any]:
 
 
 def steps(config: Config) -> dict[str, Any]:
-    """Return steps per second in `dense` with 36 beams, ours and the peer's, and what making a world takes."""
+    """Return steps per second in `dense` with 36 beams, of this package and the peer, and the time to make a world."""
     n = config.num_envs
     envs = gym.make_vec(ID, num_envs=n, world="dense", lidar="ideal", max_episode_steps=10**9)
     _, info = envs.reset(seed=0)
@@ -219,7 +219,7 @@ def steps(config: Config) -> dict[str, Any]:
 
 
 def memory(number: int = 4096) -> dict[str, float]:
-    """Return what the rooms of so many environments take, MB, by world."""
+    """Return the memory of the rooms of a number of environments, MB, by world."""
     taken = {}
     for name, rules in ROOMS.items():
         circles, boxes = capacity(rules)

@@ -1,9 +1,9 @@
-"""Who finds the way through rooms: policies, worlds, LiDARs, what the robot believes of its pose; and `ppo-rooms` and its card.
+"""The study of rooms: policies, worlds, LiDARs and pose estimates; it also makes `ppo-rooms` and its card.
 
-PPO is trained with several seeds, on worlds, LiDARs and noise that differ from environment to environment. The best training on
-the trainings' own evaluation seeds is the policy that comes with the package. Every policy drives the same held-out rooms of
-each setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for `dense`.
-All trainings together are one row, whose intervals hold the trainings' variance.
+PPO is trained with several seeds, on worlds, LiDARs and noise that differ between environments. The best training on the
+trainings' own evaluation seeds is the policy shipped with the package. Every policy drives the same held-out rooms of each
+setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for `dense`. All
+trainings together form one row, whose intervals include the variance between trainings.
 
 `make study-rooms` runs it. Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
 """
@@ -34,7 +34,7 @@ from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 MAP = "map"
-"""The setting whose world is the map of a hall, see `rooms.hall`."""
+"""Setting whose world is the map of a hall, see `rooms.hall`."""
 SETTINGS: dict[str, dict[str, Any]] = {
     **{world: {"world": world} for world in WORLDS},
     MAP: {},
@@ -45,43 +45,43 @@ SETTINGS: dict[str, dict[str, Any]] = {
         for observation in ("truth", "ekf", "odometry")
     },
 }
-"""What is driven: the arguments of the environment that are not its defaults, by name."""
+"""Settings by name: arguments of the environment that differ from its defaults."""
 COMPARED_WITH = "vfh"
-"""The baseline that the others' success is compared with."""
+"""Baseline with whose success the others are compared."""
 SHIPPED = "ppo-rooms"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Train and drive them all."""
+    """Train and drive all policies."""
 
     policy: tuple[str, ...] = ("bearing", "bearing+safety", "gap", "dwa", "vfh", "vfh+safety", "oracle")
     """As for `turtlebot-gym evaluate`."""
     seeds: int = 3
-    """Trainings, with seeds from 0 on; 0 for none."""
+    """Number of trainings, with seeds from 0; 0 for none."""
     steps: int | None = None
-    """Steps of each training; those of the configuration where it is not given."""
+    """Steps of each training; by default those of the configuration."""
     only: tuple[str, ...] = ()
-    """Settings by name; all where it is empty."""
+    """Settings by name; by default all."""
     episodes: int = 1000
-    """Rooms of each setting."""
+    """Number of rooms of each setting."""
     first_seed: int = 1_000_000
-    """Of the rooms: they are these seeds' first episodes, for whoever wants to compare."""
+    """First seed of the rooms, which are the first episodes of these seeds."""
     processes: int = 2
-    """Processes at once, each on one core."""
+    """Number of parallel processes, each on one core."""
     runs: Path | None = None
-    """Where trainings and drives are kept; out/pretrained/COMMIT where it is not given."""
+    """Folder of trainings and drives; by default out/pretrained/COMMIT."""
     out: Path = Path("out/rooms")
-    """Where policy, card and rooms_study.json go."""
+    """Folder for policy, card and rooms_study.json."""
 
 
 def training(folder: Path, steps: int | None, seed: int) -> Path:
-    """Return the folder of a training, which is made where it is missing."""
+    """Return the folder of a training, which is run if missing."""
     return trained(folder, seed, steps, env=ROOMS, randomize=True)
 
 
 def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
-    """Return a policy's episodes in a setting, which are driven where they are missing: a bundle is known by its bytes."""
+    """Return a policy's episodes in a setting, which are driven if missing; a bundle is identified by its bytes."""
     told = slug(policy=name_of(policy), setting=name, n=config.episodes, seed=config.first_seed)
     return kept(folder / "drives" / f"{told}.pickle", evaluation_of, policy, name, config)
 
@@ -109,7 +109,7 @@ def row(name: str, policy: str, driven: Sequence[Evaluation], reference: Evaluat
 
 
 def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
-    """Return what is told of a policy; of several trainings, with their variance in the intervals."""
+    """Return the figures of a policy; for several trainings, with their variance in the intervals."""
     if len(driven) == 1:
         summary = driven[0].summary()
         return {key: summary[key] for key in ("success", "collision", "timeout", "spl", "barn", "clearance_5th", "time")}
@@ -145,7 +145,7 @@ def study(config: Config, folder: Path, runs: Sequence[Path]) -> list[dict[str, 
 
 
 def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str:
-    """Return the card of the policy that comes with the package, in Markdown: first where geometry beats it."""
+    """Return the card of the shipped policy in Markdown, with the settings in which geometry beats it first."""
     policy = BundlePolicy(bundle)
     told: Mapping[str, Any] = policy.card.training
     seed, mine = told["config"]["seed"], [one for one in rows if one["policy"] == SHIPPED]
@@ -178,7 +178,7 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
 
 
 def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a line for each outcome, the losses first: in which settings the whole interval of a difference is on one side."""
+    """Return a line for each outcome, losses first, with the settings in which the whole interval is on one side."""
     lines = []
     for part, side, words in (
         ("collision", 1, "Collides more often than"),

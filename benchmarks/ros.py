@@ -1,7 +1,7 @@
-"""The live ROS 2 graph in figures: how fast it answers, how evenly it ticks, what it costs, how soon a fault stops the robot.
+"""Measure the live ROS 2 graph: latency, jitter, CPU and memory, and the time from a fault to the stop.
 
-Each node is a process of its own, on real DDS in a ROS domain of its own, on this machine only. An independent probe speaks and
-listens, see `ros_probe`. Run ``make bench-ros`` on an idle machine; the load during each part stands beside its figures.
+Each node runs in its own process, on real DDS in a separate ROS domain, on this machine only. An independent probe publishes
+and listens, see `ros_probe`. Run ``make bench-ros`` on an idle machine; the load during each part is reported with its figures.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from turtlebot_gym_ros.nodes import MODES
 
 NODES = MODES["autonomous"]
 ORDERS = [NODES, NODES[::-1], *islice(permutations(NODES), 7, 23, 4)]
-"""Each node is first, second, third and last in some of these, and before and after every other."""
+"""Launch orders: each node is first, second, third and last in some of them, and before and after every other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,19 +42,19 @@ class Config:
     """Measure the live graph."""
 
     messages: int = 1000
-    """Odometry messages of which the latency is measured."""
+    """Number of odometry messages for the latency."""
     jitter_seconds: float = 60.0
-    """How long the graph is watched at 50 Hz, s."""
+    """Time for which the graph is watched at 50 Hz, s."""
     memory_minutes: float = 10.0
-    """How long it is watched at 20 Hz, also for CPU and memory, min."""
+    """Time for which it is watched at 20 Hz, also for CPU and memory, min."""
     repeats: int = 5
-    """How often each fault is brought about."""
+    """Number of repetitions of each fault."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Write the results here too."""
+    """Also write the results here."""
 
 
 def expected(headings: list[float]) -> NDArray[np.float64]:
-    """Return the commands (n, 2) that filter and controller answer odometry with, as plain objects in a loop."""
+    """Return the commands (n, 2) of filter and controller for some odometry, as plain objects in a loop."""
     kalman_filter = KalmanFilter(KalmanFilter.Params())
     controller = VelocityController(VelocityController.Params(policy="proportional", period=PERIOD))
     commands = []
@@ -67,12 +67,12 @@ def expected(headings: list[float]) -> NDArray[np.float64]:
 
 
 def same(commands: ArrayLike, others: ArrayLike) -> int:
-    """Return how many commands (n, 2) are the same, but for the heading's way through a quaternion."""
+    """Return how many commands (n, 2) are equal up to the rounding of the heading's quaternion."""
     return int((np.abs(np.subtract(commands, others)) < 1e-9).all(1).sum())
 
 
 def starts() -> dict[str, Any]:
-    """Measure the time from launching four processes at once, in several orders, until all of them are heard."""
+    """Measure the time from launching four processes at once, in several orders, until all of them have published."""
     seconds = []
     for order in ORDERS:
         with graph(speaks=False, remappings={}) as (probe, nodes):
@@ -91,7 +91,7 @@ def starts() -> dict[str, Any]:
 
 
 def latency(config: Config) -> dict[str, Any]:
-    """Measure the time from odometry to the command that it leads to, filter and controller each in a process of its own."""
+    """Measure the time from odometry to the resulting command, with filter and controller in separate processes."""
     n = config.messages
     with graph(speaks=True, remappings={}) as (probe, nodes):
         nodes.start("kalman_filter")
@@ -101,7 +101,7 @@ def latency(config: Config) -> dict[str, Any]:
         before = len(probe.heard)
         probe.until(lambda: len(probe.heard) > before)  # the next odometry is most of a period away
         begin, first = len(probe.sent), len(probe.heard)
-        probe.stamp += 2_000_000_000  # a gap after which filter and controller begin again, as `expected` does
+        probe.stamp += 2_000_000_000  # a gap after which filter and controller restart, as `expected` does
         probe.until(lambda: len(probe.sent) >= begin + n, patience=PATIENCE + n * PERIOD)
         probe.silent = True
         probe.spin(0.2)
@@ -125,7 +125,7 @@ def latency(config: Config) -> dict[str, Any]:
 
 
 def watch(*, rate: float, seconds: float) -> dict[str, Any]:
-    """Measure the plant's jitter, and each node's share of a core and its memory, while the whole graph drives squares."""
+    """Measure the plant's jitter, and each node's CPU and memory, while the whole graph drives squares."""
     period = 1.0 / rate
     with graph(speaks=False, remappings=GUARDED) as (probe, nodes):
         nodes.start("turtlebot_simulator", period=period)
@@ -189,7 +189,7 @@ def main() -> None:
     """Measure, print a table, and write JSON."""
     config = tyro.cli(Config, description=__doc__)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that no node is left behind
-    os.environ["ROS_DOMAIN_ID"] = str(215 + os.getpid() % 17)  # above those that people and the tests use
+    os.environ["ROS_DOMAIN_ID"] = str(215 + os.getpid() % 17)  # above those of users and the tests
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     prepare()
     result = measure(config)

@@ -1,4 +1,4 @@
-"""Faults of the live graph: how soon each of them stops the robot, and what the robot hears from then on."""
+"""Faults of the live graph: the time until each stops the robot, and the commands that the robot receives afterwards."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from parts import Figure
 from ros_probe import GUARDED, Nodes, Probe, graph
 
 AFTERWARDS = 1.5
-"""How long the probe listens on after the first zero, s: for longer than zeros are sent."""
+"""Time for which the probe listens after the first zero, s: longer than zeros are sent."""
 MOVERS = ("cmd_vel_guard", "velocity_controller")
-"""Nodes that have to be enabled. On an overloaded machine both may take the emergency stop for silent at any time."""
+"""Nodes that must be enabled. On an overloaded machine the emergency stop may seem silent to both at any time."""
 
 
 class Fault(NamedTuple):
-    """What goes wrong, and how it is put right; the robot is enabled again afterwards."""
+    """A fault and its repair; the robot is enabled again afterwards."""
 
     break_it: Callable[[Probe, Nodes], None]
     mend_it: Callable[[Probe, Nodes], None]
 
 
 def kill(name: str) -> Fault:
-    """Return the fault that a process is killed."""
+    """Return the fault of a killed process."""
     return Fault(lambda probe, nodes: nodes.signal(name, signal.SIGKILL), lambda probe, nodes: nodes.start(name))
 
 
 def emergency(pressed: bool | None) -> Fault:
-    """Return the fault that the emergency stop is pressed (true) or falls silent (None)."""
+    """Return the fault of an emergency stop that is pressed (true) or falls silent (None)."""
 
     def press(probe: Probe, nodes: Nodes) -> None:
         probe.pressed = pressed
@@ -42,7 +42,7 @@ def emergency(pressed: bool | None) -> Fault:
 
 
 def odometry(*, silent: bool) -> Callable[[Probe, Nodes], None]:
-    """Return what stops the odometry, or lets it go on."""
+    """Return the function that stops or resumes the odometry."""
     return lambda probe, nodes: setattr(probe, "silent", silent)
 
 
@@ -58,11 +58,11 @@ FAULTS = {
     "emergency stop is pressed": emergency(True),
     "emergency stop falls silent": emergency(None),
 }
-"""Each must stop the robot. The guard's own death is not among them: it is not covered."""
+"""Faults, each of which must stop the robot. The guard's own death is not included, since it is not covered."""
 
 
 def faults(repeats: int) -> dict[str, Any]:
-    """Measure the time from each fault to the first zero that the robot hears, and what it hears from then on."""
+    """Measure the time from each fault to the first zero that the robot receives, and the commands after it."""
     delays: dict[str, list[float]] = {name: [] for name in FAULTS}
     sent_after: dict[str, list[float]] = {name: [] for name in FAULTS}
     seen_after: dict[str, list[float]] = {name: [] for name in FAULTS}

@@ -1,7 +1,7 @@
-"""The live graph's processes, and a probe of them: the robot as far as the graph can tell, on rclpy alone.
+"""The processes of the live graph, and a probe that stands in for the robot, on rclpy only.
 
-A command has arrived when DDS has it (``received_timestamp``): a Python callback sees it later, and much later where the
-probe's own publisher waits for a process that was stopped.
+A command has arrived when DDS has received it (``received_timestamp``): a Python callback sees it later, and much later while
+the probe's own publisher waits for a stopped process.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ PATIENCE = 60.0
 FAR = Pose(1000.0, 0.0, 0.0)
 """A waypoint that is never reached."""
 GUARDED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
-"""Remappings with which the guard stands between controller and robot."""
+"""Remappings that put the guard between controller and robot."""
 
 
 class Heard(NamedTuple):
@@ -50,16 +50,16 @@ class Heard(NamedTuple):
     arrival: float  # s, steady clock, at DDS
     v: float  # m/s
     omega: float  # rad/s
-    stamp: float  # s, by who sent it
+    stamp: float  # s, by the sender
 
     @property
     def is_zero(self) -> bool:
-        """Whether it stops the robot."""
+        """Whether the command stops the robot."""
         return self.v == 0.0 and self.omega == 0.0
 
 
 class Nodes:
-    """The processes, by the names of their nodes."""
+    """The processes by the names of their nodes."""
 
     def __init__(self, folder: Path, remappings: dict[str, list[str]]) -> None:
         self._folder, self._remappings = folder, remappings
@@ -67,7 +67,7 @@ class Nodes:
         self._parameters: dict[str, dict[str, Any]] = {}
 
     def start(self, name: str, **parameters: Any) -> None:
-        """Start a node; one that was killed is started again with the parameters it had."""
+        """Start a node; a killed one is restarted with its previous parameters."""
         if name in self._processes:
             self._processes[name].wait()
         given = self._parameters.setdefault(name, parameters)
@@ -94,7 +94,7 @@ class Nodes:
         return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS:"))
 
     def close(self) -> None:
-        """End all of them."""
+        """End all processes."""
         for process in self._processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGCONT)
@@ -108,10 +108,10 @@ class Nodes:
 
 
 class Probe:
-    """The robot, as far as the graph can tell: odometry and an emergency stop go out, commands come in. One thread does it all.
+    """A stand-in for the robot: it publishes odometry and an emergency stop, and receives commands, all in one thread.
 
     Args:
-        speaks: Whether it publishes odometry; if not, a plant does.
+        speaks: Whether the probe publishes odometry; if not, a plant does.
     """
 
     def __init__(self, *, speaks: bool) -> None:
@@ -122,14 +122,14 @@ class Probe:
         self.ticks: list[float] = []
         """Arrivals of the plant's true state, s."""
         self.sent: list[float] = []
-        """When odometry was published, s."""
+        """Times at which odometry was published, s."""
         self.headings: list[float] = []
         self.stamp = time.time_ns()
-        """Of the next odometry, ns."""
+        """Stamp of the next odometry, ns."""
         self.silent = False
         """Whether the odometry has stopped."""
         self.pressed: bool | None = False
-        """What the emergency stop says; None is nothing."""
+        """State of the emergency stop; None if it is silent."""
         self._draws = np.random.default_rng(0)
         self.node.create_subscription(TwistStamped, "cmd_vel", self._hear, 100)
         self.node.create_subscription(Odometry, "true_state", lambda message: self.ticks.append(time.monotonic()), 100)
@@ -146,7 +146,7 @@ class Probe:
         self.heard.append(Heard(now, now - age, twist.linear.x, twist.angular.z, stamp))
 
     def _send(self) -> None:
-        """Publish odometry of a robot that stands still and looks about, so that each message leads to a command of its own."""
+        """Publish odometry of a robot that stands with changing headings, so that each message leads to a distinct command."""
         message = Odometry()
         message.header.frame_id = "odom"
         message.header.stamp = Time(nanoseconds=self.stamp).to_msg()
@@ -159,18 +159,18 @@ class Probe:
             self._odometry.publish(message)
 
     def tell_emergency(self) -> None:
-        """Publish what the emergency stop says."""
+        """Publish the state of the emergency stop."""
         if self.pressed is not None:
             self._emergency.publish(Bool(data=self.pressed))
 
     def spin(self, seconds: float) -> None:
-        """Work for some time."""
+        """Spin for some time, s."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
 
     def until(self, condition: Callable[[], Any], *, patience: float = PATIENCE) -> None:
-        """Work until a condition holds; patience in s.
+        """Spin until a condition holds; patience in s.
 
         Raises:
             TimeoutError: If it does not hold in time.
@@ -192,11 +192,11 @@ class Probe:
             return answer is not None and answer.success
 
         self.until(client.service_is_ready)
-        self.until(agrees)  # a request to a server that was killed, and is not missed yet, gets no answer: ask again
+        self.until(agrees)  # a request to a killed server whose loss is not detected yet gets no answer: repeat it
         self.node.destroy_client(client)
 
     def drive(self, *names: str) -> None:
-        """Enable nodes, and wait until the robot is driven."""
+        """Enable nodes, and wait until the robot moves."""
         for name in names:
             self.enable(name)
         begin = len(self.heard)
@@ -206,7 +206,7 @@ class Probe:
 
 @contextmanager
 def graph(*, speaks: bool, remappings: dict[str, list[str]]) -> Iterator[tuple[Probe, Nodes]]:
-    """Yield a probe, and processes to be started, which end with the block; where it fails, print what they said."""
+    """Yield a probe, and processes to start, which end with the block; if it fails, print their output."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "far.csv").write_text(f"{FAR.x},{FAR.y},{FAR.theta}\n")
         nodes = Nodes(Path(folder), remappings)

@@ -1,4 +1,4 @@
-"""What the studies share: tasks, tuned baselines, trainings, results that are kept, and jobs in processes of their own."""
+"""Shared by the studies: tasks, tuned baselines, trainings, stored results, and jobs in separate processes."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ from turtlebot_gym_agents.training.train import TrainingConfig, train
 
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing", "corner")}
-"""Baselines of each task; on Nav, where no waypoint follows, `corner` is `bearing`."""
+"""Baselines of each task; on Nav, without a following waypoint, `corner` equals `bearing`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """How much a comparison costs."""
+    """Budget of a comparison."""
 
     episodes: int = 2000
-    """Paired episodes of each evaluation, and of each try of a baseline."""
+    """Paired episodes per evaluation, and per try of a baseline."""
     tries: int = 40
-    """Tries of each baseline's tuning."""
+    """Number of tries to tune each baseline."""
     processes: int = os.cpu_count() or 1
-    """Processes at once, each on one core."""
+    """Number of parallel processes, each on one core."""
 
 
 def results_folder(name: str) -> Path:
-    """Return where trainings and tunings of this commit are kept, so that others are not taken for them.
+    """Return the folder of trainings and tunings of this commit, so that they are not confused with others.
 
-    All states that are not committed share one folder: remove it where that matters.
+    All uncommitted states share one folder: remove it if that matters.
     """
     return Path("out") / name / short(provenance()["commit"])
 
 
 def short(commit: str | None) -> str:
-    """Return a commit as people write it, still marked where files differ from it."""
+    """Return a commit's short form, still marked if files differ from it."""
     digits, dash, mark = (commit or "unknown").partition("-")
     return f"{digits[:12]}{dash}{mark}"
 
 
 def slug(**options: Any) -> str:
-    """Return a file's name for a scenario; of a robot it has what is not the burger's."""
+    """Return a file name for a scenario; a robot is named by its differences from the burger."""
     burger = asdict(ROBOTS["burger"])
     words = []
     for value in options.values():
@@ -66,7 +66,7 @@ def slug(**options: Any) -> str:
 
 
 def name_of(policy: str) -> str:
-    """Return a policy's name for files: a bundle is known by its training's folder and its bytes."""
+    """Return a policy's name for files; a bundle is identified by its training's folder and its bytes."""
     bundle = Path(policy.removesuffix(SAFETY))
     if not bundle.is_file():
         return policy
@@ -75,7 +75,7 @@ def name_of(policy: str) -> str:
 
 
 def kept(path: Path, make: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a function makes of its arguments, from a file, which is made where it is missing."""
+    """Return a function's result from a file, computing and storing it if missing."""
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as beside:
@@ -84,7 +84,7 @@ def kept(path: Path, make: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def tuned(folder: Path, policy: str, budget: Budget, **options: Any) -> list[Try]:
-    """Return the tries of a baseline in a scenario, which are made where they are missing; the file is that of `tuned_file`."""
+    """Return the tries of a baseline in a scenario, which are run if missing; the file is that of `tuned_file`."""
     return tune_baseline(policy, tuned_file(folder, policy, **options), tries=budget.tries, episodes=budget.episodes, **options)
 
 
@@ -94,13 +94,13 @@ def tuned_file(folder: Path, policy: str, **options: Any) -> Path:
 
 
 def best_baseline(folder: Path, budget: Budget, **options: Any) -> str:
-    """Return which of a task's tuned baselines was fastest in its tuning; the evaluation has no say in that."""
+    """Return the tuned baseline of a task that was fastest in its tuning, independently of the evaluation."""
     times = {policy: best_of(tuned(folder, policy, budget, **options)).time for policy in BASELINES[options["env"]]}
     return min(times, key=lambda policy: times[policy])
 
 
 def evaluate_baselines(folder: Path, budget: Budget, first_seed: int, **options: Any) -> dict[str, Evaluation]:
-    """Return evaluations of a task's tuned baselines, the one that was fastest in its tuning first."""
+    """Return evaluations of a task's tuned baselines, with the fastest in tuning first."""
     best = best_baseline(folder, budget, **options)
     names = (best, *(policy for policy in BASELINES[options["env"]] if policy != best))
     common = {**options, "episodes": budget.episodes, "seed": first_seed}
@@ -108,7 +108,7 @@ def evaluate_baselines(folder: Path, budget: Budget, first_seed: int, **options:
 
 
 def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
-    """Return the folder of a training, which is made where it is missing; the options are those of `TrainingConfig`."""
+    """Return the folder of a training, which is run if missing; the options are those of `TrainingConfig`."""
     run = folder / f"ppo-{slug(**options)}-{seed}"
     if not (run / "policy.onnx").exists():
         train(TrainingConfig(steps=steps, seed=seed, **options), run, resume=True, progress=False)
@@ -116,13 +116,13 @@ def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
 
 
 def best_of_trainings(runs: Sequence[Path]) -> Path:
-    """Return the folder of the training that did best on the trainings' own evaluation seeds."""
+    """Return the folder of the best training on the trainings' own evaluation seeds."""
     told = {run: json.loads((run / "result.json").read_text(encoding="utf-8"))["best"]["return"] for run in runs}
     return max(told, key=lambda run: told[run])
 
 
 def run_all(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], label: str, processes: int) -> list[Any]:
-    """Run jobs, functions with their arguments, in processes of their own; return their results in order."""
+    """Run jobs, functions with their arguments, in separate processes; return their results in order."""
     for threads in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[threads] = "1"  # for the processes: each has one core
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:

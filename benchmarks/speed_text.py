@@ -1,4 +1,4 @@
-"""The section on speed of the page of results, from `speed.json`."""
+"""The section on speed in the page of results, from `speed.json`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def section(found: Mapping[str, Any]) -> str:
     """Return the section, in Markdown.
 
     Args:
-        found: What `turtlebot-gym benchmark --json` has written.
+        found: Result of `turtlebot-gym benchmark --json`.
     """
     config, machine, others = found["config"], found["machine"], found["used_by_others"]
     meanwhile = "" if others is None else f", of which other programs used {others:.1f} meanwhile"
@@ -41,7 +41,7 @@ def section(found: Mapping[str, Any]) -> str:
 
 
 def _peers(peers: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Return which versions took part, and which peer did not."""
+    """Return the versions of the peers, and which peer is missing."""
     told = []
     for name, versions in peers.items():
         if "missing" in versions:

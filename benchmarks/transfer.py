@@ -1,10 +1,10 @@
-"""What carries over from the unicycle to a second physics: every policy on open ground, and every filter, on three floors.
+"""The study of transfer from the unicycle to a second physics: every open-ground policy and every filter on three floors.
 
 The same seeds are driven with the unicycle, with a Burger in MuJoCo on a floor that grips, and on a slippery one. Policies are
-compared in pairs with themselves on the unicycle; all filters see the same drives, whose commands do not depend on an estimate.
+compared with themselves on the unicycle in pairs; all filters see the same drives, whose commands do not depend on an estimate.
 
-`make study-transfer` runs it and writes `transfer.json`. What was driven is kept under `out/`, by commit, so an interrupted run
-resumes.
+`make study-transfer` runs it and writes `transfer.json`. Finished drives are kept under `out/`, by commit, so an interrupted
+run resumes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ POLICIES = {
     POSE: ("polar", "rotate-drive-rotate", "ppo-pose"),
     SQUARE: ("bearing", "corner", "ppo-square"),
 }
-"""Who drives each task."""
+"""Policies of each task."""
 NOISES = ("tutorial", "documented", "wheel")
 CASES = [
     (env, policy, noise)
@@ -50,32 +50,31 @@ CASES = [
     for noise in NOISES
     if (env, noise) != (SQUARE, "documented")
 ]
-"""Square drives are long, and documented tells little that is new."""
+"""Task, policy and noise of each case. Drives of the square are long, and `documented` adds little there."""
 MEASURED = ("tutorial", "documented")
-"""Those under which there is something to filter."""
+"""Noises for filters."""
 SPEED_ERRORS = (0.02, 0.15)
-"""Greatest errors of the executed speed in trainings: that of the policies that come with the package, and one that covers what
-a slippery floor costs."""
+"""Largest errors of the executed speed in trainings: that of the shipped policies, and one that covers a slippery floor."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """Drive them all."""
+    """Drive everything."""
 
     episodes: int = 50
-    """Of each policy on each floor."""
+    """Episodes of each policy on each floor."""
     drives: int = 30
-    """Of all filters on each floor."""
+    """Drives of all filters on each floor."""
     trainings: int = 2
-    """On Nav, of each range of the speed's error."""
+    """Trainings on Nav for each range of the speed's error."""
     seconds: float = 60.0
-    """Length of such a drive."""
+    """Length of a drive for filters, s."""
     first_seed: int = 2_000_000
-    """Of policies and filters."""
+    """First seed of policies and filters."""
     processes: int = 1
-    """Processes at once, each on one core."""
+    """Number of parallel processes, each on one core."""
     json: Path = RESULTS
-    """Where the results go."""
+    """File for the results."""
 
 
 def driven(env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
@@ -85,7 +84,7 @@ def driven(env: str, policy: str, noise: str, floor: str, config: Config) -> Eva
 
 
 def record(noise: str, floor: str, config: Config) -> list[Drive]:
-    """Drive with commands that are drawn and held for a second, as `turtlebot-gym estimate` does."""
+    """Drive with random commands, each held for a second, as `turtlebot-gym estimate` does."""
     task, waypoints = make_task("square", switch="time")
     p = make_parameters(task, noise=noise, plant=FLOORS[floor] or "unicycle")
     steps, random, drives = round(config.seconds / p.dt), np.random.default_rng(config.first_seed), []
@@ -103,12 +102,12 @@ def record(noise: str, floor: str, config: Config) -> list[Drive]:
 
 
 def filter_rows(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
-    """Return how each filter did on the drives of a floor."""
+    """Return the results of each filter on the drives of a floor."""
     return [{"noise": noise, "floor": floor, **row} for row in compared(recorded(folder, noise, floor, config), noise)]
 
 
 def policy_row(env: str, policy: str, noise: str, floor: str, one: Evaluation, unicycle: Evaluation) -> dict[str, Any]:
-    """Return how a policy did on a floor, and against itself on the unicycle, in pairs."""
+    """Return the results of a policy on a floor, and its paired comparison with itself on the unicycle."""
     e, u = one.episodes, unicycle.episodes
     both = e.success & u.success
     times = {"n": int(both.sum()), "ratio": float(e.time[both].sum() / u.time[both].sum()) if both.any() else None}
@@ -121,31 +120,31 @@ def policy_row(env: str, policy: str, noise: str, floor: str, one: Evaluation, u
 
 
 def evaluated(folder: Path, env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
-    """Return a policy's episodes on a floor, which are driven where they are missing."""
+    """Return a policy's episodes on a floor, which are driven if missing."""
     name = Path(policy).parent.name if policy.endswith(".onnx") else policy
     told = slug(env=env, policy=name, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed)
     return kept(folder / f"{told}.pickle", driven, env, policy, noise, floor, config)
 
 
 def recorded(folder: Path, noise: str, floor: str, config: Config) -> list[Drive]:
-    """Return the drives for filters on a floor, which are driven where they are missing."""
+    """Return the drives for filters on a floor, which are driven if missing."""
     told = slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
     return kept(folder / f"{told}.pickle", record, noise, floor, config)
 
 
 def judged(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
-    """Return how filters did on a floor, who are run where that is missing."""
+    """Return the results of filters on a floor, which are computed if missing."""
     told = slug(filters=f"filters {noise}", floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
     return kept(folder / f"{told}.pickle", filter_rows, folder, noise, floor, config)
 
 
 def trained_policy(folder: Path, env: str, error: float, seed: int) -> str:
-    """Return the bundle of a policy that was trained with errors of the speed, which is made where it is missing."""
+    """Return the bundle of a policy trained with errors of the speed, which is trained if missing."""
     return str(trained(folder, seed, None, env=env, randomize=True, speed_error=error) / "policy.onnx")
 
 
 def study(config: Config, folder: Path) -> dict[str, Any]:
-    """Drive what was not driven yet, and return the rows."""
+    """Run missing drives, and return the rows."""
 
     def run(function: Any, cases: Sequence[tuple[Any, ...]], label: str, *last: Any) -> dict[tuple[Any, ...], Any]:
         jobs = [(function, (folder, *case, *last)) for case in cases]
@@ -201,7 +200,7 @@ def told(interval: Interval, digits: int = 2) -> str:
 
 
 def main() -> None:
-    """Drive, print tables, and write."""
+    """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     found = study(config, results_folder("transfer"))
     print_tables(*tables(found))

@@ -1,4 +1,4 @@
-"""Filters in the study of transfer: who is told what, how each did on the same drives, and how wheel odometry drifted."""
+"""Filters in the study of transfer: their tunings, their results on the same drives, and the drift of wheel odometry."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
 BY_NAME = ("matched", "gated", "mixture", "slip", "scale")
-"""Filters by name that know the noise in force."""
+"""Filters by name, matched to the true noise."""
 CREEP = 0.3
-"""Standard deviation of the executed twist, as a share of it, in the noise model of filters that are told of a slippery floor.
-Chosen: more than the tenth that is lost on average, since what is lost in one step is lost in the next ones too."""
+"""Relative standard deviation of the executed twist in the noise model of filters informed of a slippery floor. Chosen: more
+than the mean loss of a tenth, since losses are correlated from step to step."""
 SLIPS = ProcessNoise(slip=0.1, slip_start=0.02, slip_end=0.02)
-"""What the filter `slip` is told of it: a tenth is lost, half of the time, for 5 s at once."""
+"""Slip model of the filter `slip`: a tenth is lost, half of the time, for 5 s at once."""
 
 
 class Drive(NamedTuple):
-    """A drive of T steps, and what its odometry said."""
+    """A drive of T steps with its odometry."""
 
     truth: NDArray[np.float64]
     """Shape (T + 1, 5)."""
     senses: list[Senses]
-    """T + 1 of them."""
+    """Odometry at each time, T + 1 entries."""
 
 
 def tunings(noise: str) -> dict[str, FilterTuning]:
-    """Return the filters by name, and some that are told more than the preset knows."""
+    """Return the filters by name, including some with more information than the preset."""
     model = make_noise(noise)
     creeping = replace(model, process=replace(model.process, alpha1=CREEP**2, alpha4=CREEP**2))
     return {
@@ -71,7 +71,7 @@ def filtered(drives: Sequence[Drive], tuning: FilterTuning, dt: float = 0.1) -> 
 
 
 def compared(drives: Sequence[Drive], noise: str) -> list[dict[str, Any]]:
-    """Return how each filter did on the same drives."""
+    """Return the results of each filter on the same drives."""
     rows: list[dict[str, Any]] = []
     reference = np.zeros(len(drives))
     for name, tuning in tunings(noise).items():
@@ -89,14 +89,14 @@ def root(squared: NDArray[np.float64]) -> Interval:
 
 
 def ratio(one: NDArray[np.float64], other: NDArray[np.float64], samples: int = 2000) -> Interval:
-    """Return the ratio of two roots of mean squares of the same drives, with a bootstrap's interval over the drives."""
+    """Return the ratio of two root mean squares over the same drives, with a bootstrap interval over drives."""
     rows = np.random.default_rng(0).integers(len(one), size=(samples, len(one)))
     low, high = np.quantile(np.sqrt(one[rows].mean(axis=1) / other[rows].mean(axis=1)), [0.025, 0.975])
     return Interval(float(np.sqrt(one.mean() / other.mean())), float(low), float(high))
 
 
 def drift(floor: str, drives: Sequence[Drive]) -> dict[str, Any]:
-    """Return by how much odometry is off after each metre of the way, seen from where the metre began; m, rad."""
+    """Return the error of odometry after each metre, relative to the start of that metre; m, rad."""
     found = []
     for truth, senses in drives:
         way = np.concatenate([[0.0], np.hypot(*np.diff(truth[:, :2], axis=0).T).cumsum()])

@@ -1,4 +1,4 @@
-"""The tables of the study of transfer, from `transfer.json` into the page on it: ``python benchmarks/transfer_text.py``."""
+"""Write the tables of the transfer study from `transfer.json` into its page: ``python benchmarks/transfer_text.py``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def grouped(rows: list[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], 
 
 
 def policies(rows: list[Mapping[str, Any]]) -> str:
-    """Return a table of successes, and of times over those on the unicycle where both succeed."""
+    """Return a table of successes, and of ratios of times to the unicycle's for episodes in which both succeed."""
     lines = [
         "| task | policy | noise | unicycle | grip | slippery | time, grip | time, slippery |",
         "|---|---|---|---|---|---|---|---|",

@@ -1,11 +1,11 @@
-"""A ROS domain for each test process: what it starts, kernels and nodes, hears nobody else."""
+"""A ROS domain for each test process, so that its kernels and nodes receive no messages from others."""
 
 import os
 import socket
 
 
 def claim_domain():
-    """Return a ROS domain that no other test process on this machine has, and a port that holds the claim while it is open."""
+    """Return a ROS domain unique among test processes on this machine, and an open port that reserves it."""
     for domain in (1 + (os.getpid() + k) % 100 for k in range(100)):
         claim = socket.socket()
         try:
@@ -22,5 +22,5 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
 def pytest_unconfigure():
-    """Let go of the domain."""
+    """Release the domain."""
     _CLAIM.close()

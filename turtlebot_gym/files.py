@@ -97,7 +97,7 @@ def _read(path: Path, what: str) -> Any:
     except OSError as error:
         raise ValueError(f"There is no {what} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
     except ValueError as error:
-        raise ValueError(f"{path} is no YAML: {error}.") from error
+        raise ValueError(f"{path} is not YAML: {error}.") from error
 
 
 def _with_numbers(said: Any) -> Any:

@@ -30,9 +30,9 @@ BLACK, ORANGE, SKY_BLUE, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 
 SIGMAS = 2.0
-"""Ellipses and bands are drawn at so many standard deviations ..."""
+"""Size of drawn ellipses and bands, in standard deviations ..."""
 ESTIMATE_WITHIN = f"estimate ± {SIGMAS:g}\N{GREEK SMALL LETTER SIGMA}"
-"""... and called so in legends."""
+"""... and their name in legends."""
 
 _Style = dict[str, Any]
 _TRUTH: _Style = {"color": BLACK, "linestyle": "-", "linewidth": 1.8, "zorder": 3.0, "label": "truth"}
@@ -78,7 +78,7 @@ def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -
     """Draw a drive seen from above: truth, estimate, odometry, waypoints, start, and the estimate's ellipse now and then.
 
     Args:
-        axes: Where to draw.
+        axes: Axes to draw into.
         trajectory: The drive.
         ellipses: Approximate number of ellipses, evenly spaced in time.
     """
@@ -187,9 +187,9 @@ def tutorial_figure(
 
     Args:
         trajectory: The drive.
-        title: What stands above.
-        room: What stood around.
-        grid: The map of it.
+        title: Title of the figure or table.
+        room: Walls and obstacles.
+        grid: Map of the room.
         scan: The last scan, and the pose of the LiDAR's frame.
         command: What the legend calls the trajectory's commands.
     """
@@ -219,7 +219,7 @@ def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: 
 
     Args:
         trajectories: Label and drive of each; labels that agree up to a comma share a colour and differ in line style.
-        title: What stands above.
+        title: Title of the figure or table.
     """
     figure = _figure(6.4, 6.8, title)
     axes = figure.subplots()

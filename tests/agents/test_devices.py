@@ -36,7 +36,7 @@ def test_auto_takes_a_gpu_for_off_policy_algorithms_only(monkeypatch):
 
 
 def test_a_gpu_that_is_not_there_is_refused_in_one_line(without_gpu, tmp_path):
-    with pytest.raises(ValueError, match=r"^device 'cuda' is not there: torch .* finds no GPU; use --device cpu\.$"):
+    with pytest.raises(ValueError, match=r"^device 'cuda' is not available: torch .* finds no GPU; use --device cpu\.$"):
         train(TrainingConfig(device="cuda"), tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
 

@@ -297,7 +297,7 @@ def test_the_safety_layer_takes_most_collisions_from_who_sees_nothing():
 
 
 def test_there_is_no_oracle_on_open_ground():
-    with pytest.raises(ValueError, match="the oracle knows rooms"):
+    with pytest.raises(ValueError, match="the oracle needs a room"):
         evaluate("oracle", episodes=2)
 
 

@@ -86,7 +86,7 @@ GOOD = "t,vx,gyro,px,py,theta"
             "line 3: column 'vx' must be finite, at most 1e\\+15 in size, got 1e\\+308",
         ),
         (f"{GOOD},vx\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "column 'vx' is there more than once"),
-        ("\0\1\2", "this is no text but binary"),
+        ("\0\1\2", "the file is binary"),
         (",".join(f"c{k}" for k in range(40)) + "\n", "there are 'c0', .*'c11' and 28 more"),
         (f"{GOOD}\n0,0,0,0,0,0\n", "at least two rows, got 1"),
         ("", "the file is empty"),

@@ -65,7 +65,7 @@ def test_each_verdict_is_one_line():
     assert str(found["all threads"]) == "ok        all threads: 2.00 times CartPole, 2.00 before (+0 %, wall time)"
     assert str(judged(quiet=False)["all threads"]) == "left out  all threads: other programs keep the cores busy"
     gone = check.judge(BEFORE, {}, quiet=True)[0]
-    assert str(gone) == "LOST      scalar: is not measured any more"
+    assert str(gone) == "LOST      scalar: is no longer measured"
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_a_tolerance_is_a_share(tolerance):
 
 
 def test_a_file_without_ours_is_refused():
-    with pytest.raises(ValueError, match="must hold ratios of our environments"):
+    with pytest.raises(ValueError, match="must hold this package's ratios"):
         check.judge({"peer": BEFORE["peer"]}, {}, quiet=True)
 
 

@@ -1,4 +1,4 @@
-"""Real ROS 2 for the tests: contexts that end, processes that end, and waiting for states."""
+"""Real ROS 2 for the tests: contexts and processes that are shut down, and waiting for states."""
 
 import functools
 import importlib.util
@@ -70,7 +70,7 @@ def runner():
 
 
 class Peer:
-    """An independent node, which shares nothing with the shell: it hears topics, sends messages and calls services."""
+    """An independent node that shares nothing with the shell: it receives topics, sends messages and calls services."""
 
     def __init__(self, runner, name="peer"):
         self.node = rclpy.node.Node(name, context=runner.context)
@@ -79,7 +79,7 @@ class Peer:
         runner.add(self)
 
     def hear(self, topic, message_type, qos=100):
-        """Collect the messages of a topic; returns the list that grows."""
+        """Collect the messages of a topic; returns the growing list."""
         heard = []
         self.subscriptions[topic] = self.node.create_subscription(message_type, topic, heard.append, qos)
         return heard
@@ -99,7 +99,7 @@ class Peer:
                 time.sleep(0.002)
             if future.done():
                 return future.result()
-            client.remove_pending_request(future)  # it went to a server that was killed, and is not yet missed
+            client.remove_pending_request(future)  # it went to a killed server whose loss is not detected yet
         pytest.fail(f"{service} did not answer")
 
     def close(self):
@@ -171,20 +171,20 @@ def benchmark(name):
 
 @pytest.fixture(scope="session")
 def compare():
-    """What the benchmark compares the live graph with the environment by, as a module."""
+    """The benchmark's comparison of the live graph with the environment, as a module."""
     return benchmark("lockstep_drives")
 
 
 @pytest.fixture(scope="session")
 def busy():
-    """Keep the machine busy with so many processes."""
+    """Keep the machine busy with a number of processes."""
     return benchmark("parts").busy
 
 
 @pytest.fixture
 def read_bag():
     def read(folder):
-        """Return what a bag holds: messages by topic, in order."""
+        """Return the contents of a bag: messages by topic, in order."""
         held = {}
         with AnyReader([folder]) as reader:
             for connection, _, data in reader.messages():
@@ -198,7 +198,7 @@ def read_bag():
 
 
 class FakeTime:
-    """A steady clock that moves when told."""
+    """A steady clock that the test moves."""
 
     def __init__(self):
         self.at = 0.0
@@ -268,7 +268,7 @@ class Bench:
         self.odometry.publish(message)
 
     def drive(self):
-        """Send odometry until it is matched and active, and until what was sent has had its effect."""
+        """Send odometry until it is matched and active, and until earlier messages have taken effect."""
         steps = self.steps
 
         def moves():
@@ -280,7 +280,7 @@ class Bench:
         self.settle()
 
     def settle(self):
-        """Wait until a last odometry has made its step, so that no other is on its way."""
+        """Wait until a last odometry has made its step, so that none is in transit."""
         self.send()
         received = self.shell._feeds["odometry"]
         before = -1
@@ -301,7 +301,7 @@ class Bench:
         return [message.twist.linear.x for message in self.commands]
 
     def stops(self, state):
-        """Wait until it has stopped, and check that after motion there were zeros and nothing else, then silence."""
+        """Wait until it has stopped, and check that motion was followed by zeros only, then silence."""
         self.wait_for(lambda: 0.0 in self.speeds)
         self.wait_for(lambda: self.advance(0.02) and self.state == f"silent: {state}")
         first = self.speeds.index(0.0)
@@ -314,7 +314,7 @@ class Bench:
         assert len(self.commands) == sent
 
     def advance(self, seconds):
-        """Let the steady clock go on, and the shell's watch notice."""
+        """Advance the steady clock, and wait until the shell's watchdog notices."""
         self.now.at += seconds
         time.sleep(0.01)
         return True

@@ -1,4 +1,4 @@
-"""A world around the guard's decisions, and a judge of what the wheels were told.
+"""A world around the guard's decisions, and a judge of the commands to the wheels.
 
 The world is a schedule played in true time: senders, buttons, a network that delays, a process that is suspended while messages
 wait, a system clock that is set. It calls the guard's parts as the node does. The judge knows nothing of them: it reads the log
@@ -21,15 +21,15 @@ JUMPS = [-7200.0, -30.0, -1.0, -0.3, 0.05, 0.3, 1.0, 30.0, 7200.0]
 
 @dataclass
 class Message:
-    """Something on its way."""
+    """A message in transit."""
 
     at: float
-    """When it is there."""
+    """Time of arrival."""
     topic: str
     value: object
     stamp: str
     made: float
-    """When it was truly sent."""
+    """True time of sending."""
     source: float
     header: float
     number: int = 0
@@ -40,14 +40,14 @@ class Message:
 
 @dataclass
 class Log:
-    """What truly happened."""
+    """The true history."""
 
     commands: list = field(default_factory=list)
     """(made, latest time at which it may move the robot, when it may first be obeyed, is motion)"""
     told: list = field(default_factory=list)
-    """What was sent to the wheels: (time, v, omega)."""
+    """Commands sent to the wheels: (time, v, omega)."""
     held: list = field(default_factory=list)
-    """What the wheels held after each turn of a guard that runs: (time, v, omega)."""
+    """Command held by the wheels after each cycle of a running guard: (time, v, omega)."""
     presses: list = field(default_factory=list)
     """When a true message was there for the guard to see."""
     spoken: dict = field(default_factory=dict)
@@ -170,7 +170,7 @@ class World:
         self.drive(0, 4)
 
     def jump(self, a, b):
-        """Set the system clock, but not twice while the guard does not look: the time between would be seen by nobody."""
+        """Set the system clock, but not twice between two checks of the guard, which could not detect the time in between."""
         if not self.jumped:
             self.jumped = True
             self.offset += JUMPS[(a + 8 * b) % 9]
@@ -194,7 +194,7 @@ class World:
         self.flying.append(message)
 
     def wait(self, duration):
-        """Let true time pass, and everything happen in its order."""
+        """Advance true time, with all events in order."""
         end = self.t + duration
         while True:
             buttons = [(button[2], which) for which, button in self.seen.items() if button[3]]
@@ -223,7 +223,7 @@ class World:
             self.step()
 
     def turn(self):
-        """A tick; the first one after a suspension finds what has waited, in an order that is left to chance."""
+        """A tick; the first one after a suspension finds the backlog, in random order."""
         self.next_tick = self.t + TICK
         order = round(self.t * 1e6) % 3
         commands = [each for each in self.waiting if each.topic != "button"]
@@ -251,7 +251,7 @@ class World:
             self.guard.hear_emergency(message.value, now, sent=now - age.seconds, dated=age.dated, number=message.number)
         else:
             made = message.made - (60.0 if message.stamp == "minute" else 0.0)
-            # What has no time of its own may be older than it looks: by its delay, and by a gap too short to be noticed.
+            # A message without its own time may be older than it seems: by its delay, and by a gap too short to be detected.
             lasts = 0.4 + (0.2 if message.stamp in ("ahead", "unset") else 0.0)
             v, omega = message.value
             log.commands.append((made, made + lasts, seen, math.isfinite(v + omega) and (v, omega) != (0.0, 0.0)))

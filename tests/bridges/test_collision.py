@@ -359,7 +359,7 @@ def test_only_a_fresh_scan_lets_anything_pass_and_turning_needs_one_too():
     monitor, command = standing(), Command(0.0, 1.0)
     assert monitor.state == ""
     assert monitor.limit(command, T) == STOP
-    assert monitor.state == "no scan has come"
+    assert monitor.state == "no scan has arrived"
     monitor.hear(scan([2.0] * 8), sent=T)
     assert monitor.limit(command, T + 0.399) == command
     assert monitor.limit(command, T + 0.401) == STOP

@@ -90,7 +90,7 @@ def guard(launch):
 
 def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(guard, room):
     room.command = AHEAD
-    assert room.until_standing("/scan: no scan has come").level == DiagnosticStatus.ERROR
+    assert room.until_standing("/scan: no scan has arrived").level == DiagnosticStatus.ERROR
     assert set(room.heard) <= {STOP}
     room.until_driving()
     for room.topic in ("cmd_vel_teleop", "cmd_vel_in"):
@@ -109,7 +109,7 @@ def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(guard, r
         assert min(each.v for each in room.heard) > -0.0501
         room.until_driving()
     room.scan = None
-    room.until_standing("the last scan is older than 0.4 s; nothing moves")
+    room.until_standing("the last scan is older than 0.4 s; the robot stands")
     room.until_driving()
     room.old = 0.7  # by its stamp, which may be that of the first beam, 0.2 s before the last
     room.until_standing("the last scan is older than 0.4 s")

@@ -20,7 +20,7 @@ NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoin
 # Each node is first, second, third and last in some of these, and before and after every other.
 ORDERS = [NODES, NODES[::-1], *itertools.islice(itertools.permutations(NODES), 7, 23, 4)]
 ENDLESS = "laps:=1000"
-"""Simulated time flies: who listens late would find a drive of one lap at its end, where it began."""
+"""Simulated time runs fast: a late listener would find a drive of one lap at its end, where it began."""
 FAST = dict.fromkeys(NODES, ("lock_step:=true",)) | {
     "turtlebot_simulator": ("lock_step:=true", "speed:=10"),
     "velocity_controller": ("lock_step:=true", "start_enabled:=true"),

@@ -188,7 +188,7 @@ def test_it_lives_through_every_change_of_what_it_reports(start, peer, wait_for)
         reports.clear()
         return wait_for(lambda: next((status for status in list(reports) if text in status.message), None))
 
-    assert until_reported("nobody listens").level == DiagnosticStatus.WARN
+    assert until_reported("has no listener").level == DiagnosticStatus.WARN
     listener = peer.node.create_subscription(TwistStamped, "cmd_vel", lambda message: None, 1)
     assert until_reported("silent").level == DiagnosticStatus.OK
     other = peer.node.create_publisher(TwistStamped, "cmd_vel", 1)
@@ -196,7 +196,7 @@ def test_it_lives_through_every_change_of_what_it_reports(start, peer, wait_for)
     peer.node.destroy_publisher(other)
     assert until_reported("silent").level == DiagnosticStatus.OK
     peer.node.destroy_subscription(listener)
-    assert until_reported("nobody listens").level == DiagnosticStatus.WARN
+    assert until_reported("has no listener").level == DiagnosticStatus.WARN
 
 
 def test_the_wrong_type_is_reported_with_what_to_type(start, peer, wait_for):

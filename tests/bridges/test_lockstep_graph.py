@@ -244,7 +244,7 @@ def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
 
 
 def test_a_robots_odometry_moves_nobody_in_lock_step(launch, peer, wait_for):
-    """A real robot's stamps are those of a clock on the wall: it does not wait for anybody."""
+    """A real robot's stamps are those of a wall clock: it does not wait."""
     launch(*node("kalman_filter"))
     estimates, reports = peer.hear("estimate", Odometry), peer.hear("/diagnostics", DiagnosticArray)
     odometry = peer.speak("odom", Odometry)

@@ -131,7 +131,7 @@ def test_ranges_are_told_and_the_nodes_own_error_comes_first(node_with):
     node = node_with()
     declare(node, Common, VelocityController.Params)
     period = node.describe_parameter("period")
-    assert period.description == "Period for which the policy was made, s. Estimates that come more slowly are an error."
+    assert period.description == "Period for which the policy was made, s. Slower estimates are an error."
     assert period.additional_constraints == "in [0.001, 10] s"
     (told,) = period.floating_point_range
     assert (told.from_value, told.to_value) == (0.001, 10.0)

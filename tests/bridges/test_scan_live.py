@@ -133,7 +133,7 @@ def test_a_scan_of_other_beams_than_it_was_told_is_a_fault(runner, peer, wait_fo
 
 
 def test_who_enables_it_is_told_whether_it_sees(runner, peer):
-    for name, said in (("seeing", "It sees only those obstacles that its LiDAR does"), ("blind", "It sees no obstacles")):
+    for name, said in (("seeing", "It sees only the obstacles that its LiDAR sees"), ("blind", "It sees no obstacles")):
         overrides = {"policy": "vfh" if name == "seeing" else "bearing"}
         block = VelocityController
         runner.add(Shell(block, block.Params, name=name, context=runner.context, overrides=overrides))
@@ -211,7 +211,7 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"policy": "vfh"}, "it needs a world"),
+        ({"policy": "vfh"}, "and needs a world"),
         ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "ground:blind", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, got 7"),

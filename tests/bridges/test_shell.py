@@ -47,7 +47,7 @@ def example():
     return module
 
 
-# A block of one's own.
+# A custom block.
 
 
 def test_a_block_is_tried_in_a_loop_without_ros(example):
@@ -249,7 +249,7 @@ def test_problems_of_both_levels_are_logged_one_after_the_other(bench):
     bench.shell._report = report
     bench.reports.clear()
     bench.peer.node.destroy_subscription(bench.peer.subscriptions["cmd_vel"])
-    assert bench.report("nobody listens").level == DiagnosticStatus.ERROR
+    assert bench.report("there is no listener").level == DiagnosticStatus.ERROR
     assert "publishes too" in bench.report("").message
 
 
@@ -261,7 +261,7 @@ def test_a_second_publisher_is_reported(bench):
 def test_a_command_that_nobody_hears_is_reported(runner, peer, wait_for, example):
     reports = peer.hear("/diagnostics", DiagnosticArray)
     runner.add(Shell(example.FaceEast, example.Params, context=runner.context))
-    wait_for(lambda: [report for report in reports if "/cmd_vel: nobody listens." in report.status[0].message])
+    wait_for(lambda: [report for report in reports if "/cmd_vel: there is no listener." in report.status[0].message])
 
 
 def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):

@@ -85,7 +85,7 @@ def fakes(monkeypatch):
 def test_enabling_begins_anew_and_is_told_at_once(fakes):
     fakes.make(enabled=False)
     assert fakes.states == ["silent: not enabled"]
-    warned = "enabled. It sees no obstacles: whoever enables it watches the robot."
+    warned = "enabled. It sees no obstacles: watch the robot while it is enabled."
     assert fakes.ask(True) == (True, warned)
     assert fakes.states == ["silent: not enabled", "silent: no step yet"]
     assert fakes.restarts == 1

@@ -1,4 +1,4 @@
-"""What the tests in a browser need."""
+"""Shared by the tests in a browser."""
 
 import importlib.util
 

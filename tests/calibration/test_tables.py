@@ -46,7 +46,7 @@ def test_a_heading_belongs_to_the_positions_beside_it(tmp_path, drawn, write):
         (lambda text: text.splitlines()[0], "only 0 of 0 rows are good"),
         (lambda text: text.replace("\n0.5,", "\nhalf,", 1), "line 7: could not convert string to float: 'half'"),
         (lambda text: text.replace("\n0.5,", "\n0.5,0.0,", 1), "line 7: 10 cells instead of 9"),
-        (lambda text: text.replace("\n0.5,", "\n0.5\0,", 1), "this is no text but binary"),
+        (lambda text: text.replace("\n0.5,", "\n0.5\0,", 1), "the file is binary"),
     ],
 )
 def test_bad_tables_are_refused_with_file_and_line(tmp_path, drawn, write, change, message):
@@ -61,7 +61,7 @@ def test_bad_tables_are_refused_with_file_and_line(tmp_path, drawn, write, chang
 def test_binary_files_are_refused(tmp_path):
     path = tmp_path / "drive.csv"
     path.write_bytes(bytes(range(256)))
-    with pytest.raises(ValueError, match="this is no text but binary"):
+    with pytest.raises(ValueError, match="the file is binary"):
         read_table(path)
 
 

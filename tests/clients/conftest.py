@@ -1,8 +1,8 @@
-"""Where the results of `make test-clients` are written."""
+"""Results file of `make test-clients`."""
 
 from pathlib import Path
 
 
 def pytest_addoption(parser):
-    """Add the option that the target gives."""
+    """Add the option that the make target passes."""
     parser.addoption("--clients-json", type=Path, default=None, help="write the results of the clients here")

@@ -67,8 +67,8 @@ def test_an_environment_takes_files_where_it_takes_names(tmp_path):
         (Robot, None, "There is no robot file '.*bad.yaml', or it cannot be read: No such file"),
         (Noise, "", r"bad.yaml: noise must be a Noise or a mapping of its fields \(process, odometry\), got None"),
         (Noise, "[1, 2]", r"bad.yaml: noise must be a Noise or a mapping of its fields \(process, odometry\), got \[1, 2\]"),
-        (Noise, "a: [", "bad.yaml is no YAML: while parsing"),
-        (Noise, "\x00", "bad.yaml is no YAML: "),
+        (Noise, "a: [", "bad.yaml is not YAML: while parsing"),
+        (Noise, "\x00", "bad.yaml is not YAML: "),
         (Noise, "proces: {}", "bad.yaml: noise: Noise has no proces; it has process, odometry"),
         (
             Noise,

@@ -18,7 +18,7 @@ from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 
 def driven(steps=20):
-    """Return the bytes of what a batch has come to."""
+    """Return the bytes of a batch's results."""
     batch = Batch(9 * TILE, make_parameters(SQUARE), SQUARE_WAYPOINTS)
     batch.seeds[:] = np.arange(batch.num_envs)
     batch.reset(np.ones(batch.num_envs, np.bool_), *batch.empty())

@@ -23,7 +23,7 @@ VX, LEFT, RIGHT = 9, 7, 8
 
 
 def drive(burger, command, seconds, *, start=ORIGIN, first=None):
-    """Drive with one command, and return what has come of it."""
+    """Drive with one command, and return the result."""
     engine = engine_of(burger)
     physics, wheels = engine.start(start) if first is None else first, start
     for _ in range(round(seconds / 0.1)):

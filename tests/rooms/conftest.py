@@ -1,4 +1,4 @@
-"""What the tests of rooms share."""
+"""Shared by the tests of rooms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from turtlebot_gym.rooms.sensing import BLOCK, cast
 
 @pytest.fixture(scope="session")
 def empty_scene() -> Callable[..., Scene]:
-    """Return a function that makes a scene with room for what some rules draw."""
+    """Return a function that makes a scene large enough for some rules."""
 
     def make(rules: RoomRules | str, *, beams: int = 8) -> Scene:
         rules = ROOMS[rules] if isinstance(rules, str) else rules

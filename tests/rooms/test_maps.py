@@ -374,7 +374,7 @@ def bad(**changes):
         (bad(mode="colour"), "mode of the map .* must be one of 'trinary', 'scale', 'raw', got 'colour'"),
         (bad(origin=[0.0, 1.0]), "must have an origin of x, y and yaw"),
         (bad(origin="[0.0, 1.0, .nan]"), "must have finite numbers for origin, got nan"),
-        (bad(free_thresh=None, negate=None), "must say negate, free_thresh"),
+        (bad(free_thresh=None, negate=None), "must state negate, free_thresh"),
         (bad(pixels=np.zeros((3, 4), np.uint8)), "must hold a free cell; of 12 there is none"),
         (bad(pixels="no image at all"), "image .*map.pgm' cannot be read"),
         (bad(pixels="P5\n80 60\n255\nfew"), "image .*map.pgm' cannot be read"),
@@ -395,7 +395,7 @@ def test_files_that_are_not_there_are_named(tmp_path, hall):
         find_world(hall)
     for text in ("just words", "image: [", "- 1\n- 2"):
         (tmp_path / "bad.yaml").write_text(text)
-        with pytest.raises(ValueError, match=r"bad.yaml' is no map"):
+        with pytest.raises(ValueError, match=r"bad.yaml' is not a map"):
             find_world(tmp_path / "bad.yaml")
 
 

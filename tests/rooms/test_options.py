@@ -1,4 +1,4 @@
-"""Options of reset: a world, a start and a goal of one's own for an episode."""
+"""Options of reset: a world, a start and a goal for one episode."""
 
 from __future__ import annotations
 

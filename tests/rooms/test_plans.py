@@ -99,10 +99,10 @@ def test_a_world_that_is_not_there_is_refused(world, told):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("no xml", "is no Gazebo world"),
+        ("no xml", "is not a Gazebo world"),
         ("<sdf/>", "holds no static cylinder and no static box"),
-        (WORLD.replace("0.4 0.2 1", "0.4 0.2"), "holds a shape or a pose without its numbers"),
-        (WORLD.replace("<radius>0.25", "<radius>wide"), "holds a shape or a pose without its numbers"),
+        (WORLD.replace("0.4 0.2 1", "0.4 0.2"), "holds a shape or a pose with missing or malformed numbers"),
+        (WORLD.replace("<radius>0.25", "<radius>wide"), "holds a shape or a pose with missing or malformed numbers"),
     ],
 )
 def test_a_file_that_is_no_world_is_refused(tmp_path, text, told):

@@ -1,4 +1,4 @@
-"""What the tests of the viewer need: Bokeh, for what is drawn, and for that of a training Stable-Baselines3."""
+"""Requirements of the viewer's tests: Bokeh, and Stable-Baselines3 for the view of a training."""
 
 import importlib.util
 

@@ -55,9 +55,7 @@ def read_bag(path: str | Path, *, topics: Topics | None = None) -> Log:
         told, remarks = _messages(path, reader, names)
     odom = told[wanted.odom]
     if len(odom) < FEWEST:
-        raise ValueError(
-            f"{path}: topic {wanted.odom!r} has {len(odom)} messages with a time that goes on; {FEWEST} are needed."
-        )
+        raise ValueError(f"{path}: topic {wanted.odom!r} has {len(odom)} messages with increasing time; {FEWEST} are needed.")
     time, poses, twist = odom[:, 0], odom[:, 1:4], odom[:, 4:6]
     if wanted.twist:
         twist = _held(told[wanted.twist], time)
@@ -92,7 +90,7 @@ def opened_bag(path: Path) -> Iterator[Any]:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
         reader.open()
     except Exception as error:  # storage plugins raise errors of their own, sqlite3's among them
-        raise ValueError(f"{path}: this is no whole bag: {_line(error)}") from error
+        raise ValueError(f"{path}: the bag is damaged or incomplete: {_line(error)}") from error
     try:
         yield reader
     finally:
@@ -126,7 +124,7 @@ def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str
         done = sum(map(len, rows.values()))
         if not done:
             raise ValueError(f"{path}: its messages cannot be read: {_line(error)}") from error
-        remarks.append(f"{path}: the bag is cut short after {done} messages: what comes before is used")
+        remarks.append(f"{path}: the bag is cut short after {done} messages; these are used")
     told = {}
     for name, found in rows.items():
         if not found:
@@ -138,7 +136,7 @@ def _messages(path: str | Path, reader: Any, names: list[str]) -> tuple[dict[str
             what = (
                 f"{path}: topic {name!r}: {back.sum()} of {len(back)} messages, first number {int(np.flatnonzero(back)[0]) + 1}"
             )
-            remarks.append(f"{what}, have a time that stands still or runs backwards: left out")
+            remarks.append(f"{what}, have a time that does not increase: left out")
         told[name] = table[~back]
     return told, remarks
 

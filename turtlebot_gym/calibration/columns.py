@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_BINARY = "this is no text but binary; a table with named columns, or a bag, is needed."
+_BINARY = "the file is binary; a text table with named columns, or a bag, is needed."
 
 
 class TextTable(NamedTuple):

@@ -57,7 +57,7 @@ def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, w
     """Return the maximum of a likelihood over some parameters of a noise model.
 
     Args:
-        likelihood: Of a noise model, its logarithm.
+        likelihood: Log-likelihood as a function of a noise model.
         start: Start of the search.
         names: The parameters.
         widely: Also start elsewhere, and search without gradients first: for few data, whose likelihood has narrow valleys.
@@ -79,7 +79,7 @@ def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequenc
     """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the log has any.
 
     Args:
-        likelihood: Of a noise model, its logarithm.
+        likelihood: Log-likelihood as a function of a noise model.
         start: Start of the search, without spikes.
         names: All parameters, including those of spikes.
     """
@@ -102,7 +102,7 @@ def estimates(
     """Return values and intervals of parameters at the maximum of their likelihood.
 
     Args:
-        likelihood: Of a noise model, its logarithm.
+        likelihood: Log-likelihood as a function of a noise model.
         start: Values of the parameters that are not searched.
         names: The parameters that are searched.
         fit: The maximum.

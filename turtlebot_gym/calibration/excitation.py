@@ -1,4 +1,4 @@
-"""What a log cannot determine, why, and which motion would."""
+"""Parameters that a log does not determine, with the reason and the motion that would determine them."""
 
 from __future__ import annotations
 

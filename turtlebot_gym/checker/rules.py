@@ -29,7 +29,7 @@ from turtlebot_gym.checker.runs import (
 
 
 def spaces(case: Case) -> Iterator[str]:
-    """The batched spaces are batch_space(single space, num_envs), and num_envs is what was asked for."""
+    """The batched spaces are batch_space(single space, num_envs), and num_envs is the requested number."""
     with closing(case.open()) as env:
         if not isinstance(env, VectorEnv):
             yield f"a {type(env).__name__}, which is no gymnasium.vector.VectorEnv."

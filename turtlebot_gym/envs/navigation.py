@@ -62,7 +62,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 7 | stated standard deviation of the position (of the odometry; 0 for the truth) | m | 0 | 5 |
     | 8 | stated standard deviation of the heading | rad | 0 | pi |
     | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
-    | 10 | distance to the waypoint after this one; to this one again where there is none | m | 0 | 20 |
+    | 10 | distance to the waypoint after this one; to this one again if there is none | m | 0 | 20 |
     | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
 
     ## Rewards
@@ -109,9 +109,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         fix: An external pose sensor that gives the filter a measurement now and then: "beacons", "late",
             "localization", "markers", "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for
             none.
-        plant: Model of the motion: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels creep and
-            slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the extra
-            [mujoco], and a step takes a hundred times as long.
+        plant: Model of the motion: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels creep
+            and slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the
+            extra [mujoco], and a step takes a hundred times as long.
         render_mode: None, "human" or "rgb_array".
 
     Raises:

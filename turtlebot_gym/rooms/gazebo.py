@@ -50,7 +50,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
     except OSError as error:
         raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
     except ElementTree.ParseError as error:
-        raise ValueError(f"{str(path)!r} is no Gazebo world: {error}.") from error
+        raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
     circles: list[tuple[float, ...]] = []
     boxes: list[tuple[float, ...]] = []
     try:
@@ -62,7 +62,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
                 length, width, _ = map(float, box.findtext("size", "").split())
                 boxes.append((frame.x, frame.y, length, width, frame.yaw))
     except ValueError as error:
-        raise ValueError(f"{str(path)!r} holds a shape or a pose without its numbers: {error}.") from error
+        raise ValueError(f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}.") from error
     if not circles and not boxes:
         raise ValueError(f"{str(path)!r} holds no static cylinder and no static box.")
     return enclosed(circles, boxes, start=start, goal=goal)

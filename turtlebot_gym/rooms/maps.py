@@ -48,7 +48,7 @@ def read_grid(path: str | Path) -> GridMap:
     said = _read_yaml(path)
     missing = [name for name in _NEEDED if name not in said]
     if missing:
-        raise ValueError(f"The map {str(path)!r} must say {', '.join(missing)}.")
+        raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
     resolution, occupied, free = (_number(said, name, path) for name in ("resolution", "occupied_thresh", "free_thresh"))
     if not resolution > 0.0:
         raise ValueError(f"The map {str(path)!r} must have a positive resolution, got {resolution:g}.")
@@ -68,7 +68,7 @@ def read_grid(path: str | Path) -> GridMap:
     try:
         return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
-        raise ValueError(f"The map {str(path)!r} is of no use: {error}") from error
+        raise ValueError(f"The map {str(path)!r} cannot be used: {error}") from error
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -78,9 +78,9 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
     except ValueError as error:
-        raise ValueError(f"{str(path)!r} is no map: {error}.") from error
+        raise ValueError(f"{str(path)!r} is not a map: {error}.") from error
     if not isinstance(said, dict):
-        raise ValueError(f"{str(path)!r} is no map: it says {', '.join(_NEEDED)} nowhere.")
+        raise ValueError(f"{str(path)!r} is not a map: it must state {', '.join(_NEEDED)}.")
     return said
 
 

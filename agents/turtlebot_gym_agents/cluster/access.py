@@ -79,7 +79,7 @@ def _require_ray(address: str) -> None:
                 connection.sendall(_GREETING)
                 answer = connection.recv(9)
                 if len(answer) < 4 or answer[3] != _SETTINGS:
-                    raise OSError("what listens there is no Ray")
+                    raise OSError("the program that listens there is not Ray")
     except TimeoutError:
         raise OSError(f"There is no cluster at {address}: nothing answers.") from None
     except (OSError, OverflowError) as error:
@@ -104,6 +104,6 @@ def _reason(text: str, cluster: str) -> str:
     if "AuthToken" in text or "AuthenticationError" in text:
         return "it asks for a token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN as where `ray start` ran."
     if cluster == "auto" and "ConnectionError" in text:
-        return "no Ray runs on this machine; `ray start` makes it part of a cluster, and 'local' needs none."
+        return "Ray is not running on this machine; `ray start` makes it part of a cluster, and 'local' needs none."
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith((" ", "\t", "["))]
-    return ([line for line in lines if "Error: " in line] or lines or ["Ray ended without a word."])[-1]
+    return ([line for line in lines if "Error: " in line] or lines or ["Ray ended without a message."])[-1]

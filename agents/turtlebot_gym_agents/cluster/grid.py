@@ -86,7 +86,7 @@ class Grid:
         known = {item.name for item in fields(TrainingConfig)} - {"seed"}
         if unknown := [each for each in {**said, **cell} if each not in known]:
             raise ValueError(
-                f"training {name!r} cannot be told {', '.join(unknown)}; it can be told {', '.join(sorted(known))}."
+                f"training {name!r} has no fields {', '.join(unknown)}; known fields are {', '.join(sorted(known))}."
             )
         if "config" in said:
             said["config"] = Path(said["config"])

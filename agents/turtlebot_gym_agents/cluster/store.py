@@ -68,7 +68,7 @@ class Store:
                 arrays = {name.removeprefix("array/"): content[name] for name in content if name.startswith("array/")}
                 files = {name.removeprefix("file/"): content[name].tobytes() for name in content if name.startswith("file/")}
         except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{self._path(key)} is damaged: remove it, and its unit is done again.") from error
+            raise ValueError(f"{self._path(key)} is damaged: remove it to repeat its unit.") from error
         return Result(told["facts"], arrays, files, told["times"])
 
     def _path(self, key: str) -> Path:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BINS = 60
-"""Of the histograms."""
+"""Bins of the histograms."""
 
 
 def basis(found: Calibration) -> str:

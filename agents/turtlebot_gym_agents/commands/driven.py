@@ -39,7 +39,7 @@ class Driven(Setting):
         plant = make_plant(self.plant, friction=self.friction, caster_friction=self.caster_friction)
         if plant:
             if self.env == ROOMS:
-                raise ValueError(f"plant must be 'unicycle' for {ROOMS}: in MuJoCo there is open ground alone.")
+                raise ValueError(f"plant must be 'unicycle' for {ROOMS}: MuJoCo supports open ground only.")
             given["plant"] = plant
         return (
             {name: getattr(self, name) for name in ("filter", "robot", "arrival", "delay", "allow_mismatch")}

@@ -117,7 +117,7 @@ class Train(_Learned, Placement):
         from turtlebot_gym_agents.cluster.units import Training
 
         if self.resume:
-            raise ValueError("resume goes on from a checkpoint; in units of work, trainings that are done are in the store.")
+            raise ValueError("resume continues from a checkpoint; with units of work, finished trainings are in the store.")
         with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as place:
             yield from train_all(configs, folders, **place._asdict(), progress=advance_to)
 

@@ -29,7 +29,7 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
 
     Args:
         evaluations: Label and evaluation of each, on the same seeds.
-        title: What stands above.
+        title: Title of the figure or table.
     """
     first = next(iter(evaluations.values()))
     driven = Table(
@@ -87,7 +87,7 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
 
     Args:
         results: Name and result of each.
-        title: What stands above.
+        title: Title of the figure or table.
     """
     table = Table("", "", *ERRORS, "drift, m per metre", "drift, rad per metre", title=title)
     for name, one in results.items():

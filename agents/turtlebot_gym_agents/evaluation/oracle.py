@@ -36,7 +36,7 @@ class Oracle:
     def __init__(self, envs: Any) -> None:
         bare = envs.unwrapped
         if not isinstance(bare, RoomsVectorEnv):
-            raise ValueError(f"the oracle knows rooms: there is no map of {bare.spec.id if bare.spec else bare}.")
+            raise ValueError(f"the oracle needs a room: there is no map of {bare.spec.id if bare.spec else bare}.")
         self._envs = bare
         p: Any = bare.parameters
         self._p: Parameters = p if isinstance(p, Parameters) else p[0]

@@ -274,7 +274,7 @@ def replay_figure(trajectory: Trajectory, wheels: NDArray[np.float64], *, title:
     Args:
         trajectory: The drive.
         wheels: The poses by dead reckoning, shape (T, 3).
-        title: What stands above.
+        title: Title of the figure or table.
     """
     figure = tutorial_figure(trajectory, title=title, command="measured wheel twist")
     panels = {axes.get_label(): axes for axes in figure.axes}

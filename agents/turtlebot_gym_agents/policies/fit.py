@@ -34,7 +34,7 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
     if card is not None and (card.env, card.observation) != (env, observation):
         raise ValueError(
             f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; "
-            "--allow-mismatch (allow_mismatch=True) drives it all the same."
+            "--allow-mismatch (allow_mismatch=True) drives it anyway."
         )
 
 

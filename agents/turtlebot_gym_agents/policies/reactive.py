@@ -98,7 +98,7 @@ class VectorFieldHistogramPolicy(_Reactive):
         dt: Control interval, s.
         ahead: Weight of the angle to the current direction; the angle to the goal has the weight 1.
         last: Weight of the angle to the last direction chosen.
-        margin: See `_Reactive`, as of the next five.
+        margin: See `_Reactive`, as for the next five arguments.
         lag: See there.
         sight: See there.
         gain: See there.
@@ -142,7 +142,7 @@ class VectorFieldHistogramPolicy(_Reactive):
         cost = cost + self._weight * np.abs(wrap(_ANGLES - last[..., None]))
         blocked = self._blocked(to)
         angle = _ANGLES[np.argmin(np.where(blocked, np.inf, cost), axis=-1)]
-        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # not the nearest candidate: the goal itself
+        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # exactly to the goal
         stuck = blocked.all(axis=-1)
         self._last = np.where(stuck, last, angle)
         return self._drive(to, np.where(stuck, np.where(last >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))
@@ -156,7 +156,7 @@ class FollowTheGapPolicy(_Reactive):
         dt: Control interval, s.
         alpha: Distance of an obstacle at which gap and goal have equal weight, m.
         field: Angle on both sides of the goal in which gaps are considered, rad.
-        margin: See `_Reactive`, as of the next five.
+        margin: See `_Reactive`, as for the next five arguments.
         lag: See there.
         sight: See there.
         gain: See there.

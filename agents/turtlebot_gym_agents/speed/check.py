@@ -40,7 +40,7 @@ class Verdict(NamedTuple):
         if self.state == "left out":
             return f"left out  {self.name}: other programs keep the cores busy"
         if self.now is None:
-            return f"LOST      {self.name}: is not measured any more"
+            return f"LOST      {self.name}: is no longer measured"
         change = f"{100.0 * (self.now / self.before - 1.0):+.0f} %"
         return f"{self.state:9} {self.name}: {self.now:.2f} times CartPole, {self.before:.2f} before ({change}, {self.clock})"
 
@@ -68,7 +68,7 @@ def judge(
         raise ValueError(f"tolerance must be in [0, 1), got {tolerance}.")
     ours = {name: row for name, row in before.items() if row["by"] == OURS}
     if not ours:
-        raise ValueError("The file must hold ratios of our environments: make it by `turtlebot-gym benchmark --json FILE`.")
+        raise ValueError("The file must hold this package's ratios: make it with `turtlebot-gym benchmark --json FILE`.")
     verdicts = []
     for name, row in ours.items():
         single = row["size"] == 1 or row["threads"] == 1

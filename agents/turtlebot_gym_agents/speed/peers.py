@@ -139,7 +139,7 @@ class Present(NamedTuple):
     """Available peers."""
 
     contenders: dict[str, Contender]
-    """By name."""
+    """Contenders by name."""
     versions: dict[str, dict[str, str]]
     """Versions of each peer, or under "missing" why it is not available."""
 
@@ -188,4 +188,4 @@ def contender(process: Process, name: str, entry: Entry, sizes: Sequence[int]) -
 
 def _last_line(text: str) -> str:
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1] if lines else "it said nothing."
+    return lines[-1] if lines else "there was no output."

@@ -52,7 +52,7 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
 
     Args:
         rows: By name.
-        title: What stands above.
+        title: Title of the figure or table.
     """
     table = Table(
         "environment", "steps/s", "times CartPole", "in the rounds", "steps/CPU s", "times CartPole by CPU s",
@@ -128,7 +128,7 @@ def draw_group(axes: Axes, rows: Mapping[str, Any], busy: Mapping[str, Any], bas
     """Draw contenders with the same base, with lines at the base's rate and at twice that rate.
 
     Args:
-        axes: Where to draw.
+        axes: Axes to draw into.
         rows: Rows by name, from top to bottom.
         busy: Rows measured beside busy processes.
         base: Name of the base.

@@ -23,7 +23,7 @@ def choose_device(device: str, algorithm: type[BaseAlgorithm]) -> str:
     """
     there = torch.cuda.is_available()
     if device == "cuda" and not there:
-        raise ValueError(f"device 'cuda' is not there: torch {torch.__version__} finds no GPU; use --device cpu.")
+        raise ValueError(f"device 'cuda' is not available: torch {torch.__version__} finds no GPU; use --device cpu.")
     if device == "auto":
         return "cuda" if there and issubclass(algorithm, OffPolicyAlgorithm) else "cpu"
     return device

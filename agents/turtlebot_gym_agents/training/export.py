@@ -34,7 +34,7 @@ def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
     """
     if not allow_pickle:
         raise ValueError(
-            f"{path} holds pickled objects, and loading those can run any code. If you trust where it comes from, say "
+            f"{path} holds pickled objects, and loading those can run any code. If you trust its source, add "
             "--allow-pickle; policies are passed on as bundles, which `turtlebot-gym export` makes."
         )
     try:

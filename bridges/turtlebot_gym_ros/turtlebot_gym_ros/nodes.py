@@ -1,7 +1,7 @@
-"""The nodes of the package: the only place where one is entered.
+"""The nodes of the package: the only list of them.
 
-This is plain data, without ROS; what a node is made of is loaded when it is needed. The command line, the ROS package's
-executables, the graph's modes, the diagnostics, the diagram, the reference and the tests read it.
+This is plain data without ROS; a node's code is loaded when it is needed. The command line, the ROS package's executables, the
+graph's modes, the diagnostics, the diagram, the reference and the tests read it.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ class Entry(NamedTuple):
     """A node."""
 
     target: str
-    """Where its block, or the function that runs it, is found: "module:name" inside this package."""
+    """Its block, or the function that runs it: "module:name" inside this package."""
     summary: str
     """One line of help."""
     word: str
-    """What it is, in plain words."""
+    """Plain name of the node."""
     modes: tuple[str, ...] = ()
-    """Modes of the graph that it belongs to."""
+    """Modes of the graph to which it belongs."""
     place: tuple[int, int] | None = None
-    """Column and row in the diagram of the loop, which runs clockwise; None for who only listens."""
+    """Column and row in the diagram of the loop, which runs clockwise; None for pure listeners."""
     is_block: bool = True
-    """Whether it is a block in the shell, and not a program of its own."""
+    """Whether it is a block in the shell rather than a separate program."""
     guarded: str | None = None
-    """On which topic it commands, instead of on ``cmd_vel``, where there is a guard."""
+    """Topic of its commands, instead of ``cmd_vel``, if there is a guard."""
 
 
 BOTH = ("autonomous", "teleoperation")
@@ -75,7 +75,7 @@ BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 
 
 def load(name: str) -> Any:
-    """Return what a node is made of: the class of its block, or its ``main``.
+    """Return the code of a node: the class of its block, or its ``main``.
 
     Raises:
         ValueError: If there is no such node.

@@ -79,7 +79,7 @@ def test_what_is_no_ray_is_noticed_before_ray_is_asked():
         port = free.getsockname()[1]
     with pytest.raises(OSError, match=f"There is no cluster at 127.0.0.1:{port}: "):
         access.probe(f"127.0.0.1:{port}")
-    with pytest.raises(OSError, match="what listens there is no Ray"):
+    with pytest.raises(OSError, match="the program that listens there is not Ray"):
         access.probe(answering(b"HTTP/1.1 400 Bad Request"))
 
 
@@ -121,9 +121,9 @@ def test_a_node_that_would_come_to_other_results_is_told(monkeypatch):
     ("text", "cluster", "reason"),
     [
         ("[x] W gcs_client.cc Unauthenticated: InvalidAuthToken\nConnectionError: no", "a:1", "it asks for a token"),
-        ("Traceback:\n  File x\nConnectionError: Could not find any", "auto", "no Ray runs on this machine"),
+        ("Traceback:\n  File x\nConnectionError: Could not find any", "auto", "Ray is not running on this machine"),
         ("Traceback:\n  File x\nRuntimeError: Version mismatch\nmore", "a:1", "RuntimeError: Version mismatch"),
-        ("", "a:1", "Ray ended without a word."),
+        ("", "a:1", "Ray ended without a message."),
     ],
 )
 def test_the_reason_is_one_line(text, cluster, reason):

@@ -54,7 +54,7 @@ def test_what_no_study_can_be_told_is_refused_with_the_files_name(text, message,
 
 def test_a_training_cannot_be_told_anything():
     grid = Grid(policies=("bearing",), trainings={"ppo": {"colour": "red"}})
-    with pytest.raises(ValueError, match="training 'ppo' cannot be told colour; it can be told algo, "):
+    with pytest.raises(ValueError, match="training 'ppo' has no fields colour; known fields are algo, "):
         study(grid)
 
 

@@ -135,6 +135,6 @@ class KalmanFilter:
         if last is not None and last[0] == fix.value and abs(last[1] - stamp) < 1e-6:
             return no_fix()
         if not -self._period <= fix.age <= MAX_FIX_AGE + 1e-6:
-            self.notice = f"a fix was {fix.age:.2f} s old: steps are remembered for {MAX_FIX_AGE} s."
+            self.notice = f"a fix was {fix.age:.2f} s old: steps are stored for {MAX_FIX_AGE} s."
             return no_fix()
         return fix.value._replace(age=max(fix.age, 0.0))

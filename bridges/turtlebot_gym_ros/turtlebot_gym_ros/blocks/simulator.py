@@ -102,7 +102,7 @@ class TurtlebotSimulator:
 
         def __post_init__(self) -> None:
             if self.in_room and self.plant != "unicycle":
-                raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo has open ground alone.")
+                raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
             self.physics()
             if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")

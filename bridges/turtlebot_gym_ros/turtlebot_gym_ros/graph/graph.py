@@ -57,8 +57,8 @@ class Graph:
             teleoperation None is real time.
         domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
-        frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/". parameters: Parameters by name; each goes
-            to the nodes that have one of that name.
+        frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".
+        parameters: Parameters by name; each goes to the nodes that have one of that name.
 
     Raises:
         ValueError: If a node refuses its parameters, no node has one of them, or lock-step is combined with an unstamped Twist.
@@ -101,7 +101,7 @@ class Graph:
         try:
             Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
         except ValueError as error:
-            raise ValueError(f"{error} At speed 1, in real time, it can be used.") from None
+            raise ValueError(f"{error} It works at speed 1, in real time.") from None
 
     def _for_node(self, name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Return the parameters for a node."""
@@ -232,7 +232,7 @@ class Graph:
                 if process.poll() is not None:
                     raise RuntimeError(f"{process.args[3]} ended with exit code {process.returncode}.")  # type: ignore[index]
             if deadline is not None and time.monotonic() > deadline:
-                raise TimeoutError(f"waited {timeout} s in vain; the nodes report {dict(self.reports)}.")
+                raise TimeoutError(f"The condition did not hold within {timeout} s; the nodes report {dict(self.reports)}.")
             time.sleep(0.01)
 
     def close(self) -> None:
@@ -256,7 +256,7 @@ def fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
     world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
     layout = layout_of(make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1)))
     if layout == ROOM_LAYOUT and world in OPEN_GROUND:
-        raise ValueError(f"policy {name!r} sees by a LiDAR (observation layout {layout}): it needs a world.")
+        raise ValueError(f"policy {name!r} sees by LiDAR (observation layout {layout}) and needs a world.")
     if layout == OBSERVATION_LAYOUT and world not in OPEN_GROUND:
         raise ValueError(f"policy {name!r} was made for open ground (observation layout {layout}), not for a world.")
     if world in OPEN_GROUND:

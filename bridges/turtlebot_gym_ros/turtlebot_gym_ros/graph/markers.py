@@ -79,7 +79,7 @@ def _scene_to_message(scene: Scene, header: Header) -> MarkerArray:
 
 
 def _refuse(message: MarkerArray) -> Scene:
-    raise ValueError("markers are a picture, and cannot be read back")
+    raise ValueError("markers are for viewers and cannot be read back")
 
 
 register(Scene, MarkerArray, _refuse, _scene_to_message, in_world=True)

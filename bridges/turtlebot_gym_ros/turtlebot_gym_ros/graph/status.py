@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="status", description="Print what each node of the graph reports and waits for.")
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
     parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default 3)")
-    parser.add_argument("--namespace", default="", help="of the robot, such as robot1; without it all nodes are listed")
+    parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1; by default all nodes")
     options = parser.parse_args(argv)
     expected = MODES[options.mode]
     try:

@@ -69,10 +69,10 @@ class View:
 def main(argv: Sequence[str] | None = None) -> int:
     """Listen, serve the view until the process is interrupted, and return the exit code."""
     parser = argparse.ArgumentParser(prog="watch", description="Show the running graph in a browser.")
-    parser.add_argument("--namespace", default="", help="of the robot, such as robot1")
-    parser.add_argument("--lidar", choices=list(LIDARS), default="lds01", help="how the LiDAR is mounted (default lds01)")
+    parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1")
+    parser.add_argument("--lidar", choices=list(LIDARS), default="lds01", help="LiDAR, for its mounting (default lds01)")
     parser.add_argument("--host", default="localhost", help="where to listen (default localhost: this machine only)")
-    parser.add_argument("--port", type=int, default=5006, help="port to listen on (default 5006); 0 for any that is free")
+    parser.add_argument("--port", type=int, default=5006, help="port to listen on (default 5006); 0 for any free one")
     options = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

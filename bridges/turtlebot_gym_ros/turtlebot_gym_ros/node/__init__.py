@@ -1,1 +1,1 @@
-"""The shell that turns a block into a node, and what it owns: conversion, triggers, freshness, parameters, the switch."""
+"""The shell that turns a block into a node, with conversion, triggers, freshness of inputs, parameters and the switch."""

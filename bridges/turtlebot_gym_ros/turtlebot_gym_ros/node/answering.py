@@ -1,4 +1,4 @@
-"""What runs a block in lock-step: the steps of the plant, which the others answer. The rules are in `lockstep`."""
+"""Run a block in lock-step: by the steps of the plant, which the other nodes answer. The rules are in `lockstep`."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from turtlebot_gym_ros.node.swift import Swift
 
 
 class ByAnswers(Drive):
-    """Answers the steps of lock-step."""
+    """Drives a block that answers the steps of lock-step."""
 
     def __init__(self, hands: Hands, rule: Answers) -> None:
         self._hands = hands
         self._rule = rule
 
     def present(self) -> int:
-        """Return 0: what answers no step, such as a stop, has no time."""
+        """Return 0: a message that answers no step, such as a stop, has no time."""
         return 0
 
     def takes(self, key: str, stamp: int) -> bool:
-        """Refuse the stamps of a robot."""
+        """Refuse stamps of a real robot."""
         self._rule.check(key, stamp)
         return True
 
     def heard(self, key: str, stamp: int) -> None:
-        """Answer the step if it is complete, or once more."""
+        """Answer the step if its inputs are complete, or repeat the answer."""
         hands, rule = self._hands, self._rule
         steps = {name: feed.step for name, feed in hands.feeds.items()}
         turn, gap = rule.hear(key, steps)
@@ -50,11 +50,11 @@ class ByAnswers(Drive):
             rule.answer(stamp)
 
     def missing(self) -> str | None:
-        """Return that steps come too slowly for the block."""
+        """Return that steps are too slow for the block."""
         return self._rule.messages.slow
 
     def trouble(self) -> str | None:
-        """Return the same."""
+        """Return the same as `missing`."""
         return self._rule.messages.slow
 
     def interval(self, stamp: int) -> float:
@@ -62,12 +62,12 @@ class ByAnswers(Drive):
         return self._rule.messages.interval(stamp)
 
     def reset(self) -> None:
-        """Answer the present step anew, as the first."""
+        """Answer the current step again, as the first."""
         self._rule.reset()
 
 
 class AsPlant(Drive):
-    """Takes the steps of lock-step, each when the one before has been answered, and says who does not answer."""
+    """Drives the plant: takes each step when the previous one has been answered, and reports nodes that do not answer."""
 
     sets_clock = True
 
@@ -76,7 +76,7 @@ class AsPlant(Drive):
         self._rule = Plant(trigger, now=hands.now())
         self._answers = {key: hands.feeds[key] for key, each in block.inputs.items() if each.lock_step == "same"}
         if not self._answers:
-            raise ValueError("lock_step must be false for a plant that no input answers.")
+            raise ValueError("lock_step must be false for a plant without an input that answers it.")
         self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
         self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
@@ -88,22 +88,22 @@ class AsPlant(Drive):
             hands.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=Swift())
 
     def present(self) -> int:
-        """Return the stamp of the step that is to be answered, ns."""
+        """Return the stamp of the step that awaits its answer, ns."""
         return self._rule.present
 
     def takes(self, key: str, stamp: int) -> bool:
-        """Take one answer to the present step, the first; a stop, or what answered another step, is left aside."""
+        """Take the first answer to the current step; ignore stops and answers to other steps."""
         feed = self._answers.get(key)
         return feed is None or stamp == self._rule.present != feed.stamp
 
     def heard(self, key: str, stamp: int) -> None:
-        """Take the next step if this one has been answered, and the witness has heard."""
+        """Take the next step if this one has been answered and the witness has received it."""
         answered = self._rule.answers(feed.stamp for feed in self._answers.values())
         if self._started and answered and self._rule.is_witnessed:
             self._go_on()
 
     def _witness(self, message: Header) -> None:
-        """Note how far the recorder has heard, and go on if that was all that was missing."""
+        """Record the recorder's progress, and continue if nothing else was missing."""
         waited = not self._rule.is_witnessed
         self._rule.witnessed = Time.from_msg(message.stamp).nanoseconds
         if waited:
@@ -124,7 +124,7 @@ class AsPlant(Drive):
         self._hands.step(stamp)
 
     def _tick(self) -> None:
-        """Take the first step, or see to a step that is not answered."""
+        """Take the first step, or resend a step without an answer."""
         now = self._hands.now()
         if not self._started:
             self._go_on()
@@ -133,7 +133,7 @@ class AsPlant(Drive):
         self._chain.watch(self._rule.present if self._rule.is_overdue(now) else None)
 
     def trouble(self) -> str | None:
-        """Return who has not answered for long."""
+        """Return which node has not answered for long."""
         return self._chain.missing
 
     def interval(self, stamp: int) -> float:
@@ -141,21 +141,21 @@ class AsPlant(Drive):
         return self._rule.period
 
     def new_episode(self) -> None:
-        """Take the first step of an episode now, whether the one before was answered or not."""
+        """Take the first step of an episode now, whether or not the previous one was answered."""
         self._rule.begin_episode()
         self._go_on()
 
 
 def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
-    """Return what runs a block.
+    """Return the drive of a block.
 
     Args:
-        hands: What it may do with the node.
+        hands: Access to the node.
         block: The block.
         lock_step: Whether time is simulated and waits for the answer.
 
     Raises:
-        ValueError: If the block cannot run so.
+        ValueError: If the block cannot run that way.
     """
     trigger = block.trigger
     if not lock_step:

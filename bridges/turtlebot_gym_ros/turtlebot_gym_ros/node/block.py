@@ -1,6 +1,6 @@
-"""What a block is: a plain object with a ``step``, and the declaration of what goes in, what comes out and when it runs.
+"""Interface of a block: a plain object with a ``step``, and declarations of its inputs, outputs and trigger.
 
-There is no ROS in here: a ``for`` loop drives a block as well as the shell does (`shell`), which makes a node of it.
+This module does not depend on ROS: a ``for`` loop can drive a block just as the shell (`shell`) does, which makes it a node.
 """
 
 from __future__ import annotations
@@ -13,46 +13,47 @@ from turtlebot_gym.values import Covariance
 
 
 def ranged(default: float, low: float, high: float, rule: str) -> Any:
-    """Return a number among a block's parameters, with what ``ros2 param describe`` says of its values.
+    """Return a numeric parameter of a block, with the range that ``ros2 param describe`` shows.
 
     Args:
-        default: A whole number makes a parameter of whole numbers.
+        default: Default value; an int makes an integer parameter.
         low: Least value.
         high: Greatest value, which may be infinite.
-        rule: In words, where the ends do not belong to it or other parameters matter; the class itself checks it.
+        rule: The rule in words, for open ends and dependencies on other parameters; the class itself checks it.
     """
     return field(default=default, metadata={"range": (low, high), "rule": rule})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """A value that a block is given: the latest one that arrived."""
+    """An input of a block: the latest value that arrived."""
 
     topic: str
-    """Relative topic name, which a namespace and remappings change as usual."""
+    """Relative topic name; a namespace and remappings apply as usual."""
     type: type
-    """Its value type, which `convert` knows: `Pose`, `Estimate`, `Command`; never a message."""
+    """Value type registered in `convert`, such as `Pose`, `Estimate` or `Command`; never a message type."""
     max_age: float | None = 0.5
-    """Age from which on it counts as missing, s, by the steady clock; None holds the last value for ever."""
+    """Age at which the value counts as missing, s, by the steady clock; None holds the last value indefinitely."""
     required: bool = True
-    """Whether ``step`` needs it: where it is missing, ``step`` is not called and the outputs stop. An optional one is None."""
+    """Whether ``step`` needs the value: if it is missing, ``step`` is not called and the outputs stop. A missing optional value
+    is None."""
     once: bool = False
-    """Whether each value is delivered to a single step."""
+    """Whether each value is delivered to one step only."""
     lock_step: str = "latest"
-    """What a step in lock-step takes: "latest", the value at hand; "same", the value of the step's own stamp, for which it
-    waits; "newest", the last one that its output had said by that step, for which it waits too; or "refused", where the value
-    belongs to no step."""
+    """Value that a step takes in lock-step: "latest", the current value; "same", the value with the step's own stamp, for which
+    it waits; "newest", the last value published up to that step, for which it waits too; or "refused", if values belong to no
+    step."""
     aged: bool = False
-    """Whether ``step`` is given the value with its age by the stamps, as an `Aged`."""
+    """Whether ``step`` receives the value with its age by the stamps, as an `Aged`."""
     reliable: bool = True
-    """Whether lost messages are sent again; without, publishers of either kind are understood."""
+    """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
 
 
 class Mount(NamedTuple):
-    """A sensor's own frame, and where it lies in the robot's."""
+    """A sensor's frame, and its pose in the robot's frame."""
 
     frame: str
-    """Its name, without the prefix of the robot's frames."""
+    """Name of the frame, without the prefix of the robot's frames."""
     x: float
     """m"""
     y: float
@@ -62,34 +63,35 @@ class Mount(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """A value that a block returns under its name; where it leaves it out, nothing is published."""
+    """An output of a block, returned by name; if the block omits it, nothing is published."""
 
     topic: str
     """Relative topic name."""
     type: type
-    """Its value type."""
+    """Value type."""
     stop: Any = None
-    """What stops the robot: sent for a second when an input is missing, after a fault, when disabled and at the end.
+    """Value that stops the robot: published for a second when an input is missing, after a fault, when disabled and at the end.
 
     A block with such an output moves a robot: it starts disabled and is switched by the service ``~/enable``.
     """
     newest: bool = False
-    """Whether it does not come in every step. In lock-step it then also says, in each step on ``TOPIC/newest``, which message
-    is the newest one, for inputs that wait for that."""
+    """Whether the output is absent from some steps. In lock-step each step then also publishes on ``TOPIC/newest`` which
+    message is the newest, for inputs that wait for it."""
     reliable: bool = True
-    """Whether lost messages are sent again, outside of lock-step; without, as sensors publish."""
+    """Reliable QoS if true; best effort otherwise, as for sensor data. Lock-step is always reliable."""
     latched: bool = False
-    """Whether the last value is kept for who comes late: what is said once. It belongs to no step of lock-step."""
+    """Whether late joiners receive the last value, for outputs that are published once. Such values belong to no step of
+    lock-step."""
     covariance: Callable[[], Covariance] | None = None
-    """Returns the covariance of a value that travels as Odometry, if the value itself has none; asked after each step."""
+    """Function that returns the covariance of a value sent as Odometry, if the value has none; called after each step."""
     transform: bool = False
-    """Whether a pose that travels as Odometry is published on ``/tf`` as well, as the transform to its child frame."""
+    """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
-    """The frame of a value that a sensor states in its own; where the block publishes transforms, it is on ``/tf_static``."""
+    """Frame of a value given in a sensor's own frame; if the block publishes transforms, it is also on ``/tf_static``."""
 
 
 class Aged(NamedTuple):
-    """A value that was measured before the step: an output may be one, and an input is where it says so."""
+    """A value measured before the step: any output may be one, and inputs with ``aged`` are."""
 
     value: Any
     age: float
@@ -98,21 +100,20 @@ class Aged(NamedTuple):
 
 @dataclass(frozen=True)
 class Every:
-    """Run by the ROS clock, at stamps on an exact grid of nanoseconds; in lock-step, as the plant or on an input."""
+    """Run by the ROS clock at stamps on an exact grid of nanoseconds; in lock-step, as the plant or on an input."""
 
     period: float
     """s"""
     speed: float | None = None
-    """Where given, the block is the plant: it runs so many times faster than real time, and other than at 1 sets ``clock``. In
-    lock-step its inputs answer its outputs; the speed is then the upper limit, and 0 is none."""
+    """Speed as a multiple of real time, which makes the block the plant; at any but 1 it publishes ``clock``. In lock-step its
+    inputs answer its outputs, and the speed is the upper limit, with 0 for none."""
     answers: str | None = None
-    """Name of the input on which another block runs in lock-step, at its stamp."""
+    """Name of the input on which a block other than the plant runs in lock-step, at its stamp."""
     witness: str | None = None
-    """Topic on which a recorder says how far it has heard a plant in lock-step: time waits for it too, so that nothing is
+    """Topic on which a recorder reports its progress to a plant in lock-step: time waits for it too, so that nothing is
     lost."""
     through: Mapping[str, type] = field(default_factory=dict)
-    """Topics, with their value types, over which a plant's outputs lead to its inputs: for the report of who does not
-    answer."""
+    """Topics from a plant's outputs to its inputs, with value types, for reports of nodes that do not answer."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.period < 1e3 or not (self.speed is None or 0.0 <= self.speed < 1e3):
@@ -130,35 +131,35 @@ class On:
     period: float = 0.0
     """Decimate to this period, s; 0 runs on every message."""
     max_gap: float = 1.0
-    """Gap between two messages from which on the block is reset, s."""
+    """Gap between two messages after which the block is reset, s."""
 
 
 @runtime_checkable
 class Notices(Protocol):
-    """A block that notices something which a person should know of: it is logged, and stands in the diagnostics."""
+    """A block with a notice for users, which is logged and shown in the diagnostics."""
 
     @property
     def notice(self) -> str | None:
-        """One line; None where there is nothing."""
+        """One line; None if there is none."""
         ...
 
 
 class Block(Protocol):
-    """What the shell turns into a node."""
+    """A block, which the shell turns into a node."""
 
     @property
     def inputs(self) -> Mapping[str, Input]:
-        """What goes in, by the names that ``step`` knows; an attribute of the class will do, as for the next two."""
+        """Inputs by their names in ``step``; a class attribute suffices, as for the next two."""
         ...
 
     @property
     def outputs(self) -> Mapping[str, Output]:
-        """What comes out, by the names that ``step`` returns."""
+        """Outputs by the names that ``step`` returns."""
         ...
 
     @property
     def trigger(self) -> Every | On:
-        """When it runs."""
+        """Trigger of the block."""
         ...
 
     def reset(self) -> None:
@@ -170,6 +171,6 @@ class Block(Protocol):
         """A method ``step(dt, **inputs)`` that returns the outputs by name.
 
         ``dt`` is the time since the last step, s; 0 on the first step of a block that runs on messages. The inputs are the
-        values of those declared, by name.
+        values of the declared inputs, by name.
         """
         ...

@@ -1,4 +1,5 @@
-"""Who has not answered a step: a plant that has waited long listens in on the way from its outputs to its inputs."""
+"""Find the node that has not answered a step: a plant that has waited long listens to the topics from its outputs to its
+inputs."""
 
 from __future__ import annotations
 
@@ -15,16 +16,16 @@ from turtlebot_gym_ros.node.qos import LOCK_STEP
 from turtlebot_gym_ros.node.triggers import SECOND
 
 LISTEN = 5
-"""So many looks after it began to listen it says what it has heard: the outputs have been sent again twice."""
+"""Number of checks between the start of listening and the report, in which the outputs are sent again twice."""
 
 
 class Chain:
-    """The topics on the way; they are heard only while somebody is missed.
+    """The topics between a plant's outputs and inputs; subscribed only while an answer is missing.
 
     Args:
         node: The plant's node.
-        topics: The topics on the way, in order, with their value types.
-        answers: The inputs at the end of the way.
+        topics: These topics in order, with their value types.
+        answers: The inputs at the end of the chain.
     """
 
     def __init__(self, node: Node, topics: Mapping[str, type], answers: Sequence[Feed]) -> None:
@@ -34,13 +35,13 @@ class Chain:
         self._newest: dict[str, int | None] = {}
         self._looks = 0
         self.missing: str | None = None
-        """Who has not answered, in words."""
+        """Description of the node that has not answered."""
 
     def watch(self, stamp: int | None) -> None:
-        """Take a look; to be called every 0.1 s.
+        """Check for missing answers; call this every 0.1 s.
 
         Args:
-            stamp: Of the step that has not been answered for long; None where there is none.
+            stamp: Stamp of the step that has not been answered for long; None if there is none.
         """
         if stamp is None:
             self._stop()

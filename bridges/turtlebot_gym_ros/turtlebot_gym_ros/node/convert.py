@@ -1,22 +1,22 @@
-"""Values and messages: what a block computes with, and what goes over a topic.
+"""Conversion between the values of blocks and the messages on topics.
 
-World frames are checked by the shell; a value that is not finite or a quaternion that is no rotation is refused here, with
-a ``ValueError`` that says why, in both directions.
+The shell checks world frames. Values that are not finite and quaternions that are not rotations are refused here, in both
+directions, with a ``ValueError`` that gives the reason.
 
-`Senses`, what a robot knows of its own motion, travel on ``/odom``. Where the pose did not arrive in this step, the message
-repeats the last one and says so by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for what is not known.
-The twist is valid in either case. A robot's own odometry, with zeros or variances in the covariance, counts as measured.
+`Senses`, a robot's odometry, are sent on ``/odom``. If no pose arrived in this step, the message repeats the last one and marks
+it by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for unknown values. The twist is valid in either case.
+A robot's own odometry, with zeros or variances in the covariance, counts as measured.
 
-A `Fix` states its variances; -1 for the heading's says that it was not measured. Terms off the diagonal are not used.
+A `Fix` states its variances; -1 for the heading means that it was not measured. Off-diagonal terms are ignored.
 
-Headings survive their quaternion to the bit, see `geometry.quaternion_of`.
+Headings survive the conversion to a quaternion bit-exactly, see `geometry.quaternion_of`.
 
-Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. What a planar robot does not know, height, roll, pitch and
-the sideways speed, has the variance -1 there, by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
-`Odometry` message has no place for the normalized innovation squared, which a policy observes: it has a topic of its own, see
-`innovation`. What is read from the message of an estimate has the value 0 for it.
+Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. Quantities that a planar robot does not know, height, roll,
+pitch and sideways speed, have the variance -1 by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
+`Odometry` message has no field for the normalized innovation squared, which a policy observes, so it has its own topic, see
+`innovation`. An estimate read from a message has the value 0 for it.
 
-The resolution of a map travels in single precision, and is read as the shortest decimal that is nearest to it: 0.05 m.
+The resolution of a map is sent in single precision, and read as the shortest decimal nearest to it, such as 0.05 m.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
 from turtlebot_gym_ros.node.scans import read_clearance, read_scan, write_clearance, write_scan
 from turtlebot_gym_ros.node.values import Nis
 
-# The diagonal places in the order x y z roll pitch yaw, row-major: what a planar robot knows, and what it does not.
+# Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
 _NOT_KNOWN = -1.0
 
 
 class Conversion(NamedTuple):
-    """How a type of value travels."""
+    """Conversion of a type of value."""
 
     message: type
-    """Its message type."""
+    """Message type."""
     read: Callable[[Any], Any]
     """``read(message)`` returns the value."""
     write: Callable[[Any, Header], Any]
     """``write(value, header)`` returns the message."""
     in_world: bool
-    """Whether it is stated in the world frame, which the header must then name."""
+    """Whether the value is in the world frame, which the header must then name."""
 
 
 CONVERSIONS: dict[type, Conversion] = {}
@@ -73,12 +73,12 @@ def register(
     *,
     in_world: bool = False,
 ) -> None:
-    """Teach the shell how a type of value travels.
+    """Register the conversion of a type of value.
 
     Args:
-        value_type: What blocks take and return.
-        message_type: What goes over a topic.
-        read: ``read(message)`` returns the value, or raises ``ValueError`` where the message is refused.
+        value_type: Type that blocks take and return.
+        message_type: Type on the topic.
+        read: ``read(message)`` returns the value, or raises ``ValueError`` to refuse the message.
         write: ``write(value, header)`` returns the message, or raises ``ValueError``.
         in_world: Whether the header must name the world frame.
     """
@@ -86,11 +86,11 @@ def register(
 
 
 def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
-    """Return how a type of value travels.
+    """Return the conversion of a type of value.
 
     Args:
-        value_type: What blocks take and return.
-        stamped: Whether a `Command` travels as TwistStamped, as on a Jazzy robot, or as Twist.
+        value_type: Type that blocks take and return.
+        stamped: Whether a `Command` is sent as TwistStamped, as on a Jazzy robot, or as Twist.
 
     Raises:
         ValueError: If the type was never registered.
@@ -143,12 +143,12 @@ def _estimate_of(message: Odometry) -> Estimate:
 
 
 def state_covariance(message: Odometry, P: Covariance) -> None:
-    """Write a covariance where ROS looks for it; the message holds that of the pose and that of the twist.
+    """Write a covariance into the message's parts for pose and twist.
 
-    A message that says its pose was not measured keeps saying so.
+    A message that marks its pose as not measured keeps the mark.
 
     Raises:
-        ValueError: If it is not finite.
+        ValueError: If the covariance is not finite.
     """
     finite("the covariance", P)
     pose, twist = message.pose.covariance, message.twist.covariance

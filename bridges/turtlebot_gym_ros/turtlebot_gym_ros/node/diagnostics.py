@@ -1,4 +1,4 @@
-"""What a node can say about itself and about the graph around it: once a second, on ``/diagnostics``."""
+"""A node's report on itself and on the graph around it, once a second on ``/diagnostics``."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamp
 
 
 class Problem(NamedTuple):
-    """Something that a person should know of."""
+    """A problem to report to users."""
 
     level: bytes
     text: str
 
 
 class Endpoint(NamedTuple):
-    """A topic as a node holds it."""
+    """A topic of a node."""
 
     topic: str
     """Its full name."""
@@ -33,7 +33,7 @@ class Endpoint(NamedTuple):
     """Its type, as the graph writes it: "geometry_msgs/msg/Twist"."""
     publishes: bool
     moves: bool = False
-    """Whether what is published there moves the robot."""
+    """Whether messages on the topic move the robot."""
 
 
 def type_name(message_type: type) -> str:
@@ -58,12 +58,12 @@ def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -
 
 
 def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = False) -> list[Problem]:
-    """Return what is wrong with the graph around a node.
+    """Return the problems in the graph around a node.
 
     Args:
         node: The node.
         endpoints: Its topics.
-        plant: Whether it stands in for a robot, so that nobody else should obey the same commands.
+        plant: Whether the node simulates a robot, so that no other node should obey the same commands.
     """
     found: list[Problem] = []
     for mine in endpoints:
@@ -72,11 +72,11 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
         for verb, others in (("publishes", publishers), ("subscribes to", subscriptions)):
             found += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
         if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
-            found.append(Problem(WARN, f"{mine.topic}: nobody listens."))
+            found.append(Problem(WARN, f"{mine.topic}: there is no listener."))
         rivals = [name for other in publishers if (name := _name(other)) != node.get_fully_qualified_name()]
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
-            found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; who is obeyed is left to chance."))
+            found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [_name(other) for other in subscriptions]
             strangers = {_name(other) for other in subscriptions if other.node_name not in NODES}
@@ -90,12 +90,12 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
 
 
 class Reporter:
-    """Publishes a node's diagnostics, and logs what is new in the graph around it.
+    """Publishes a node's diagnostics, and logs new problems in the graph around it.
 
     Args:
         node: The node.
         endpoints: Its topics.
-        plant: Whether it stands in for a robot.
+        plant: Whether the node simulates a robot.
     """
 
     def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
@@ -104,16 +104,16 @@ class Reporter:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
 
     def publish(self, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> None:
-        """Publish what is wrong.
+        """Publish the problems.
 
         Args:
-            problems: With the node itself; those of the graph are added.
-            summary: What it does where nothing is wrong.
-            values: Figures, by name.
+            problems: Problems of the node itself; those of the graph are added.
+            summary: Message without problems.
+            values: Figures by name.
         """
         around = graph_problems(self._node, self._endpoints, plant=self._plant)
         for problem in set(around) - self._known:
-            # On a line each: rclpy's logger raises where the severity of a line changes.
+            # On separate lines: rclpy's logger raises if the severity of a line changes.
             if problem.level == ERROR:
                 self._node.get_logger().error(problem.text)
             else:

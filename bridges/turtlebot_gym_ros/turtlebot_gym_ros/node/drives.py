@@ -1,7 +1,7 @@
-"""What runs a block in real time: the clock, or the messages of an input. In lock-step: `answering`.
+"""Run a block in real time: by the clock, or by the messages of an input. For lock-step see `answering`.
 
-The rules are in `triggers`. A drive is told of each value that has come (`Drive.heard`), and calls the node's
-``step`` when it is time for one.
+The rules are in `triggers`. A drive is notified of each new value (`Drive.heard`), and calls the node's ``step`` when one is
+due.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ QUIET = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Hands:
-    """What a drive may do with its node."""
+    """A drive's access to its node."""
 
     node: Node
     feeds: Mapping[str, Feed]
@@ -37,39 +37,39 @@ class Hands:
     now: Callable[[], float]
     """The steady clock, s."""
     step: Callable[[int], bool]
-    """Runs the block once, at a stamp in ns, and publishes what comes of it; returns whether it did."""
+    """Runs the block once at a stamp, ns, and publishes the result; returns whether it did."""
     begin: Callable[[], None]
     """Resets the block and this drive."""
     may_move: Callable[[], bool]
-    """Returns whether what was answered may be answered again."""
+    """Returns whether an answer may be repeated."""
 
 
 class Drive(Protocol):
-    """What the shell asks of whatever runs its block. Who subclasses it overrides what differs."""
+    """Interface between the shell and what runs its block; subclasses override what differs."""
 
     _hands: Hands
     sets_clock: bool = False
-    """Whether it sets ``clock``, and does not live by it."""
+    """Whether it publishes ``clock`` instead of following it."""
     period: float = 0.0
-    """Time that a step may take, s; 0 where it does not matter."""
+    """Time that a step may take, s; 0 for no limit."""
 
     def present(self) -> int:
-        """Return the present of the clock that the block runs by, ns: the ROS clock's."""
+        """Return the current time of the block's clock, ns: the ROS clock."""
         return self._hands.node.get_clock().now().nanoseconds
 
     def takes(self, key: str, stamp: int) -> bool:
-        """Return whether a value of a stamp counts, or refuse by a `ValueError` a stamp that cannot be."""
+        """Return whether a value with a stamp counts; raise `ValueError` for an impossible stamp."""
         return True
 
     def heard(self, key: str, stamp: int) -> None:
-        """Take note of a value that has come, and run the block if that makes a step."""
+        """Handle a new value, and run the block if a step is due."""
 
     def missing(self) -> str | None:
-        """Return what keeps it from making steps, beside its inputs."""
+        """Return what prevents steps, besides missing inputs."""
         return None
 
     def trouble(self) -> str | None:
-        """Return what a person should know of."""
+        """Return a problem to report to users."""
         return None
 
     def interval(self, stamp: int) -> float:
@@ -77,17 +77,17 @@ class Drive(Protocol):
         ...
 
     def pause(self) -> None:
-        """Note that a step was left out."""
+        """Record that a step was skipped."""
 
     def reset(self) -> None:
         """Let the next step be the first."""
 
     def new_episode(self) -> None:
-        """Note that the plant was reset."""
+        """Record that the plant was reset."""
 
 
 class ByClock(Drive):
-    """Steps on a grid of the ROS clock, or of a simulated time that it sets itself."""
+    """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
 
     def __init__(self, hands: Hands, trigger: Every) -> None:
         self._hands = hands
@@ -102,7 +102,7 @@ class ByClock(Drive):
         hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch)
 
     def present(self) -> int:
-        """Return the present of the grid's time, ns."""
+        """Return the current time of the grid, ns."""
         return self._grid.present if isinstance(self._grid, SimulatedGrid) else super().present()
 
     def interval(self, stamp: int) -> float:
@@ -110,7 +110,7 @@ class ByClock(Drive):
         return self._grid.interval(stamp)
 
     def missing(self) -> str | None:
-        """Return whose ear is missing: a schedule would run on while its listeners are still to be found."""
+        """Return which listener is missing, since a schedule would start before its listeners are discovered."""
         return self._hands.outputs.unheard()
 
     def _tick(self) -> None:
@@ -121,7 +121,7 @@ class ByClock(Drive):
                 self._hands.step(stamp)
 
     def new_episode(self) -> None:
-        """Be quiet until all have heard of the reset: a filter that hears of it late would begin with a later step."""
+        """Pause until all nodes have received the reset: a filter that received it late would start with a later step."""
         self._quiet_until = self._hands.now() + QUIET
 
 
@@ -134,7 +134,7 @@ class ByMessages(Drive):
         self.period = trigger.period
 
     def takes(self, key: str, stamp: int) -> bool:
-        """Refuse what comes twice or late."""
+        """Refuse repeated and late messages."""
         if key == self._rule.input:
             self._rule.check(stamp)
         return True
@@ -151,11 +151,11 @@ class ByMessages(Drive):
             self._hands.step(stamp)
 
     def missing(self) -> str | None:
-        """Return that messages come too slowly."""
+        """Return that messages are too slow."""
         return self._rule.slow
 
     def trouble(self) -> str | None:
-        """Return the same."""
+        """Return the same as `missing`."""
         return self._rule.slow
 
     def interval(self, stamp: int) -> float:
@@ -163,7 +163,7 @@ class ByMessages(Drive):
         return self._rule.interval(stamp)
 
     def pause(self) -> None:
-        """Let the next step be like the first."""
+        """Treat the next step like the first."""
         self._rule.pause()
 
     def reset(self) -> None:

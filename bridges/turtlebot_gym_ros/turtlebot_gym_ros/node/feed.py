@@ -1,4 +1,4 @@
-"""An input as it arrives: its latest value, how old it is, and what was refused."""
+"""A node's input: its latest value, its age, and refused messages."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Feed:
 
     Args:
         declared: The block's declaration.
-        conversion: How its values travel.
-        lock_step: Whether stamps count, and ages by the steady clock do not.
+        conversion: Conversion of its values.
+        lock_step: Whether stamps are used instead of ages by the steady clock.
     """
 
     def __init__(self, declared: Input, conversion: Conversion, *, lock_step: bool) -> None:
@@ -32,19 +32,19 @@ class Feed:
         self._lock_step = lock_step
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
-        self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value, if any, by then
+        self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value up to it, if any
         self.conversion = conversion
         self.refusal: str | None = None
         self._refused = self._received = 0
-        self._latest: tuple[Any, float] | None = None  # replaced as one, since two threads look at it
+        self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
     def connect(self, node: Node, hear: Callable[[Any], None], told: Callable[[], None]) -> Endpoint:
-        """Subscribe to its topic, and return that as the diagnostics want it.
+        """Subscribe to its topic, and return it as an endpoint for the diagnostics.
 
         Args:
             node: The node.
             hear: Called with each message.
-            told: Called when it has become known to which step the newest value belongs.
+            told: Called when the step of the newest value becomes known.
         """
         kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
         if self._lock_step and self.declared.lock_step == "newest":
@@ -69,7 +69,7 @@ class Feed:
 
     @property
     def step(self) -> int | None:
-        """The stamp of the step in lock-step to which the latest value belongs, ns; None where that is not known."""
+        """Stamp of the lock-step step to which the latest value belongs, ns; None if unknown."""
         if self.declared.lock_step != "newest":
             return self.stamp
         step, newest = self._newest or (None, None)
@@ -79,7 +79,7 @@ class Feed:
         """Return a message's value.
 
         Raises:
-            ValueError: If it is refused: not finite, no rotation, or in another frame than ``frame``.
+            ValueError: If the message is refused: not finite, not a rotation, or in another frame than ``frame``.
         """
         if self.conversion.in_world and message.header.frame_id != frame:
             got = message.header.frame_id
@@ -87,12 +87,12 @@ class Feed:
         return self.conversion.read(message)
 
     def accept(self, value: Any, now: float, stamp: int) -> None:
-        """Take a value as the latest one."""
+        """Store a value as the latest one."""
         self._latest, self.stamp, self.refusal = (value, now), stamp, None
         self._received += 1
 
     def refuse(self, why: str) -> bool:
-        """Note that a message was refused, and return whether that is news."""
+        """Record that a message was refused, and return whether the reason is new."""
         news = self.refusal is None
         self.refusal = f"refused: {why}"
         self._refused += 1
@@ -107,13 +107,13 @@ class Feed:
         return latest is not None and (limit is None or now - latest[1] <= limit)
 
     def missing(self, now: float) -> str | None:
-        """Return why a step has to wait for this input, if it has to."""
+        """Return why a step has to wait for this input, if so."""
         if not self.declared.required or self._is_fresh(now):
             return None
         return f"waits for {self.topic}" if self._latest is None else f"{self.topic} is older than {self.declared.max_age} s"
 
     def take(self, now: float, stamp: int) -> Any:
-        """Return the value for a step at a stamp, ns; None where it is missing."""
+        """Return the value for a step at a stamp, ns; None if it is missing."""
         latest = self._latest
         value = latest[0] if latest is not None and self._is_fresh(now) else None
         if self.declared.once:
@@ -123,7 +123,7 @@ class Feed:
         return value
 
     def figures(self, now: float) -> dict[str, str]:
-        """Return what the diagnostics say of it."""
+        """Return its figures for the diagnostics."""
         latest = self._latest
         age = "never" if latest is None else f"{now - latest[1]:.2f} s ago"
         return {self.topic: f"{age}, {self._received} received, {self._refused} refused"}

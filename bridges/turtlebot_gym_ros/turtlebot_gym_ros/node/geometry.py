@@ -1,4 +1,4 @@
-"""Planar poses and twists in messages: what is not finite, or no rotation, is refused with a ``ValueError`` that says why."""
+"""Planar poses and twists in messages; values that are not finite or not rotations raise a ``ValueError`` with the reason."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def yaw_of(q: Quaternion) -> float:
     """Return the heading of a rotation, rad, in [-pi, pi).
 
     Raises:
-        ValueError: If the quaternion is no rotation: its norm is not 1 within 1 %.
+        ValueError: If the quaternion is not a rotation, because its norm is not 1 within 1 %.
     """
     norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(norm - 1.0) < 0.01:  # also refuses NaN
@@ -40,8 +40,8 @@ def _planar_yaw(z: float, w: float) -> float:
 def quaternion_of(yaw: float) -> Quaternion:
     """Return the rotation about the vertical axis by a heading, rad.
 
-    Sine and cosine round; where that would change the heading, both are moved by a few units in the last place until `yaw_of`
-    gives back the very same number. So a heading in [-pi, pi) is the same float at the other end of a topic.
+    Sine and cosine are rounded; if that would change the heading, both are moved by a few units in the last place until
+    `yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other end of a topic.
     """
     z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     if _planar_yaw(z, w) != yaw and -math.pi <= yaw < math.pi:
@@ -50,13 +50,13 @@ def quaternion_of(yaw: float) -> Quaternion:
 
 
 def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
-    """Yield the pairs of numbers close to a pair, the nearest first."""
+    """Yield the pairs of numbers close to a pair, nearest first."""
     near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
     return ((near_z[i], near_w[j]) for i, j in _PAIRS)
 
 
 def finite(what: str, numbers: Iterable[float]) -> None:
-    """Refuse numbers that are not finite, with a ``ValueError`` that says what they are."""
+    """Raise a ``ValueError`` that shows the values if numbers are not finite."""
     values = tuple(numbers)
     if not all(map(math.isfinite, values)):
         raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in values)}")

@@ -1,8 +1,8 @@
-"""How surprised a filter was by its last measurement, as a topic of its own.
+"""The normalized innovation squared of a filter's last measurement, on its own topic.
 
-There is no message for a stamped number in the common packages, so the normalized innovation squared (NIS) travels as what it
-is: a diagnostic, `diagnostic_msgs/DiagnosticArray`, on ``nis`` instead of ``/diagnostics``, since it comes with each estimate.
-PlotJuggler plots its values. They are decimals that are read back to the same number.
+The common packages have no message for a stamped number, so the NIS is sent as a diagnostic, `diagnostic_msgs/DiagnosticArray`,
+on ``nis`` instead of ``/diagnostics``, since it accompanies each estimate. PlotJuggler can plot its values. They are decimals
+that read back to the same number.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from turtlebot_gym_ros.node.values import Nis
 
 SURPRISING = 16.27
-"""NIS that one measurement in a thousand exceeds where the filter is right: chi-square, 3 degrees of freedom."""
+"""NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 _KEY = "nis"
 
 
@@ -23,7 +23,7 @@ def write_nis(nis: Nis, header: Header) -> DiagnosticArray:
     """Return the message of a NIS.
 
     Raises:
-        ValueError: If it is not finite.
+        ValueError: If the NIS is not finite.
     """
     value = float(nis.value)
     if not math.isfinite(value):
@@ -43,7 +43,7 @@ def read_nis(message: DiagnosticArray) -> Nis:
     """Return a message's NIS.
 
     Raises:
-        ValueError: If it has none, or one that is no finite number.
+        ValueError: If the message has none, or one that is not a finite number.
     """
     told = [pair.value for status in message.status for pair in status.values if pair.key == _KEY]
     if len(told) != 1:

@@ -1,10 +1,10 @@
-"""Lock-step: time goes on when the step before has been answered. Rules on stamps, without ROS.
+"""Lock-step: time advances when the previous step has been answered. Rules on stamps, without ROS.
 
-The plant publishes a step's outputs at its stamp; each node on the way answers with that same stamp; the plant takes the next
-step when the answer to this one has come, never before and never twice. Until then time stands still, and the plant sends its
-outputs again every `RESEND` seconds: who has answered the step already repeats the answer, who has not answers now. So the
-order of launching, late joiners, lost messages and nodes that start again change nothing: a node that computes the same from
-the same values gives the same drive, to the bit, on any machine.
+The plant publishes a step's outputs with its stamp; each node in the loop answers with the same stamp; the plant takes the next
+step when the answer to this one has arrived, never earlier and never twice. Until then time stands still, and the plant resends
+its outputs every `RESEND` seconds: nodes that have already answered the step repeat their answer, and the others answer now. So
+the launch order, late joiners, lost messages and restarted nodes change nothing: if nodes compute the same from the same
+values, the drive is bit-identical on any machine.
 """
 
 from __future__ import annotations
@@ -16,37 +16,37 @@ from turtlebot_gym_ros.node.block import Every, Input, On
 from turtlebot_gym_ros.node.triggers import SECOND, Messages
 
 RESEND = 0.2
-"""Time after which a step that is not answered is published again, s, by the steady clock."""
+"""Time after which a step without an answer is published again, s, by the steady clock."""
 OVERDUE = 2.0
-"""Time after which the plant says who has not answered, s, by the steady clock."""
+"""Time after which the plant reports which node has not answered, s, by the steady clock."""
 AHEAD = 200
-"""So many steps at most is a plant ahead of its witness, a recorder on a busy machine."""
+"""Most steps by which a plant is ahead of its witness, a recorder on a busy machine."""
 EPISODE_GAP = 60
-"""Between two episodes the stamps leap by so much, s: no message is ever lost here, so who finds a gap begins anew."""
+"""Leap of the stamps between two episodes, s: no message is ever lost here, so nodes that see a gap restart."""
 WALL = 1_000_000_000 * SECOND
-"""Stamps from here on, the year 2001, are a wall clock's: of a robot, which does not wait."""
+"""Stamps from this one on, the year 2001, come from a wall clock, and so from a robot, which does not wait."""
 
 
 def trigger_of(trigger: Every | On, inputs: Mapping[str, Input]) -> On | None:
-    """Return on what a block runs in lock-step; None for the plant.
+    """Return the trigger of a block in lock-step; None for the plant.
 
     Raises:
-        ValueError: If it cannot run in lock-step.
+        ValueError: If the block cannot run in lock-step.
     """
     for each in inputs.values():
         if each.lock_step == "refused":
-            raise ValueError(f"lock_step must be false where {each.topic} is heard: its messages belong to no step.")
+            raise ValueError(f"lock_step must be false with an input on {each.topic}: its messages belong to no step.")
     if isinstance(trigger, On):
         return trigger
     if trigger.answers is not None:
         return On(trigger.answers)
     if trigger.speed is None:
-        raise ValueError("lock_step must be false for a block that runs by the clock: it answers nobody.")
+        raise ValueError("lock_step must be false for a block that runs by the clock: it answers no step.")
     return None
 
 
 class Turn(Enum):
-    """What a message makes a node do."""
+    """Reaction of a node to a message."""
 
     WAIT = "nothing: the step's other inputs are still to come, or it has been answered"
     STEP = "answer the step"
@@ -55,10 +55,10 @@ class Turn(Enum):
 
 
 class Answers:
-    """The rule of a node that answers the steps.
+    """The rule of a node that answers steps.
 
     Args:
-        trigger: The input that it answers.
+        trigger: The input to answer.
         inputs: All inputs, by name.
     """
 
@@ -75,7 +75,7 @@ class Answers:
         self._answered: int | None = None
 
     def check(self, key: str, stamp: int) -> None:
-        """Refuse what is not simulated, of the inputs that belong to a step.
+        """Refuse values that are not simulated, for inputs that belong to a step.
 
         Raises:
             ValueError: If the stamp is a wall clock's.
@@ -84,14 +84,14 @@ class Answers:
             raise ValueError("its stamp is a wall clock's, but lock_step is for simulated time")
 
     def hear(self, key: str, stamps: Mapping[str, int | None]) -> tuple[Turn, str | None]:
-        """Return what to do now that an input has come.
+        """Return the reaction to a new input.
 
         Args:
-            key: Its name.
-            stamps: The stamps of the steps to which the latest values of all inputs belong, ns.
+            key: Name of the input.
+            stamps: Stamps of the steps to which the latest values of all inputs belong, ns.
 
         Returns:
-            The turn, and what to say of a gap, where the block must be reset first.
+            The turn, and the description of a gap if the block must be reset first.
         """
         stamp = stamps[self._input]
         if key not in self._tied or stamp is None or any(stamps[other] != stamp for other in self._tied):
@@ -105,16 +105,16 @@ class Answers:
         return (Turn.STEP if self._is_due else Turn.HOLD), gap
 
     def answer(self, stamp: int) -> None:
-        """Note that a step has been answered."""
+        """Record that a step has been answered."""
         self._answered = stamp
 
 
 class Plant:
-    """The rule of the plant: its steps, and when their outputs are sent again.
+    """The rule of the plant: its steps, and when to resend their outputs.
 
     Args:
-        trigger: Its period and its highest speed.
-        now: The present by the steady clock, s.
+        trigger: Trigger with its period and its highest speed.
+        now: Current time of the steady clock, s.
     """
 
     def __init__(self, trigger: Every, *, now: float) -> None:
@@ -122,32 +122,31 @@ class Plant:
         self._period_ns = round(trigger.period * SECOND)
         self._interval = trigger.period / trigger.speed if trigger.speed else 0.0
         self.present = SECOND - self._period_ns
-        """The stamp of the step that is to be answered, ns."""
+        """Stamp of the step that awaits its answer, ns."""
         self._leap = False
         self.witnessed: int | None = None
-        """Stamp up to which the witness has heard, ns; None before its first word."""
+        """Stamp up to which the witness has received everything, ns; None before its first report."""
         self._waits_for_witness = trigger.witness is not None
         self._due = now
         self._began = self._sent = now
 
     def answers(self, stamps: Iterable[int | None]) -> bool:
-        """Return whether inputs with these stamps answer the present step."""
+        """Return whether inputs with these stamps answer the current step."""
         return all(stamp == self.present for stamp in stamps)
 
     @property
     def is_witnessed(self) -> bool:
-        """Return whether the witness, if there is one, has heard the steps so far but a few; of an episode's first one, that
-        one."""
+        """Return whether the witness, if any, is at most a few steps behind; for an episode's first step, not behind at all."""
         if not self._waits_for_witness:
             return True
         return self.witnessed is not None and abs(self.present - self.witnessed) <= AHEAD * self._period_ns
 
     def wait(self, now: float) -> float:
-        """Return how long the next step has to wait for its time, s; 0 if not at all."""
+        """Return the time until the next step is due, s; 0 if it already is."""
         return max(self._due - now, 0.0)
 
     def advance(self, now: float) -> int:
-        """Go on to the next step, and return its stamp, ns."""
+        """Advance to the next step, and return its stamp, ns."""
         self.present += EPISODE_GAP * SECOND if self._leap else self._period_ns
         self._leap = False
         self._due = max(self._due, now - self._interval) + self._interval
@@ -159,24 +158,24 @@ class Plant:
         self._leap = True
 
     def resend(self, now: float) -> bool:
-        """Return whether the outputs are to be sent again, and take it that they are."""
+        """Return whether to resend the outputs now, and assume that the caller does."""
         if now - self._sent < RESEND:
             return False
         self._sent = now
         return True
 
     def is_overdue(self, now: float) -> bool:
-        """Return whether the answer has been awaited for long."""
+        """Return whether the answer is overdue."""
         return now - self._began > OVERDUE
 
 
 def missing_link(stamp: int, heard: Mapping[str, int | None], speakers: Mapping[str, Iterable[str]]) -> str:
-    """Return in words who has not answered a step.
+    """Describe which node has not answered a step.
 
     Args:
-        stamp: Of the step, ns.
-        heard: The newest stamp on each topic on the way, in the order of the way, ns.
-        speakers: The nodes that publish there.
+        stamp: Stamp of the step, ns.
+        heard: Newest stamp on each topic of the chain, in its order, ns.
+        speakers: Publishers of each topic.
     """
     topic = next((topic for topic, newest in heard.items() if newest != stamp), None)
     if topic is None:

@@ -15,9 +15,9 @@ from turtlebot_gym.rooms.scan import Obstacles
 HEIGHT = 0.3
 """Height at which obstacles are drawn, m."""
 LINE = 0.05
-"""Width of the line that stands for the walls, m."""
+"""Width of the line that represents the walls, m."""
 LIFETIME = Duration(seconds=3.0)
-"""Time after which a viewer removes a marker that was not sent again, by the viewer's clock."""
+"""Time after which a viewer removes a marker without an update, by the viewer's clock."""
 _GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
 
 
@@ -48,10 +48,10 @@ def write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
 
 
 def read_obstacles(message: MarkerArray) -> Obstacles:
-    """Return the room of the markers that `write_obstacles` made.
+    """Return the room from markers made by `write_obstacles`.
 
     Raises:
-        ValueError: If they hold no walls.
+        ValueError: If the markers hold no walls.
     """
     circles, boxes, walls = [], [], None
     for each in message.markers:

@@ -23,13 +23,13 @@ from turtlebot_gym_ros.node.triggers import SECOND
 
 
 class Outputs:
-    """The publishers of a block, and how its values become messages.
+    """The publishers of a block, and the conversion of its values to messages.
 
     Args:
         node: The node.
         declared: The block's outputs.
         common: Frames, and whether velocities are stamped.
-        time: The present by the clock that the block runs by, ns.
+        time: Current time of the block's clock, ns.
     """
 
     def __init__(self, node: Node, declared: Mapping[str, Output], common: Common, time: Callable[[], int]) -> None:
@@ -57,7 +57,7 @@ class Outputs:
 
     @property
     def endpoints(self) -> list[Endpoint]:
-        """The topics, as the diagnostics want them."""
+        """The topics as endpoints for the diagnostics."""
         return [
             Endpoint(publisher.topic_name, type_name(self._ways[key].message), True, key in self.moving)
             for key, publisher in self._publishers.items()
@@ -66,8 +66,8 @@ class Outputs:
     def message(self, key: str, value: Any, stamp: int) -> Any:
         """Return the message of an output's value.
 
-        Commands are stamped now, all else with the step's stamp, ns, or by their age before it; in lock-step commands are as
-        well, since they answer a step.
+        Commands are stamped with the current time, other values with the step's stamp, ns, less their age. In lock-step
+        commands have the step's stamp too, since they answer a step.
 
         Raises:
             ValueError: If the value is not finite.
@@ -87,13 +87,13 @@ class Outputs:
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:
-        """Publish messages, in the order in which the outputs are declared."""
+        """Publish messages in the order of the declared outputs."""
         for key, publisher in self._publishers.items():
             if key in messages:
                 publisher.publish(messages[key])
 
     def publish_answer(self, messages: Mapping[str, Any], stamp: int) -> None:
-        """Publish the messages of a step, which may have to be published again, and which ones are the newest."""
+        """Publish the messages of a step, which may have to be repeated, and which messages are the newest."""
         held = {key: self._last[key] for key in self._tellers if key in self._last}
         steps = {key: message for key, message in messages.items() if not self._declared[key].latched}
         self._last, self._step = {**held, **steps}, stamp
@@ -103,14 +103,14 @@ class Outputs:
         self._tell_newest()
 
     def _tell_newest(self) -> None:
-        """Publish which messages are the newest ones of the outputs that do not come in every step; 0 where there is none."""
+        """Publish the stamps of the newest messages of outputs that are absent from some steps; 0 if there is none."""
         for key, teller in self._tellers.items():
             header = Header(stamp=Time(nanoseconds=self._step).to_msg())
             newest = self._last[key].header.stamp if key in self._last else Time().to_msg()
             teller.publish(TimeReference(header=header, time_ref=newest))
 
     def publish_again(self, stamp: int | None = None) -> None:
-        """Publish the last answer again, under another stamp, ns, where one is given."""
+        """Publish the last answer again, with another stamp, ns, if given."""
         if stamp is not None:
             self._step = stamp
             for key in self._last.keys() - self._tellers.keys():
@@ -119,20 +119,20 @@ class Outputs:
         self._tell_newest()
 
     def stops(self, stamp: int = 0) -> dict[str, Any]:
-        """Return what stops the robot; in lock-step it answers the step of a stamp, ns, and none without."""
+        """Return the messages that stop the robot; in lock-step they answer the step of a stamp, ns, or none if it is 0."""
         return {key: self.message(key, self._declared[key].stop, stamp) for key in self.moving}
 
     def publish_stops(self) -> None:
-        """Publish what stops the robot."""
+        """Publish the messages that stop the robot."""
         self.publish(self.stops())
 
     def unheard(self) -> str | None:
-        """Return what to wait for where nobody listens to an output that moves the robot."""
+        """Return what to wait for if an output that moves the robot has no listener."""
         topics = (each.topic_name for key in self.moving if not (each := self._publishers[key]).get_subscription_count())
         return next((f"waits for a listener on {topic}" for topic in topics), None)
 
     def flush(self) -> None:
-        """Wait until whoever listens has what was published, for half a second each at most: Fast DDS drops what it has not."""
+        """Wait until listeners have all messages, at most 0.5 s each, since Fast DDS drops undelivered ones."""
         for publisher in (*self._publishers.values(), *self._tellers.values()):
             publisher.wait_for_all_acked(Duration(seconds=0.5))
 

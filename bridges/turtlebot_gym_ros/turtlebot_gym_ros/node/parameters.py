@@ -1,6 +1,6 @@
-"""Parameters: from dataclasses to ROS parameters, which are checked once, before anything is published, and fixed from then on.
+"""Parameters: dataclasses as ROS parameters, which are checked once before anything is published and read-only from then on.
 
-rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; here it is the other way round.
+rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; this module does the opposite.
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Common:
-    """Parameters of every node; a block's own parameters may give them other defaults."""
+    """Parameters of every node; a block's parameters may override their defaults."""
 
     frame: str = "odom"
-    """The world frame. Poses in another one are refused."""
+    """World frame. Poses in other frames are refused."""
     body_frame: str = "base_footprint"
-    """The robot's frame, named in estimates and commands."""
+    """The robot's frame in estimates and commands."""
     frame_prefix: str = ""
-    """What stands before both frames, "robot1/" for robot1/odom: as robot_state_publisher's, so that robots share one tree."""
+    """Prefix of both frames, such as "robot1/" for robot1/odom, like that of robot_state_publisher, so that robots share one
+    tree."""
     enable_stamped_cmd_vel: bool = True
-    """Whether velocities travel as TwistStamped, as on a Jazzy robot, or as Twist, as on a Humble one."""
+    """Whether velocities are TwistStamped, as on a Jazzy robot, or Twist, as on a Humble one."""
     start_enabled: bool = False
-    """Whether a node that moves a robot does so from the start, without a call of ``~/enable``."""
+    """Whether a node that moves a robot starts enabled, without a call of ``~/enable``."""
     lock_step: bool = False
-    """Whether time is simulated and waits for each step's answer, see `lockstep`; to be the same in all nodes. Never on a
+    """Whether time is simulated and waits for each step's answer, see `lockstep`; must be the same in all nodes. Never on a
     robot."""
 
     def __post_init__(self) -> None:
@@ -64,7 +65,7 @@ def _values(params: type) -> dict[str, tuple[type, Any]]:
 
 
 def _convert(name: str, value: Any, kind: type) -> Any:
-    """Return a parameter's value in its type; an integer will do for a float."""
+    """Return a parameter's value in its type; integers are accepted as floats."""
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if type(value) is not kind:
@@ -77,11 +78,11 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
 
     Args:
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
-        *params: Dataclasses with defaults for all fields, the docstrings under which are the descriptions. Where two share a
-            name, the later one counts.
+        *params: Dataclasses with defaults for all fields, whose docstrings are the descriptions. If two share a name, the later
+            one counts.
 
     Raises:
-        ValueError: If a parameter was given that does not exist, is of the wrong type, or that its class refuses.
+        ValueError: If a given parameter does not exist, has the wrong type, or is refused by its class.
     """
     declared: dict[str, tuple[type, Any]] = {}
     for each in params:

@@ -1,16 +1,16 @@
-"""Quality of service by name; every topic's can be overridden by ROS parameters (``qos_overrides...``)."""
+"""Quality-of-service profiles by name; ROS parameters can override that of every topic (``qos_overrides...``)."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 STREAM = QoSProfile(depth=10)
-"""Reliable and volatile: what is lost is sent again, what was sent before somebody listened is gone."""
+"""Reliable and volatile: lost messages are sent again; late joiners do not receive earlier ones."""
 LOCK_STEP = QoSProfile(depth=10_000)
-"""Reliable, with long histories: in lock-step every message counts, and a recorder may be suspended for seconds meanwhile."""
+"""Reliable, with long histories: in lock-step every message counts, and a recorder may be suspended for seconds."""
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""A subscription with it understands reliable and best-effort publishers."""
+"""Best effort: a subscription with it matches reliable and best-effort publishers."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Who comes late is given the last value."""
+"""Late joiners receive the last value."""
 
 
 def overridable() -> QoSOverridingOptions:

@@ -1,4 +1,4 @@
-"""The ROS clock as a node lives by it: where it is simulated, it may be missing, stand still, or leap."""
+"""Watch over the ROS clock: a simulated one may be missing, stand still or leap."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 SILENCE = 0.5
-"""A simulated clock that stands still for longer stops the robot, s."""
+"""Time after which a simulated clock that stands still stops the robot, s."""
 JUMP = 5.0
-"""A clock that leaps ahead by more, or back at all, resets the block and stops the robot, s."""
+"""Leap ahead above which the block is reset and the robot stops, s; so it is for any leap back."""
 
 
 class RosClock:
@@ -20,9 +20,9 @@ class RosClock:
 
     Args:
         node: The node.
-        ignore: Whether the node does not live by it, because it sets it itself.
-        jumped: Called when it has leapt, in the executor's thread.
-        now: The present by the steady clock, s.
+        ignore: Whether the node does not follow the clock, because it publishes it.
+        jumped: Called after a leap, in the executor's thread.
+        now: Current time of the steady clock, s.
     """
 
     def __init__(self, node: Node, *, ignore: bool, jumped: Callable[[], None], now: float) -> None:
@@ -38,10 +38,10 @@ class RosClock:
         self._jumps = self._clock.create_jump_callback(threshold, post_callback=leap)
 
     def trouble(self, now: float) -> str | None:
-        """Return why a step cannot rely on the time, if it cannot.
+        """Return why a step cannot rely on the time, if so.
 
         Args:
-            now: The present by the steady clock, s.
+            now: Current time of the steady clock, s.
         """
         if not self._simulated:
             return None

@@ -1,4 +1,4 @@
-"""Running shells: an executor in a thread of its own, so that the main thread is free for signals, tests and notebooks."""
+"""Run shells: an executor in its own thread, so that the main thread is free for signals, tests and notebooks."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ P = TypeVar("P")
 
 
 class Runnable(Protocol):
-    """What a runner runs: a shell, or anything else around a node."""
+    """A shell, or anything else around a node."""
 
     node: Node
 
     def close(self) -> None:
-        """End it."""
+        """Shut down."""
         ...
 
 
 class Runner:
-    """A context, and an executor that runs nodes in a thread of its own.
+    """A context, and an executor that runs nodes in its own thread.
 
     Args:
-        arguments: Command line, of which the part after ``--ros-args`` counts for all its nodes.
+        arguments: Command line, whose part after ``--ros-args`` applies to all its nodes.
         domain: ROS domain; None for that of the environment.
     """
 
     def __init__(self, arguments: Sequence[str] = (), *, domain: int | None = None) -> None:
         prepare()
         self.context = Context()
-        # rclpy's own handlers end the context first, and then no zero can be sent any more.
+        # rclpy's own signal handlers end the context first, and then no zeros can be sent.
         options = SignalHandlerOptions.NO
         rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
         self._executor = SwiftExecutor(context=self.context)
@@ -54,7 +54,7 @@ class Runner:
         self._thread = Thread(target=self._spin, name="executor", daemon=True)
 
     def add(self, runnable: Runnable) -> None:
-        """Run a node, from now on if the runner is started."""
+        """Add a node; it runs at once if the runner has started."""
         self._running.append(runnable)
         self._executor.add_node(runnable.node)
 
@@ -66,11 +66,11 @@ class Runner:
         try:
             self._executor.spin()
         except Exception:
-            if not self._closing:  # a step that was stuck comes back to nodes that are gone
+            if not self._closing:  # a stuck step may return after its node is gone
                 raise
 
     def close(self) -> None:
-        """End the nodes, the last added first, then the thread and the context; a block may be stuck in a step."""
+        """Shut down the nodes, last added first, then the thread and the context, even if a block is stuck in a step."""
         self._closing = True
         self._executor.shutdown(timeout_sec=0.5)
         if self._thread.is_alive():
@@ -83,7 +83,7 @@ class Runner:
 
 
 def refuse(error: BaseException) -> int:
-    """Print why a node does not start, on one line, and return its exit code."""
+    """Print the reason why a node does not start on one line, and return its exit code."""
     print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
     return 2
 
@@ -94,11 +94,11 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def endings_wait() -> Iterator[Callable[[], None]]:
-    """Note the signals of `ENDINGS`, and yield a function that waits for the first of them, also for one that came before.
+    """Catch the signals in `ENDINGS`, and yield a function that waits for the first one, including one that came earlier.
 
-    So none is lost while a node comes up, and none does anything by itself. Blocking them is not enough: a library's threads
-    that were there before do not block them, and a signal that such a thread takes ends the process. The handler's note
-    arrives by a pipe, whichever thread the handler ran in.
+    So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
+    library do not block them, and a signal taken by such a thread ends the process. The handler writes to a pipe, whichever
+    thread it runs in.
     """
     noted, note = os.pipe()
     os.set_blocking(note, False)
@@ -120,16 +120,16 @@ def endings_wait() -> Iterator[Callable[[], None]]:
 
 
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
-    """Run a block as a node until SIGINT or SIGTERM. To be called in the main thread.
+    """Run a block as a node until SIGINT or SIGTERM. Call it in the main thread.
 
     Args:
         make: Makes the block from its parameters: usually its class.
         params: The dataclass of its parameters.
-        argv: Command line without the program's name; None for the process's own.
+        argv: Command line without the program's name; None for that of the process.
         name: The node's name; None for that of ``make``, in snake case.
 
     Returns:
-        The exit code 2 where the parameters were refused, with one line on stderr. Otherwise it ends the process, with 0.
+        The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends with code 0.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     with endings_wait() as wait_for_the_end:
@@ -138,7 +138,7 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
             return refuse(error)
         try:
-            # What stands before --ros-args would be taken as a remapping, in an old syntax, or ignored.
+            # Arguments before --ros-args would be taken as remappings in an old syntax, or ignored.
             for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
                 raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
             runner.add(Shell(make, params, name=name, context=runner.context))

@@ -1,8 +1,8 @@
-"""A LiDAR's scans as messages, and how near a room is.
+"""LiDAR scans and clearances as messages.
 
-Ranges keep every bit. By the definition of `sensor_msgs/LaserScan`, ranges outside its limits are to be discarded: a beam
-returned nothing there, and is infinite, but for minus infinity, which says by REP 117 that something is nearer than
-``range_min``. A scan that does not say in which directions it looks, or holds what is no range, is refused.
+Ranges are bit-exact. By the definition of `sensor_msgs/LaserScan`, ranges outside its limits are discarded: such a beam
+returned nothing, and becomes infinite, except for minus infinity, which by REP 117 means that something is nearer than
+``range_min``. A scan without valid directions or ranges is refused.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from turtlebot_gym.rooms.scan import Clearance, Scan
 
 TURN = 2.0 * math.pi
 SLACK = 1.5
-"""By so many beams the angles of a scan may fall short of a whole turn, or exceed it: drivers count both ends, or one."""
+"""Tolerance on a scan's full revolution, in beams, since drivers count both ends or one."""
 
 
 def read_scan(message: LaserScan) -> Scan:
     """Return a message's scan.
 
     Raises:
-        ValueError: If it has no ranges or ranges that are not numbers, does not look around a whole turn, counter-clockwise, or
-            has impossible limits.
+        ValueError: If the scan has no ranges or NaN ranges, does not cover a full revolution counter-clockwise, or has
+            impossible limits.
     """
     ranges, increment = np.array(message.ranges, np.float32), message.angle_increment
     beams = len(ranges)
@@ -69,7 +69,7 @@ def read_clearance(message: Range) -> Clearance:
     """Return a message's clearance.
 
     Raises:
-        ValueError: If it is no number.
+        ValueError: If the clearance is not a number.
     """
     if math.isnan(message.range):
         raise ValueError("the clearance is not a number")
@@ -77,6 +77,6 @@ def read_clearance(message: Range) -> Clearance:
 
 
 def write_clearance(clearance: Clearance, header: Header) -> Range:
-    """Return a clearance's message: of all directions, and in single precision."""
+    """Return a clearance's message: for all directions, in single precision."""
     distance = float(clearance.distance)
     return Range(header=header, field_of_view=TURN, min_range=-math.inf, max_range=math.inf, range=distance)

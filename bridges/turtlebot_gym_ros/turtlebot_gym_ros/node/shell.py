@@ -1,9 +1,9 @@
 """The shell that turns a block into a node.
 
-It owns, once for all nodes, what has nothing to do with control: conversion of messages, freshness of inputs, parameters,
-diagnostics, the watch over a blocked step, stop commands and a clean end; when the block runs is its drive's business
-(`drives`). The block computes in the executor's thread. A thread of its own watches by the steady clock, which neither a paused
-``/clock`` nor a blocked step can hold up.
+It implements, once for all nodes, everything except control: conversion of messages, freshness of inputs, parameters,
+diagnostics, a watchdog for blocked steps, stop commands and a clean shutdown; its drive (`drives`) decides when the block runs.
+The block computes in the executor's thread. A separate watchdog thread uses the steady clock, so neither a paused ``/clock``
+nor a blocked step can hold it up.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from turtlebot_gym_ros.node.switch import Switch, warning_of
 P = TypeVar("P")
 
 WATCH_PERIOD = 0.02
-"""Period of the watching thread, s."""
+"""Period of the watchdog thread, s."""
 REPORT_PERIOD = 1.0
 """Period of the diagnostics, s."""
 
@@ -46,9 +46,9 @@ REPORT_PERIOD = 1.0
 class Shell:
     """A node around a block.
 
-    Besides the block's topics it has ``~/reset`` (Trigger), hears ``reset`` (Empty), by which the plant tells all others that
-    it was reset, and publishes ``/diagnostics``. Where an output has a ``stop``, it also has a `Switch`, and a block that runs
-    by the clock waits until somebody listens to that output. With ``lock_step`` it runs by the steps' stamps (`lockstep`).
+    Besides the block's topics it has the service ``~/reset`` (Trigger), subscribes to ``reset`` (Empty), on which the plant
+    announces its resets, and publishes ``/diagnostics``. If an output has a ``stop``, it also has a `Switch`, and a block that
+    runs by the clock waits until that output has a listener. With ``lock_step`` it runs by the steps' stamps (`lockstep`).
 
     Args:
         make: Makes the block from its parameters: usually its class.
@@ -57,7 +57,7 @@ class Shell:
         namespace: The node's namespace, in which all its topics are; None for that of the command line.
         context: The rclpy context; None for the default one.
         overrides: Values of parameters.
-        arguments: ROS arguments of this node alone: parameters, remappings.
+        arguments: ROS arguments for this node only: parameters, remappings.
         now: The steady clock, s.
 
     Raises:
@@ -124,7 +124,7 @@ class Shell:
         node.create_service(Trigger, "~/reset", self._serve_reset)
         if self._is_plant:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
-        elif not lock_step:  # where an episode begins, the stamps say
+        elif not lock_step:  # in lock-step the stamps show where an episode begins
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
         self.switch: Switch | None = None
         if self.outputs.moving:
@@ -136,10 +136,10 @@ class Shell:
         ignore = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignore, jumped=self._jumped, now=self._now())
 
-    # What runs the block, in the executor's thread.
+    # Running the block, in the executor's thread.
 
     def _receive(self, key: str, message: Any) -> None:
-        """Take in a message, and run the block where it makes a step."""
+        """Handle a message, and run the block if it makes a step due."""
         feed, drive = self._feeds[key], self._drive
         stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else drive.present()
         try:
@@ -154,7 +154,7 @@ class Shell:
         drive.heard(key, stamp)
 
     def _step(self, stamp: int) -> bool:
-        """Run the block once, publish what comes of it, and return whether it ran."""
+        """Run the block once, publish the result, and return whether it ran."""
         now, switch, drive = self._now(), self.switch, self._drive
         if switch and not switch.safety.enabled:
             return False
@@ -169,7 +169,7 @@ class Shell:
         try:
             outputs = self.block.step(dt, **{key: feed.take(now, stamp) for key, feed in self._feeds.items()})
             messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
-        except Exception as error:  # a block is anybody's code: whatever it raises stops the robot
+        except Exception as error:  # a block may be any code: every error stops the robot
             self._fault(f"{type(error).__name__}: {error}")
             return False
         finally:
@@ -185,20 +185,20 @@ class Shell:
         return True
 
     def _take_notice(self) -> None:
-        """Log what the block has noticed, once."""
+        """Log a notice of the block once."""
         notice = self.block.notice if isinstance(self.block, Notices) else None
         if notice and notice != self._notice:
             self._log.warning(notice)
         self._notice = notice
 
     def _move(self, switch: Switch, ticket: object, messages: Mapping[str, Any], stamp: int) -> bool:
-        """Publish the result of a step, unless it was stopped meanwhile; a block that leaves its command out is done."""
-        with switch.safety.lock:  # so that nothing is published behind a stop's zeros
+        """Publish the result of a step, unless it was stopped meanwhile; a block that omits its command is done."""
+        with switch.safety.lock:  # so that nothing is published after a stop's zeros
             answers = ticket is switch.safety.ticket
             if not all(key in messages for key in self.outputs.moving):
                 if answers:
                     switch.stop("done")
-                    if self.common.lock_step:  # at rest, but time goes on
+                    if self.common.lock_step:  # at rest, but time advances
                         self.outputs.publish_answer(self.outputs.stops(stamp), stamp)
             elif switch.safety.activate(ticket):
                 self.outputs.publish_answer(messages, stamp)
@@ -209,12 +209,12 @@ class Shell:
         return answers
 
     def _missing(self, now: float) -> str | None:
-        """Return what a step has to wait for, if anything."""
+        """Return what a step must wait for, if anything."""
         clock = self._ros_clock.trouble(now)
         return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), self._drive.missing())
 
     def _fault(self, why: str) -> None:
-        """Report what a step has come to, and stop until enabled again."""
+        """Report a fault of a step, and stop until enabled again."""
         if why != self._trouble:
             self._log.error(f"fault: {why}")
         self._trouble = why
@@ -230,7 +230,7 @@ class Shell:
         self._drive.reset()
 
     def reset(self, why: str) -> None:
-        """Forget all inputs and reset the block; a robot is stopped until they have come again."""
+        """Clear all inputs and reset the block; a robot stops until they have arrived again."""
         if self.switch:
             self.switch.stop(why)
         for feed in self._feeds.values():
@@ -246,12 +246,12 @@ class Shell:
         return response
 
     def _jumped(self) -> None:
-        """Start again after a leap of the ROS clock; a robot that moved must be enabled again."""
+        """Restart after a leap of the ROS clock; a robot that moved must be enabled again."""
         if self.switch and self.switch.safety.phase == "active":
             self.switch.stop("fault: the clock jumped", disable=True)
         self.reset("the clock jumped")
 
-    # What watches, in a thread of its own.
+    # The watchdog, in its own thread.
 
     def _watch(self) -> None:
         next_report = self._now() + REPORT_PERIOD
@@ -264,11 +264,11 @@ class Shell:
                 next_report = now + REPORT_PERIOD
                 try:
                     self._report(now)
-                except Exception as error:  # whatever is wrong with a report, the watch goes on
+                except Exception as error:  # an error in a report must not end the watchdog
                     self._log.error(f"no diagnostics: {error}")
 
     def _watch_inputs(self, switch: Switch, now: float) -> None:
-        """Stop a robot whose inputs, or whose clock, have become old."""
+        """Stop a robot whose inputs or clock have become stale."""
         stale = self._missing(now)
         if stale and switch.safety.phase == "active":
             self._waits = stale
@@ -286,7 +286,7 @@ class Shell:
         self._reporter.publish(problems, state, values)
 
     def close(self) -> None:
-        """Stop the robot if it moves, wait until all that was published is heard, and destroy the node."""
+        """Stop the robot if it moves, wait until all messages are delivered, and destroy the node."""
         if self._closing.is_set():
             return
         self._closing.set()

@@ -1,8 +1,8 @@
-"""An executor that is quick with the messages of lock-step.
+"""An executor that is fast for the messages of lock-step.
 
-rclpy's executor collects all entities of all nodes each time it wakes, half a hundred where a graph runs in one process, and
-wakes for each message: most of a step would be spent on services that nobody calls. Here the few entities that a step depends
-on are waited for by themselves, and all others get their turn every `OTHERS` seconds, in the same thread.
+rclpy's executor collects all entities of all nodes each time it wakes, about fifty for a graph in one process, and wakes for
+each message: most of a step would be spent on services that nobody calls. This executor waits separately for the few entities
+that a step depends on, and serves all others every `OTHERS` seconds in the same thread.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ OTHERS = 0.05
 
 
 class Swift(CallbackGroup):
-    """Subscriptions and timers that a `SwiftExecutor` waits for by themselves; any other executor leaves them alone."""
+    """Subscriptions and timers for which a `SwiftExecutor` waits separately; other executors ignore them."""
 
     def can_execute(self, entity: Any) -> bool:
         """Return whether rclpy's own loop may wait for an entity."""
@@ -27,7 +27,7 @@ class Swift(CallbackGroup):
 
 
 class SwiftExecutor(SingleThreadedExecutor):
-    """Runs all callbacks in the thread that calls `spin`, those of `Swift` groups at once."""
+    """Runs all callbacks in the thread that calls `spin`, those of `Swift` groups without delay."""
 
     def spin(self) -> None:
         """Run until shutdown."""
@@ -46,7 +46,7 @@ class SwiftExecutor(SingleThreadedExecutor):
         return subscriptions, [each for node in nodes for each in node.timers if isinstance(each.callback_group, Swift)]
 
     def _run_swift(self, subscriptions: list[Any], timers: list[Any]) -> None:
-        """Run what is swift until it is the others' turn."""
+        """Run swift entities until the others are due."""
         until = time.monotonic() + OTHERS
         handle = self._context.handle
         assert handle is not None
@@ -70,13 +70,13 @@ class SwiftExecutor(SingleThreadedExecutor):
 
     @staticmethod
     def _take(subscription: Any) -> None:
-        """Hand over all that has come on a topic."""
+        """Deliver all messages that have arrived on a topic."""
         with subscription.handle:
             while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
                 subscription.callback(taken[0])
 
     def _run_others(self) -> None:
-        """Run what is ready of what is not swift, for as long at most as the swift had."""
+        """Run the other entities that are ready, at most for as long as the swift ones ran."""
         until = time.monotonic() + OTHERS
         try:
             while not self._is_shutdown and time.monotonic() < until:
@@ -87,10 +87,10 @@ class SwiftExecutor(SingleThreadedExecutor):
             pass
 
     def _next(self, timeout: float | None) -> Any:
-        """Return what is ready of what is not swift; None where there is nothing.
+        """Return the next of the other entities that is ready; None if there is none.
 
-        An entity that another thread destroys while it is waited for is not ready. rclpy lets some kinds of entities raise
-        then, which would end this thread, and with it the node.
+        An entity that another thread destroys during the wait is not ready. In rclpy some kinds of entities then raise, which
+        would end this thread, and with it the node.
         """
         try:
             return self.wait_for_ready_callbacks(timeout_sec=timeout)[0]

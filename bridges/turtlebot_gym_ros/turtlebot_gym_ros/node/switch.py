@@ -17,30 +17,30 @@ from turtlebot_gym_ros.node.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
 
-BLIND = "It sees no obstacles: whoever enables it watches the robot."
-SEEING = "It sees only those obstacles that its LiDAR does: whoever enables it watches the robot."
+BLIND = "It sees no obstacles: watch the robot while it is enabled."
+SEEING = "It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
 
 
 def warning_of(inputs: Mapping[str, Input]) -> str:
-    """Return what a person should know who enables a block with some inputs."""
+    """Return the warning for people who enable a block with some inputs."""
     return SEEING if any(each.type is Scan for each in inputs.values()) else BLIND
 
 
 class Switch:
     """The service ``~/enable`` (SetBool), and the topics ``~/state`` and ``emergency_stop``.
 
-    The state (String, latched) is "silent: why", "active" or "stopping: why". Each button of the emergency stop (Bool) is to
-    publish at 5 Hz or more, pressed or not. A press stops the robot however short, and so does half a second of silence of a
-    button that was heard once. Enabling is refused while any button is pressed, or one of those that were heard is silent.
+    The state (String, latched) is "silent: why", "active" or "stopping: why". Each emergency-stop button (Bool) must publish at
+    5 Hz or more, pressed or not. Any press, however short, stops the robot, and so does half a second of silence from a button
+    that was heard before. Enabling is refused while any button is pressed, or one that was heard is silent.
 
     Args:
         node: The node.
         outputs: Its outputs.
         enabled: Whether it starts enabled.
         now: The steady clock, s.
-        restart: Called when it is enabled: the block begins anew.
-        blocked: A step that takes longer is a fault, s; infinite where no step can take too long.
-        warning: What whoever enables it is told.
+        restart: Called when it is enabled, to restart the block.
+        blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
+        warning: Warning for whoever enables it.
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class Switch:
         self._warning = f"enabled. {warning}"
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
-        hear: Any = self._hear_emergency  # takes the message's times too, which rclpy allows and its types do not know
+        hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
         self._buttons = node.create_subscription(Bool, "emergency_stop", hear, SENSOR)
         self._tell()
 
     def enable(self) -> str | None:
-        """Let the block move the robot, as soon as its inputs are there; or return why not."""
+        """Let the block move the robot as soon as its inputs arrive, or return why not."""
         if not self.safety.enabled:
             refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
             if refusal:
@@ -77,16 +77,16 @@ class Switch:
         return None
 
     def disable(self) -> None:
-        """Stop the robot, and leave it to others a second later."""
+        """Stop the robot, and release it a second later."""
         self.stop("not enabled", disable=True)
 
     def stop(self, reason: str, *, disable: bool = False) -> None:
-        """Stop the robot until the next step or, where disabled, until it is enabled again."""
+        """Stop the robot until the next step or, if disabled, until it is enabled again."""
         self.safety.stop(reason, now=self._now(), disable=disable)
         self.watch()
 
     def watch(self) -> None:
-        """Send a stop if one is due, and tell the state if it has changed."""
+        """Send a stop if one is due, and publish the state if it has changed."""
         self._look()
         with self.safety.lock:  # so that nothing else is published between the decision and the zeros
             if self.safety.tick(now=self._now()):
@@ -113,7 +113,7 @@ class Switch:
         self.watch()
 
     def _look(self) -> float:
-        """Compare the clocks, which tells the ages of messages, and return the steady time: ``now`` may be a test's."""
+        """Compare the clocks, for the ages of messages, and return the steady time; tests may replace ``now``."""
         with self.safety.lock:
             system, steady = read_clocks()
             self._clock.look(system=system, steady=steady)

@@ -1,4 +1,4 @@
-"""Poses on ``/tf`` and ``/tf_static``, where they can exist: tf2_msgs comes with a ROS installation, not from PyPI."""
+"""Poses on ``/tf`` and ``/tf_static``; they need tf2_msgs, which comes with a ROS installation and is not on PyPI."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ BROADCAST = QoSProfile(depth=100)
 
 
 class Transforms:
-    """Publishes the transform from an Odometry's frame to its child frame, and once those to the robot's sensors.
+    """Publishes the transform from an Odometry's frame to its child frame, and once the transforms to the robot's sensors.
 
-    The topic is ``/tf`` in any namespace, as tf2 has it: robots share one tree, and the frames' prefix tells them apart. The
-    transform from ``odom`` to the robot has one owner, so this is off by default.
+    As in tf2, the topic is ``/tf`` in any namespace: robots share one tree, and the frames' prefix distinguishes them. The
+    transform from ``odom`` to the robot must have one owner, so this is off by default.
 
     Args:
         node: The node.
-        mounts: Where the sensors are; their height is not known.
+        mounts: Mounts of the sensors; their height is unknown.
         common: Names of the frames.
 
     Raises:
@@ -48,7 +48,7 @@ class Transforms:
             self._static.publish(TFMessage(transforms=[_fixed(each, common) for each in mounts]))
 
     def publish(self, odometry: Odometry) -> None:
-        """Publish a pose as a transform; one that was not measured is left out."""
+        """Publish a pose as a transform, unless it was not measured."""
         if odometry.pose.covariance[0] < 0.0:
             return
         pose, transform = odometry.pose.pose, TransformStamped(header=odometry.header, child_frame_id=odometry.child_frame_id)
@@ -59,7 +59,7 @@ class Transforms:
 
 
 def _fixed(mount: Mount, common: Common) -> TransformStamped:
-    """Return the transform from the robot's frame to a sensor's, which holds at any time."""
+    """Return the static transform from the robot's frame to a sensor's."""
     told = TransformStamped(header=Header(frame_id=common.body), child_frame_id=common.sensor(mount))
     told.transform.translation.x, told.transform.translation.y = mount.x, mount.y
     told.transform.rotation.z, told.transform.rotation.w = math.sin(0.5 * mount.yaw), math.cos(0.5 * mount.yaw)

@@ -1,4 +1,4 @@
-"""When a block runs: rules on integer nanoseconds, without ROS."""
+"""Rules for when a block runs, on integer nanoseconds, without ROS."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from turtlebot_gym_ros.node.block import Every, On
 
 SECOND = 1_000_000_000
 SLOW_AFTER = 5
-"""So many steps in a row that come too late are no drop-outs any more."""
+"""Number of late steps in a row that no longer count as drop-outs."""
 
 
 class Grid:
-    """Steps at exact multiples of a period after the first one; steps that are late are made up for.
+    """Steps at exact multiples of a period after the first one; late steps are made up for.
 
-    A step counts as due from half a period before its stamp on. Were it refused because the first call was later in its period
-    than this one, it would come a whole period late, and the next one with it.
+    A step is due from half a period before its stamp. If it were refused because the first call was later in its period than
+    this one, it and all later steps would be a whole period late.
 
     Args:
         trigger: The declaration.
@@ -27,7 +27,7 @@ class Grid:
         self._next: int | None = None
 
     def due_until(self, now: int) -> Iterator[int]:
-        """Yield the stamps up to now, ns; one only where the clock has leaped or stood still."""
+        """Yield the stamps up to now, ns; only one if the clock has leapt or stood still."""
         if self._next is None or not -SECOND < now - self._next < SECOND:
             self._next = now
         while self._next - now < self._period_ns // 2:
@@ -36,21 +36,21 @@ class Grid:
             yield stamp
 
     def interval(self, stamp: int) -> float:
-        """Return the time that a step covers, s."""
+        """Return the length of a step, s."""
         return self.period
 
     def pause(self) -> None:
-        """Note that a step was left out: the grid stays."""
+        """Record that a step was skipped; the grid stays."""
 
     def reset(self) -> None:
-        """Start again: the grid stays."""
+        """Restart; the grid stays."""
 
 
 class SimulatedGrid(Grid):
-    """A grid of simulated time, which begins at one second and goes faster or slower than the steady clock.
+    """A grid of simulated time, which begins at one second and runs faster or slower than the steady clock.
 
-    Where the machine cannot keep up, the simulated time slows down: two steps are never closer than the speed asks for, so that
-    the others have their time to answer in between.
+    If the machine cannot keep up, simulated time slows down: two steps are never closer than the speed allows, so that other
+    nodes have time to answer in between.
 
     Args:
         trigger: The declaration.
@@ -59,7 +59,7 @@ class SimulatedGrid(Grid):
     def __init__(self, trigger: Every) -> None:
         super().__init__(trigger)
         self.present = SECOND - self._period_ns
-        """The stamp of the last step, ns."""
+        """Stamp of the last step, ns."""
         self._least_ns = round(0.9 * self._period_ns / (trigger.speed or 1.0))
         self._last: int | None = None
 
@@ -94,16 +94,16 @@ class Messages:
         self.slow: str | None = None
 
     def check(self, stamp: int) -> None:
-        """Refuse a stamp that is not after the last one, unless it is so far back that the clock must have been set.
+        """Refuse a stamp that is not later than the last one, unless it is so far back that the clock must have been set.
 
         Raises:
-            ValueError: If it is refused.
+            ValueError: If the stamp is refused.
         """
         if self._seen is not None and 0 <= self._seen - stamp <= self._gap_ns:
             raise ValueError(f"its stamp is {(self._seen - stamp) / SECOND:.3f} s before the last one's, or the same")
 
     def due(self, stamp: int) -> tuple[bool, str | None]:
-        """Return whether a message at a stamp makes a step, and what to say of the gap where the block must be reset first."""
+        """Return whether a message at a stamp makes a step, and the description of a gap if the block must be reset first."""
         spacing = stamp - (stamp if self._seen is None else self._seen)
         self._seen = stamp
         gap = None
@@ -119,14 +119,14 @@ class Messages:
         return True, gap
 
     def _count_late(self, spacing: int) -> None:
-        """Note where messages come more slowly than the steps should, by the time since the last step was due, ns."""
+        """Detect messages that are slower than the steps, by the time since the last step was due, ns."""
         self._late = self._late + 1 if spacing > 1.5 * self._period_ns else 0
         self.slow = None
         if self._late >= SLOW_AFTER:
             self.slow = f"{self.input} comes every {spacing / SECOND:.3f} s, but a step is due every {self.period} s"
 
     def pause(self) -> None:
-        """Note that a step was left out: the next one is like the first."""
+        """Record that a step was skipped; the next one is like the first."""
         self._stepped = None
 
     def interval(self, stamp: int) -> float:

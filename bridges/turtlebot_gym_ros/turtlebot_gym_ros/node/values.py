@@ -1,4 +1,4 @@
-"""Values that travel between nodes and are no values of the core. There is no ROS in here."""
+"""Values sent between nodes that are not part of the core. This module does not depend on ROS."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Recording a graph to a bag that survives a kill."""
+"""Record a graph to a bag that survives a kill."""

@@ -1,8 +1,8 @@
-"""A rosbag2 bag that loses at most what came since its last commit.
+"""A rosbag2 bag that loses at most the messages since its last commit.
 
-It is written as sqlite3, so that a ``kill -9`` leaves what was committed; MCAP, which a kill would leave empty, is made of it
-at the end, and if that is cut short, the sqlite3 bag is still there. Of a recorder that was killed the folder has ``NAME.db3``
-without its ``metadata.yaml``: `rebuild` makes a whole bag of it (``ros2 bag reindex`` does so as well).
+It is written as sqlite3, so that committed messages survive a ``kill -9``. MCAP, which a kill would leave empty, is converted
+from it at the end; if that is interrupted, the sqlite3 bag remains. After a kill of the recorder the folder has ``NAME.db3``
+without its ``metadata.yaml``; `rebuild` makes a complete bag from it (as does ``ros2 bag reindex``).
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _LATCHED = Qos(
 
 
 def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
-    """Make a new bag of the sqlite3 database of another one, also of one whose recorder was killed.
+    """Make a new bag from the sqlite3 database of another one, even if its recorder was killed.
 
-    Opening the database takes an unfinished transaction back; rosbags' own reader, which opens it as immutable, would not.
+    Opening the database rolls back an unfinished transaction; rosbags' own reader, which opens it as immutable, would not.
 
     Args:
         database: The ``.db3`` file.
-        folder: Where the new bag goes; must not exist.
-        storage: Its format.
+        folder: Folder of the new bag; must not exist.
+        storage: Format of the new bag.
     """
     connection = sqlite3.connect(database)
     try:
@@ -60,7 +60,7 @@ def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin
 
 
 class Bag:
-    """A bag that is written as sqlite3 and loses at most what came since the last commit."""
+    """A bag written as sqlite3 that loses at most the messages since the last commit."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -84,12 +84,12 @@ class Bag:
         self._writer.write(connection, stamp, data)
 
     def commit(self) -> None:
-        """Make safe what has come so far."""
+        """Commit all messages so far."""
         # rosbags commits only at the end; this attribute is private, hence its upper bound in pyproject.toml.
         self._writer.storage.conn.commit()  # type: ignore[union-attr]
 
     def close(self, storage: str) -> None:
-        """Finish the bag; for MCAP, convert it, and drop the database when the conversion is complete."""
+        """Finish the bag; for MCAP, convert it, and delete the database when the conversion is complete."""
         self._writer.close()
         if storage == "mcap":
             database = self.folder / f"{self.folder.name}.db3"
@@ -102,7 +102,7 @@ class Bag:
 
 
 def _teach(types: Typestore, kind: str) -> None:
-    """Learn a message type that is not one of rosbags' own, and those it is made of, from the ROS installation."""
+    """Load a message type unknown to rosbags, and the types it consists of, from the ROS installation."""
     if kind in types.fielddefs:
         return
     package, _, name = kind.split("/")

@@ -1,7 +1,7 @@
-"""Recorder of the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
+"""Record the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
 
-It subscribes to whatever is published, as it appears, and needs nobody's consent. In a namespace it records the topics below it
-and those of the root, such as ``/tf``, which robots share: another robot's are left to its own recorder. A ``kill -9`` loses at
+It subscribes to every topic as it appears, without configuration. In a namespace it records the topics below it and those of
+the root, such as ``/tf``, which robots share; topics of other robots are left to their own recorders. A ``kill -9`` loses at
 most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
 
 Parameters: see `Parameters`. Publishes nothing.
@@ -34,13 +34,13 @@ from turtlebot_gym_ros.recording.bag import Bag
 from turtlebot_gym_ros.robot.standalone import declare, run
 
 SNAPSHOTS: dict[str, type] = {"odom": State, "true_state": State, "estimate": State, "reference": Pose, "cmd_vel": Command}
-"""Topics of a snapshot, and what is read from them: each component is a column, ``odom_x``, ``odom_y``, ..."""
+"""Topics of a snapshot and their components, each a column: ``odom_x``, ``odom_y``, ..."""
 FRESH = 0.5
-"""Age from which the columns of a topic are empty, s."""
+"""Age at which the columns of a topic become empty, s."""
 COLLECT_PERIOD = 0.02
-"""Time between two looks at what has come, s."""
+"""Time between two checks for new messages, s."""
 IN_FLIGHT = 0.2
-"""How long messages that are on their way are awaited at the end, s."""
+"""Time to wait at the end for messages in transit, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,13 +48,13 @@ class Parameters:
     """Parameters of ``data_logger``."""
 
     output: str = ""
-    """Folder to make for the bag and ``snapshots.csv``; by default ``bags/``, the namespace and the time."""
+    """New folder for the bag and ``snapshots.csv``; by default named ``bags/``, the namespace and the time."""
     storage: str = "sqlite3"
     """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
     snapshot_period: float = 0.1
     """Time between two rows of the CSV file, s, by the ROS clock; 0 writes none."""
     enable_stamped_cmd_vel: bool = True
-    """Which one is recorded where a topic has both TwistStamped (true) and Twist (false)."""
+    """Type to record if a topic has both: TwistStamped (true) or Twist (false)."""
 
     def __post_init__(self) -> None:
         if self.storage not in ("sqlite3", "mcap"):
@@ -64,14 +64,14 @@ class Parameters:
 
 
 class Topic(NamedTuple):
-    """A topic that is recorded."""
+    """A recorded topic."""
 
     kind: str
     profile: QoSProfile
     subscription: Subscription
 
     def collect(self) -> None:
-        """Record what has come."""
+        """Record the messages that have arrived."""
         subscription = self.subscription
         with subscription.handle:
             while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
@@ -79,10 +79,10 @@ class Topic(NamedTuple):
 
 
 class Collected(CallbackGroup):
-    """Subscriptions that no executor waits for: they are emptied by the clock.
+    """Subscriptions for which no executor waits: they are polled by the clock.
 
-    rclpy looks at every entity of a node each time that it wakes; woken by each message, a recorder of 20 topics takes a tenth
-    of a core for it. DDS keeps the messages meanwhile, each with the time at which it came.
+    rclpy checks every entity of a node each time it wakes; woken by each message, a recorder of 20 topics would take a tenth of
+    a core. DDS keeps the messages meanwhile, each with its time of arrival.
     """
 
     def can_execute(self, entity: Any) -> bool:
@@ -130,7 +130,7 @@ class DataLogger(Node):
                 self._record(topic, kind)
 
     def _choose(self, topic: str, known: str) -> str:
-        """Return which type to record of a topic with several: a process can hear only one."""
+        """Return which type of a topic with several to record, since a process can subscribe to only one."""
         kinds = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)})
         wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
         kind = next((each for each in (wanted, known, *kinds) if each in kinds), known)
@@ -140,7 +140,7 @@ class DataLogger(Node):
         return kind
 
     def _record(self, topic: str, kind: str) -> None:
-        """Subscribe as reliably as all publishers of a topic allow; again where another one has come that allows less."""
+        """Subscribe as reliably as all publishers of a topic allow; resubscribe if a new one allows less."""
         profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
         if not profiles or (topic, kind) in self._refused:
             return
@@ -197,7 +197,7 @@ class DataLogger(Node):
         self._rows.writerow(row)
 
     def _read(self, topic: str, kind: type) -> list[float] | None:
-        """Return the components of the latest value on a topic; nothing if it is old, or no such value."""
+        """Return the components of the latest value on a topic; None if it is stale or of another kind."""
         received, message, data = self._latest.get(topic, (0.0, object, b""))
         known = conversion(kind, stamped=message is TwistStamped)
         if time.monotonic() - received > FRESH or known.message is not message:
@@ -208,7 +208,7 @@ class DataLogger(Node):
             return None
 
     def close(self) -> None:
-        """Take in what is on its way, and finish the files."""
+        """Record messages in transit, and finish the files."""
         time.sleep(IN_FLIGHT)
         self._collect()
         if self._csv is not None:

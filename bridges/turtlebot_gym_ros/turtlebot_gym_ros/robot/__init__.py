@@ -1,1 +1,1 @@
-"""What runs on the robot itself, between whoever commands and the wheels."""
+"""Software on the robot itself, between commands and wheels."""

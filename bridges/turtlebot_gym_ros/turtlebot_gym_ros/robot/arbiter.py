@@ -1,12 +1,12 @@
-"""What the guard decides: who may tell the wheels what. Knows no ROS; steady times come in as arguments.
+"""The guard's decisions: which command reaches the wheels. Does not depend on ROS and takes steady times as arguments.
 
 The law: **no motion later than** ``max_age`` **after the newest command that was sent, none while any emergency stop is pressed
 or silent, none while disabled, none above the limits** (axis, wheel, acceleration of a start), and no more messages than
-``rate``; a stop is never delayed, neither by the ramp nor by the rate. Where the collision monitor is switched on, see
-`monitor`, it has the last word on every command, whoever sent it: it makes it slower, never faster.
+``rate``; a stop is never delayed, neither by the ramp nor by the rate. If the collision monitor is switched on, see `monitor`,
+it has the last word on every command, whoever sent it: it can slow a command down but never speed it up.
 
-The age of a command is that of what was sent, see `sent`. The rule of the emergency stop stands in `emergency`. These, and the
-core's pure limits, are all that it builds on; the node around it is in `guard`.
+The age of a command counts from when it was sent, see `sent`. The rule of the emergency stop is in `emergency`. The arbiter
+builds only on these and on the core's pure limits; the node around it is in `guard`.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from turtlebot_gym_ros.robot.emergency import EmergencyStop
 from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 
 POSE_AGE = 0.5
-"""Age from which a pose no longer proves that the robot is inside the geofence, s."""
+"""Age at which a pose no longer proves that the robot is inside the geofence, s."""
 ZEROS = 1.0
-"""How long zeros are sent before the silence, s."""
+"""Time for which zeros are sent before silence, s."""
 GAP = 0.1
-"""Time between two calls from which the guard itself was suspended or starved, s."""
+"""Time between two calls above which the guard counts as having been suspended or starved, s."""
 BLIND = 0.5
-"""How long after such a gap messages may come that had waited, s: undated ones are refused, and silence is not yet a press."""
+"""Time after such a gap in which a backlog may arrive, s: undated messages are refused, and silence is not yet a press."""
 
 
 def within(default: float, low: float, high: float, unit: str, *, above: bool = False) -> Any:
-    """Return a parameter with its range, of which the lower end may be left out."""
+    """Return a parameter with its range, whose lower end may be excluded."""
     rule = f"in {'(' if above else '['}{low:g}, {high:g}]{unit}"
     return field(default=default, metadata={"range": (low, high), "above": above, "rule": rule})
 
 
 def one_of(default: str, *names: str, or_file: bool = False) -> Any:
-    """Return a parameter that is one of some names, or a file where that is allowed."""
+    """Return a parameter that is one of some names, or a file if that is allowed."""
     rule = f"one of {', '.join(names)}{', or a FILE.yaml' if or_file else ''}"
     return field(default=default, metadata={"names": names, "or_file": or_file, "rule": rule})
 
@@ -51,55 +51,55 @@ class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
     robot: str = one_of("burger", *ROBOTS, or_file=True)
-    """Preset, or file (see `turtlebot_gym.files`), whose limits hold, per axis and per wheel."""
+    """Preset, or file (see `turtlebot_gym.files`), whose limits hold per axis and per wheel."""
     enable_stamped_cmd_vel: bool = True
-    """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; else Twist."""
+    """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
     body_frame: str = "base_footprint"
-    """The robot's frame, named in the commands."""
+    """The robot's frame in the commands."""
     frame_prefix: str = ""
-    """What stands before the robot's and the scans' frame, "robot1/" for robot1/base_scan; other scans are refused then."""
+    """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
     start_enabled: bool = True
-    """Whether commands pass from the start on; if not, ``~/enable`` is needed after every (re)start."""
+    """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
     max_age: float = within(0.4, 0.0, 0.5, " s", above=True)
-    """Age from which a command no longer counts, s; at most 0.5. It is the age of what was sent."""
+    """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
     rate: float = within(50.0, 50.0, 200.0, " Hz")
-    """How often ages are checked, and how often a command is sent at most, Hz; 50 to 200."""
+    """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
     max_acceleration: float = within(2.5, 0.0, 1000.0, " m/s^2", above=True)
-    """Limit of each wheel's acceleration at the rim, m/s^2. A stop is never delayed by it."""
+    """Limit of each wheel's acceleration at the rim, m/s^2. It never delays a stop."""
     speed_scale: float = within(1.0, 0.0, 1.0, "", above=True)
     """Factor on every command, at most 1."""
     geofence: float = within(0.0, 0.0, 1e6, " m")
-    """Radius about the origin of the pose's frame beyond which only a person drives, m; 0 is no fence."""
+    """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
     geofence_topic: str = one_of("odom", "odom", "estimate")
-    """Where the pose for the geofence comes from: ``odom`` or ``estimate``."""
+    """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
     collision_monitor: bool = False
-    """Whether obstacles on ``scan`` limit every command, a person's too; without a fresh scan nothing moves then."""
+    """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
     collision_margin: float = within(0.05, 0.0, 1.0, " m")
     """Width of the stop zone around the footprint, m."""
     collision_time: float = within(1.0, 0.5, 10.0, " s")
     """Time to collision below which a command is slowed down, s."""
     escape_speed: float = within(0.05, 0.0, 0.1, " m/s")
-    """Speed at which a robot in the stop zone may creep away from what is in it, m/s; 0: it stands."""
+    """Speed at which a robot may creep away from obstacles in its stop zone, m/s; with 0 it stands."""
     scan_age: float = within(0.4, 0.0, 0.5, " s", above=True)
-    """Age from which a scan no longer counts, s. It is the age of what was sent."""
+    """Age from which a scan no longer counts, s. It counts from when the scan was sent."""
     scan_period: float = within(0.2, 0.0, 0.5, " s")
-    """Time that the LiDAR takes for one revolution, s."""
+    """Time of one revolution of the LiDAR, s."""
     scan_error: float = within(0.085, 0.0, 0.5, "")
-    """Error of a range as a share of it, by which the stop zone grows; that of an LDS-01: 5 % and twice 1.75 %."""
+    """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
     reaction: float = within(0.2, 0.0, 0.5, " s")
-    """Time that wheels and LiDAR driver take at most, s."""
+    """Longest delay of wheels and LiDAR driver, s."""
     scan_mount: str = one_of("robot", "robot", "given")
-    """Whether the preset's footprint and mount hold, or the five parameters below."""
+    """Whether to use the preset's footprint and mount, or the five parameters below."""
     footprint_x: float = within(0.0, -1.0, 1.0, " m")
-    """Centre of the footprint ahead of the axle, m; its radius is the preset's."""
+    """Centre of the footprint ahead of the axle, m; its radius is that of the preset."""
     scan_x: float = within(0.0, -1.0, 1.0, " m")
-    """Place of the LiDAR ahead of the axle, m."""
+    """Position of the LiDAR ahead of the axle, m."""
     scan_y: float = within(0.0, -1.0, 1.0, " m")
-    """Place of the LiDAR to the left, m."""
+    """Position of the LiDAR to the left, m."""
     scan_yaw: float = within(0.0, -2.0 * math.pi, 2.0 * math.pi, " rad")
     """Direction of the scan's angle 0 in the robot's frame, rad."""
     scan_frame: str = "base_scan"
-    """Frame of the scans, without a prefix; others are refused."""
+    """Frame of the scans, without a prefix; scans of other frames are refused."""
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -114,7 +114,7 @@ class Parameters:
 
 
 class Heard(NamedTuple):
-    """A command, and the steady time at which it was sent, s."""
+    """A command with the steady time at which it was sent, s."""
 
     sent: float
     command: Command
@@ -133,10 +133,10 @@ def monitor_of(p: Parameters, now: float) -> Monitor | None:
 
 
 class Arbiter:
-    """Decide at every moment what the wheels are told.
+    """Decide at every moment which command the wheels receive.
 
-    ``now`` is a steady time, s. Messages also have a time ``sent``: when they were sent at the latest that is credible (None:
-    now), and whether they are ``dated``: whether that time is the sender's, or only that of their arrival here.
+    ``now`` is a steady time, s. Messages also have a time ``sent``, when they were credibly sent at the latest (None: now), and
+    a flag ``dated``, whether that time is the sender's or only that of their arrival here.
     """
 
     def __init__(self, parameters: Parameters, now: float) -> None:
@@ -156,12 +156,12 @@ class Arbiter:
         self.refused = {"not finite": 0, "too old": 0, "undated after a gap": 0}
 
     def _wake(self, now: float) -> None:
-        """Notice a gap of one's own, whoever calls first."""
+        """Detect a gap in the guard's own calls, whichever method is called first."""
         gap, self._awake = now - self._awake, now
         if gap > GAP:
             self._blind_until = now + BLIND
         if gap > self._p.max_age:
-            # How old is what was heard, and what the wheels have done meanwhile, is not known: stop first.
+            # The ages of messages, and the motion of the wheels meanwhile, are unknown: stop first.
             self._heard.clear()
             self._halt, self._zeros_until = True, now + ZEROS
 
@@ -183,7 +183,7 @@ class Arbiter:
     def hear_emergency(
         self, pressed: bool, now: float, *, sent: float | None = None, dated: bool = True, number: int | None = None
     ) -> None:
-        """Take what a button says. A press always counts; that it lives is proved only by what was certainly sent lately."""
+        """Take a button's message. A press always counts; only a message certainly sent lately shows that it is alive."""
         self._wake(now)
         self.emergency |= pressed
         unproved = not dated and now < self._blind_until
@@ -203,16 +203,16 @@ class Arbiter:
             self.monitor.hear(scan, sent=now if sent is None else min(sent, now))
 
     def greet(self, now: float) -> None:
-        """Send zeros to a robot that has just connected, unless it is commanded: it may hold an older command."""
+        """Send zeros to a robot that has just connected, unless there is a command, since it may hold an older one."""
         self._zeros_until = now + ZEROS
 
     def enable(self, on: bool, now: float, *, buttons: int = 0) -> str:
-        """Let commands pass that are sent from now on, or stop; return why it is refused, or nothing.
+        """Let commands sent from now on pass, or stop; return the reason for a refusal, or an empty text.
 
         Args:
-            on: Whether they may pass.
-            now: The present.
-            buttons: How many publishers the emergency stop has.
+            on: Whether commands may pass.
+            now: Current steady time, s.
+            buttons: Number of publishers of the emergency stop.
         """
         self._wake(now)
         if on and (why := self.buttons.refusal(now, buttons)):
@@ -225,7 +225,7 @@ class Arbiter:
         return ""
 
     def step(self, now: float) -> Command | None:
-        """Return what to publish now; nothing if nobody commands, nothing has changed, or the rate is used up."""
+        """Return what to publish now; None if there is no command, nothing has changed, or the rate is used up."""
         self._wake(now)
         target = self._target(now)
         if self.monitor:
@@ -261,10 +261,10 @@ class Arbiter:
         return command
 
     def _target(self, now: float) -> Command | None:
-        """Return the command in force, within the limits; sets the state."""
+        """Return the command in force within the limits; sets the state."""
         self.state = "stopped"
         trouble = self.buttons.trouble(now)
-        # After a gap of its own the guard stands until it has heard each button anew, and with that all that has waited.
+        # After a gap of its own the guard stops until it has heard each button again, and with that the whole backlog.
         blind = now < self._blind_until
         self.emergency |= trouble != "" and not blind
         if (
@@ -286,7 +286,7 @@ class Arbiter:
         return None
 
     def outside(self, now: float) -> bool:
-        """Return whether there is a geofence that the robot is not known to be inside of."""
+        """Return whether there is a geofence and the robot is not known to be inside it."""
         measured, distance = self._distance
         return self._p.geofence > 0.0 and not (now - measured <= POSE_AGE and distance <= self._p.geofence)
 

@@ -1,21 +1,21 @@
-"""How far a command may move the robot, by what a LiDAR measured: the mathematics of the guard's collision monitor.
+"""Limits on commands by LiDAR measurements: the mathematics of the guard's collision monitor.
 
-It shares nothing with any policy or simulation: numpy and the type of a command are all that it builds on. Frames: x ahead, y
+It shares nothing with any policy or simulation, and uses only numpy and the type of a command. Frames: x ahead, y
 to the left, the origin in the middle of the wheels' axle, about which the robot turns.
 
 The robot is a circle around ``center_x``, which may lie behind the axle. Each point that the LiDAR saw is an obstacle. A
 constant command moves the circle along an arc, on which the time until it touches a point has a closed form, see
 `times_to_contact`.
 
-**Two zones.** Around each point lies the stop zone: the robot's radius, the margin, and the error of the point's range.
-Outside, a command is scaled, so that its arc is kept, to a speed at which the stop zone is at least ``time`` away. Inside,
-whatever comes nearer is stopped, and whatever leads away goes on at ``escape_speed`` at most.
+**Two zones.** Around each point is the stop zone: the robot's radius, the margin, and the error of the point's range. Outside
+it, a command is scaled down, on the same arc, to a speed at which the stop zone is at least ``time`` away. Inside it, motion
+towards the point is stopped, and motion away from it is limited to ``escape_speed``.
 
 **Why it stops in time.** At a speed ``s`` the stop zone is at least ``d >= s time`` away. A command is held for one period of
-the guard, ``h``, before it is judged anew, and then the wheels brake with a deceleration ``a``. That takes ``s h + s^2 / (2
-a)``, which is at most ``d`` where ``h + s / (2 a) <= time``: with 0.04 s, 0.3 m/s and ``time`` = 0.5 s, the least there is,
-from 0.33 m/s^2 on. What the wheels were told but have not done yet, and what the robot moved since the scan, is in the points:
-see `monitor`. With a constant command the speed falls with the distance, and the robot comes to rest before the stop zone.
+the guard, ``h``, before it is judged again, and then the wheels brake with a deceleration ``a``. That takes ``s h + s^2 / (2
+a)``, which is at most ``d`` if ``h + s / (2 a) <= time``: with 0.04 s, 0.3 m/s and ``time`` = 0.5 s, its least value, for
+decelerations from 0.33 m/s^2. The points include pending commands and the motion since the scan, see `monitor`. With a constant
+command the speed falls with the distance, and the robot comes to rest before the stop zone.
 """
 
 from __future__ import annotations
@@ -30,43 +30,43 @@ from numpy.typing import NDArray
 from turtlebot_gym.values import STOP, Command
 
 ALL_ROUND = 2.0 * math.pi - 0.1
-"""Angle that a scan covers at least, rad: the robot moves in all directions, and what is not seen is not free."""
+"""Least angle that a scan must cover, rad: the robot moves in all directions, and unseen space is not free."""
 SLOWEST = 0.01
-"""Speed below which a robot that must slow down stops instead, m/s: firmware cuts commands to multiples of it."""
+"""Speed below which a robot that must slow down stops instead, m/s; firmware truncates commands to multiples of it."""
 _STRAIGHT = 1e-9
 """Turning rate below which an arc is a straight line, rad/s."""
 
 
 class Body(NamedTuple):
-    """The robot's footprint, and where its LiDAR is mounted."""
+    """The robot's footprint, and the mount of its LiDAR."""
 
     radius: float
     """Radius of the footprint, m."""
     center_x: float
     """Centre of the footprint, ahead of the axle, m."""
     scan_x: float
-    """Place of the LiDAR, m."""
+    """Position of the LiDAR, m."""
     scan_y: float
     scan_yaw: float
     """Direction of the angle 0 of its scans, rad."""
     scan_frame: str
-    """Frame of its scans, with the prefix of the robot's frames where it has one."""
+    """Frame of its scans, with the prefix of the robot's frames if any."""
 
 
 MOUNTS = {
     # URDF of each robot. Burger: a body of 0.14 x 0.14 m around x = -0.032 m, and wheels that reach to x = 0.033 m; a radius of
-    # 0.105 m around -0.024 m holds both. Waffle: 0.266 x 0.266 m around x = -0.064 m.
+    # 0.105 m around -0.024 m encloses both. Waffle: 0.266 x 0.266 m around x = -0.064 m.
     "burger": (-0.024, -0.032, 0.0, 0.0, "base_scan"),
     "waffle": (-0.064, -0.064, 0.0, 0.0, "base_scan"),
     # Create 3: a round body around the axle. RPLIDAR A1 as on the Standard model; its scans begin at the left.
     "turtlebot4": (0.0, -0.04, 0.0, math.pi / 2.0, "rplidar_link"),
     "tutorial": (-0.024, -0.032, 0.0, 0.0, "base_scan"),
 }
-"""By robot: what follows the radius in `Body`."""
+"""Fields of `Body` after the radius, by robot."""
 
 
 class Limits(NamedTuple):
-    """How near the robot may come to what the LiDAR saw."""
+    """Distances that the robot keeps from points of the LiDAR."""
 
     margin: float
     """Width of the stop zone around the footprint, m ..."""
@@ -75,11 +75,11 @@ class Limits(NamedTuple):
     time: float
     """Least time until the stop zone is entered, s."""
     escape_speed: float
-    """Speed inside the stop zone away from everything in it, m/s; 0: it stands."""
+    """Speed inside the stop zone away from everything in it, m/s; with 0 the robot stands."""
 
 
 class Scan(NamedTuple):
-    """A LaserScan: its numbers as they came."""
+    """The numbers of a LaserScan, unprocessed."""
 
     ranges: Sequence[float]
     angle_min: float
@@ -90,26 +90,27 @@ class Scan(NamedTuple):
 
 
 def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[np.float64]:
-    """Return where the obstacles are, and how near to each of them the footprint's centre may come.
+    """Return the positions of obstacles, and the distance that the footprint's centre must keep from each.
 
-    A range that is infinite, or 0 as some drivers write it, saw nothing, so its beam is free. That is also what a LiDAR says of
-    something nearer than its ``range_min``, so this must lie inside the stop zone: 0.12 m of an LDS-01 do on a Burger, whose
-    stop zone begins at 0.155 m. Other ranges below ``range_min`` count as they are; -inf, "too near", as ``range_min``.
+    An infinite range, or 0 in some drivers, means that the beam saw nothing and is free. A LiDAR reports the same for objects
+    nearer than its ``range_min``, so that distance must lie inside the stop zone: on a Burger, 0.12 m of an LDS-01 do, since
+    its stop zone begins at 0.155 m. Other ranges below ``range_min`` are used as they are; -inf, "too near", counts as
+    ``range_min``.
 
     Args:
         scan: The scan.
         body: Mount and footprint.
         limits: The stop zone.
-        reach: Points whose stop zone is farther away from the footprint's centre are left out, m.
+        reach: Distance from the footprint's centre beyond which stop zones are left out, m.
 
     Returns:
         Shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
 
     Raises:
-        ValueError: With one line, if it is not a scan, is of another frame, or does not cover all directions.
+        ValueError: With one line, if the scan is malformed, is of another frame, or does not cover all directions.
     """
     ranges = np.asarray(scan.ranges, np.float64)
-    if body.scan_frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a prefix of ours any prefix will do
+    if body.scan_frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a configured prefix, any is accepted
         raise ValueError(f"its frame is {scan.frame!r}, not {body.scan_frame!r}: is the mount that of another LiDAR?")
     for name in ("angle_min", "angle_increment", "range_min", "range_max"):
         if not math.isfinite(getattr(scan, name)):
@@ -141,15 +142,15 @@ def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[n
 
 
 def times_to_contact(points: NDArray[np.float64], command: Command, center_x: float) -> NDArray[np.float64]:
-    """Return when a circle on an arc first touches each point; infinite where it never does.
+    """Return the time at which a circle on an arc first touches each point; infinite if it never does.
 
     Seen from the circle's centre, a point ``u`` turns about the centre of the arc. Its squared distance less the squared radius
     is a quadratic in ``T = tan(omega t / 2) / (omega / 2)``::
 
         a T^2 - 2 h T + A = 0,   A = u u - r^2,   h = u . velocity of the centre,   a = (omega q)(omega g) + A omega^2 / 4
 
-    where ``q`` and ``g`` lead from the arc's centre to the point and to the circle's centre. Nothing is divided by the turning
-    rate, so that an arc may be as straight as it likes: with ``omega = 0`` it is the quadratic of a straight line.
+    where ``q`` and ``g`` lead from the arc's centre to the point and to the circle's centre. There is no division by the
+    turning rate, so arcs may be arbitrarily straight: with ``omega = 0`` it is the quadratic of a straight line.
 
     Args:
         points: Shape (3, n): see `points_of`.
@@ -157,7 +158,7 @@ def times_to_contact(points: NDArray[np.float64], command: Command, center_x: fl
         center_x: The circle's centre, m.
 
     Returns:
-        Shape (n,): s. From inside: 0 where the circle's centre comes nearer to the point, else infinite.
+        Shape (n,), s. From inside: 0 if the circle's centre comes nearer to the point, else infinite.
     """
     v, omega = command
     x, y, radius = points
@@ -173,16 +174,16 @@ def times_to_contact(points: NDArray[np.float64], command: Command, center_x: fl
     if half > _STRAIGHT:
         times = np.arctan2(half * up, down) / half
     else:
-        with np.errstate(over="ignore"):  # later than any number is never
+        with np.errstate(over="ignore"):  # an overflow means never
             times = np.divide(up, down, out=np.full_like(up, np.inf), where=nearing > 0.0)
     times = np.where(discriminant < 0.0, np.inf, times)
     return np.where(outside > 0.0, times, np.where(nearing > 0.0, 0.0, np.inf))
 
 
 def limited(points: NDArray[np.float64], command: Command, center_x: float, limits: Limits) -> Command:
-    """Return as much of a command as the obstacles allow: the same arc, more slowly.
+    """Return a command slowed down as the obstacles require, on the same arc.
 
-    Turning on the spot moves a footprint that is round about the axle nowhere, so it is always allowed.
+    Turning on the spot does not move a footprint that is round about the axle, so it is always allowed.
 
     Args:
         points: Shape (3, n): see `points_of`.
@@ -204,13 +205,13 @@ def limited(points: NDArray[np.float64], command: Command, center_x: float, limi
 
 
 def gaps(points: NDArray[np.float64], center_x: float) -> NDArray[np.float64]:
-    """Return how far the footprint's centre is from each stop zone, m; not positive inside."""
+    """Return the distance of the footprint's centre from each stop zone, m; not positive inside."""
     x, y, radius = points
     return np.hypot(x - center_x, y) - radius
 
 
 def moved(pose: tuple[float, float, float], command: Command, dt: float) -> tuple[float, float, float]:
-    """Return a pose after a command was in force for a while; exact, also on arcs."""
+    """Return the pose after a command was in force for a time, exactly, also on arcs."""
     x, y, theta = pose
     half = 0.5 * command.omega * dt
     chord = command.v * dt * (math.sin(half) / half if half != 0.0 else 1.0)
@@ -218,7 +219,7 @@ def moved(pose: tuple[float, float, float], command: Command, dt: float) -> tupl
 
 
 def into(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
-    """Return points, shape (3, n), of the world in the frame of a pose."""
+    """Transform points, shape (3, n), from the world into the frame of a pose."""
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
     dx, dy = points[0] - x, points[1] - y
@@ -226,7 +227,7 @@ def into(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
 
 
 def out_of(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
-    """Return points, shape (3, n), in the frame of a pose, in the world."""
+    """Transform points, shape (3, n), from the frame of a pose into the world."""
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
     return np.stack((x + cosine * points[0] - sine * points[1], y + sine * points[0] + cosine * points[1], points[2]))

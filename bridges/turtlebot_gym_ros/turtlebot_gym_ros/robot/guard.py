@@ -1,36 +1,40 @@
-"""Guard of a robot's wheels: the only publisher of ``/cmd_vel``, running on the robot itself.
+"""The guard of a robot's wheels: the only publisher of ``/cmd_vel``, which runs on the robot itself.
 
-It stands between whoever commands and the wheels. It bounds what is commanded and stops the robot when nobody commands. Unless
-``collision_monitor`` is switched on it knows of NO OBSTACLE. It does not use the shell of the other nodes; what it shares with
-them is small: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a
-message (`sent`), and `discovery`; and they describe their parameters as `standalone` does.
-**Its own death is not covered**: a TurtleBot3 holds its last command for ever, so a guard that is killed leaves the robot
-moving. The launch file respawns it, and a guard's first messages are zeros.
+It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. Unless
+``collision_monitor`` is switched on it does NOT SEE OBSTACLES. It does not use the shell of the other nodes and shares little
+with them: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a message
+(`sent`), `discovery`, and the description of parameters (`standalone`).
+
+**Its own death is not covered**: a TurtleBot3 holds its last command indefinitely, so a killed guard leaves the robot moving.
+The launch file respawns it, and a guard's first messages are zeros.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
 ``/emergency_stop`` (Bool, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence the
 Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``. Outputs: ``/cmd_vel``, ``/diagnostics``
 (1 Hz), ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
-**The age of a command is the age of what was sent**, see `sent`: by DDS's source time and by the header's stamp where these are
-credible, by its arrival otherwise; the oldest counts. With ``use_sim_time`` the header does not count. A guard that was
-suspended or starved stops first, and what waited for it meanwhile is obeyed only if it proves to be younger than ``max_age``.
+**The age of a command counts from when it was sent**, see `sent`: by DDS's source time and by the header's stamp if these are
+credible, by its arrival otherwise; the oldest counts. With ``use_sim_time`` the header is ignored. A guard that was suspended
+or starved stops first, and obeys messages of its backlog only if they prove to be younger than ``max_age``.
 
-**The collision monitor**, see `monitor` and `collision`, slows every command down that would lead into an obstacle, a person's
-too, and judges it anew in each period. A scan that is stale, missing or cannot be read is a stop, and reported.
+**The collision monitor**, see `monitor` and `collision`, slows down every command that would lead into an obstacle, including a
+person's, and judges it again in each period. A stale, missing or unreadable scan is a stop, and is reported.
 
-**An emergency stop** counts however short the press, and from any of the buttons, see `emergency`: all messages that wait are
-looked at before any motion is sent. A button that was heard and is silent for 0.5 s is a stop too. After it the guard sends
-zeros until it is enabled again, which it refuses while any button is pressed, or one of those it has heard is silent::
+**An emergency stop** counts however short the press, and from any button, see `emergency`: the guard reads all waiting messages
+before it sends any motion. A button that was heard and is silent for 0.5 s is a stop too. After a stop the guard sends zeros
+until it is enabled again, which it refuses while any button is pressed, or one that it has heard is silent::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
-A guard that is started again remembers no emergency stop and no button; with ``start_enabled`` false it needs to be enabled
-then too. Where one of several buttons was taken away for good, start the guard again.
-**Namespaces.** All its topics are relative: the guard of /robot1 hears /robot1/emergency_stop and no other robot's, and serves
-/robot1/cmd_vel_guard/enable. Where one button is to stop several robots, remap ``emergency_stop`` of each guard, and of
-each node that moves a robot, to a common topic. Enabling stays each robot's own.
-Parameters: see `arbiter.Parameters`. All times are of the steady clock, so it works with ``use_sim_time`` and no ``/clock``.
+A restarted guard remembers no emergency stop and no button; with ``start_enabled`` false it must be enabled then too. After one
+of several buttons is removed for good, restart the guard.
+
+**Namespaces.** All its topics are relative: the guard of /robot1 subscribes to /robot1/emergency_stop only, and serves
+/robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node
+that moves a robot, to a common topic. Each robot is still enabled separately.
+
+Parameters: see `arbiter.Parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and without
+``/clock``.
 """
 
 from __future__ import annotations
@@ -93,7 +97,7 @@ class CmdVelGuard(Node):
         self._publish(STOP)
 
     def _now(self) -> float:
-        """Return the steady time, s, after a look at the system clock."""
+        """Return the steady time, s, after comparing it with the system clock."""
         system, now = read_clocks()
         self._clock_watch.look(system=system, steady=now)
         return now
@@ -102,7 +106,7 @@ class CmdVelGuard(Node):
         return age_of(self._clock_watch, info, getattr(message, "header", None) if self._headers_count else None, now)
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:
-        """Subscribe with a callback that also takes the message's times, which rclpy allows and its types do not know."""
+        """Subscribe with a callback that also takes the message's times, which rclpy supports but its types do not show."""
         return self.create_subscription(kind, topic, hear, qos)
 
     def _hear(self, topic: str, source: str) -> None:
@@ -136,7 +140,7 @@ class CmdVelGuard(Node):
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
         age, stamped = age_of(self._clock_watch, info, None, now), self._age(message, info, now)
-        # A stamp may be that of the first beam. Beyond this it counts, as that of a command does.
+        # The stamp may be that of the first beam. Beyond this it counts like that of a command.
         seconds = max(age.seconds, stamped.seconds - self._p.scan_period)
         scan = Scan(
             message.ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max,
@@ -153,14 +157,14 @@ class CmdVelGuard(Node):
         return response
 
     def _take_buttons(self) -> None:
-        """Take all that the buttons have said and no callback has seen yet."""
+        """Take all messages of the buttons that no callback has processed yet."""
         handle = self._buttons.handle
         with handle:
             while (taken := handle.take_message(Bool, False)) is not None:
                 self._press(*taken)
 
     def _step(self) -> None:
-        """Publish what the wheels are to be told, if anything."""
+        """Publish the command for the wheels, if any."""
         self._take_buttons()
         command = self._arbiter.step(self._now())
         if command is not None:
@@ -190,7 +194,7 @@ class CmdVelGuard(Node):
         self._diagnostics.publish(self._report.message(self._now(), robots=self._robots))
 
     def close(self) -> None:
-        """Send zeros and wait until the robot has them."""
+        """Send zeros and wait until the robot has received them."""
         for _ in range(3):
             self._publish(STOP)
         self._velocity.wait_for_all_acked(Duration(seconds=0.5))

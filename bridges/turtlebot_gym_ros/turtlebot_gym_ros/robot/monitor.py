@@ -1,15 +1,14 @@
-"""The guard's collision monitor: which scan counts, where the robot is in it, and what it lets through. Knows no ROS.
+"""The guard's collision monitor: the scan to use, the robot's pose in it, and the speed it allows. Does not depend on ROS.
 
-**Where the robot is.** A scan is old when it comes, and grows older until the next one. Between the moment at which a beam was
-measured and the present, the robot moved as it was told, with a delay: the monitor adds up what the guard has told the wheels.
-When exactly a beam was measured is not known: a revolution takes ``period``, drivers turn and stamp it either way, and wheels
-and driver take up to ``reaction``. So each scan is laid out as if it had been measured at each of `LAYERS` moments between
-``period + reaction`` before it was sent, and the moment at which it was sent; all of these points count, and thus the worst. At
-rest they are the same points.
+**Pose of the robot.** A scan is old when it arrives, and ages until the next one. Since a beam was measured, the robot has
+moved as commanded, with a delay: the monitor integrates the guard's commands. The exact time of a beam is unknown: a revolution
+takes ``period``, drivers rotate and stamp in either direction, and wheels and driver take up to ``reaction``. So each scan is
+placed as if it had been measured at each of `LAYERS` times between ``period + reaction`` before it was sent and the time at
+which it was sent; all of these points count, and thus the worst. At rest they coincide.
 
-**Which scan counts.** The newest, while it is younger than ``age`` since it was sent (see `sent`; of a header's stamp the
-``period`` is taken off, as some drivers stamp the first beam). One that cannot be read, see `collision.points_of`, takes the
-place of the one before. Without a scan nothing moves, turning included.
+**Valid scan.** The newest one, while it is younger than ``age`` since it was sent (see `sent`; the ``period`` is subtracted
+from a header's age, as some drivers stamp the first beam). A scan that cannot be read, see `collision.points_of`, replaces the
+previous one. Without a valid scan the robot stands and does not turn either.
 """
 
 from __future__ import annotations
@@ -24,20 +23,20 @@ from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, into, limited, moved, out_of, points_of
 
 LAYERS = 5
-"""How often a scan is laid out: every 0.1 s where ``period`` and ``reaction`` are 0.2 s each."""
+"""Number of times at which a scan is placed: every 0.1 s if ``period`` and ``reaction`` are 0.2 s each."""
 MEMORY = 2.0
-"""How long it is remembered what the wheels were told, s: longer than any scan is old that counts."""
+"""Time for which commands to the wheels are stored, s: longer than the age of any valid scan."""
 
 
 class Timing(NamedTuple):
-    """When scans are measured, and how long they count."""
+    """Timing of scans and their validity."""
 
     age: float
-    """Age since it was sent from which a scan no longer counts, s."""
+    """Age since sending from which a scan no longer counts, s."""
     period: float
     """Time of one revolution, s."""
     reaction: float
-    """Time until the wheels do what they were told, and until the driver sends what it measured, s at most."""
+    """Longest delay of the wheels in executing a command, and of the driver in sending a scan, s."""
 
 
 class Monitor:
@@ -47,24 +46,24 @@ class Monitor:
 
     Args:
         body: Footprint and mount.
-        limits: How near it may come.
-        timing: How old scans are.
+        limits: Distances to keep.
+        timing: Timing of scans.
         speed: The robot's greatest speed, m/s ...
         turning: ... and turning rate, rad/s.
-        now: The present.
+        now: Current steady time, s.
     """
 
     def __init__(self, body: Body, limits: Limits, timing: Timing, *, speed: float, turning: float, now: float) -> None:
         self._body, self._limits, self._timing = body, limits, timing
-        # Farther than it moves within the time to contact after all the time for which a scan is used.
+        # Farther than the robot can move in the time to contact plus the whole validity of a scan.
         used = limits.time + timing.age + timing.period + timing.reaction
         self._reach = (speed + turning * abs(body.center_x)) * used
-        self._points, self._sent, self._bad = np.empty((3, 0)), -math.inf, "no scan has come"
+        self._points, self._sent, self._bad = np.empty((3, 0)), -math.inf, "no scan has arrived"
         self._times, self._poses, self._told = [now], [(0.0, 0.0, 0.0)], [STOP]
         self.state = ""
 
     def hear(self, scan: Scan, *, sent: float) -> None:
-        """Take a scan that was sent at a steady time; an older one than the last does not count."""
+        """Take a scan that was sent at a steady time; one older than the last is ignored."""
         if sent < self._sent:
             return
         self._sent, self._bad = sent, ""
@@ -78,7 +77,7 @@ class Monitor:
         self._points = np.concatenate(layers, axis=1)
 
     def told(self, command: Command, now: float) -> None:
-        """Note what the wheels are told from now on."""
+        """Record the command of the wheels from now on."""
         pose = self._pose(now)
         old = bisect_right(self._times, now - MEMORY) - 1
         if old > 0:
@@ -88,13 +87,13 @@ class Monitor:
         self._told.append(command)
 
     def trouble(self, now: float) -> str:
-        """Return why nothing may move, or nothing."""
+        """Return why the robot must stand, or an empty text."""
         if self._bad:
             return self._bad
         return f"the last scan is older than {self._timing.age:g} s" if now - self._sent > self._timing.age else ""
 
     def limit(self, command: Command, now: float) -> Command:
-        """Return as much of a command as is safe, the same arc more slowly; sets the state."""
+        """Return a command slowed down to be safe, on the same arc; sets the state."""
         self.state = self.trouble(now)
         if self.state:
             return STOP
@@ -106,6 +105,6 @@ class Monitor:
         return allowed
 
     def _pose(self, at: float) -> tuple[float, float, float]:
-        """Return where the robot has been told to be at a time."""
+        """Return the pose to which the commands have led at a time."""
         k = max(bisect_right(self._times, at) - 1, 0)
         return moved(self._poses[k], self._told[k], max(at - self._times[k], 0.0))

@@ -1,4 +1,4 @@
-"""What the guard reports: its gravest problem in ``/diagnostics``, and on the log where it is new."""
+"""The guard's reports: its gravest problem in ``/diagnostics``, and in the log if it is new."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.sent import Age
 
 RECENT = 2.0
-"""How long what is wrong with a message's time is reported, s."""
+"""Time for which a problem with a message's time is reported, s."""
 
 
 class Report:
@@ -19,9 +19,9 @@ class Report:
 
     Args:
         node: The guard's node.
-        arbiter: What it decides.
-        parameters: Its parameters.
-        velocity: The type of its commands.
+        arbiter: The guard's decisions.
+        parameters: The guard's parameters.
+        velocity: Message type of its commands.
     """
 
     def __init__(self, node: Node, arbiter: Arbiter, parameters: Parameters, velocity: type) -> None:
@@ -30,25 +30,25 @@ class Report:
         self._times: dict[str, tuple[float, str]] = {}
 
     def note(self, topic: str, age: Age, now: float) -> None:
-        """Note how old a message of a topic was when it came."""
+        """Record the age of a topic's message at its arrival."""
         if age.seconds > self._p.max_age:
             why = f"{topic}: messages are {age.seconds:.2f} s old by {age.by} when they come, more than {self._p.max_age} s: "
-            self._times[topic] = now, why + "are the clocks of both computers set (NTP), and is the connection quick enough?"
+            self._times[topic] = now, why + "are both clocks synchronized (NTP), and is the connection fast enough?"
         elif age.ahead > 0.0:
-            why = f"{topic}: the sender's clock is {age.ahead:.2f} s ahead of this computer's, so only arrival counts: "
-            self._times[topic] = now, why + "set the clocks of both (NTP)"
+            why = f"{topic}: the sender's clock is {age.ahead:.2f} s ahead of this computer's, so only arrival times count: "
+            self._times[topic] = now, why + "synchronize both clocks (NTP)"
 
     def message(self, now: float, *, robots: int) -> DiagnosticArray:
-        """Return the diagnostics of this second, and log what is new.
+        """Return the diagnostics of this second, and log new problems.
 
         Args:
-            now: The present, a steady time, s.
-            robots: How many listen to the commands.
+            now: Current steady time, s.
+            robots: Number of listeners to the commands.
         """
         node = self._node
         level, text = self._problem(now, robots)
         if text != self._said:
-            # one line for each severity: rclpy raises where a line changes its own
+            # one line for each severity: rclpy raises if a line changes its severity
             if level == DiagnosticStatus.OK:
                 node.get_logger().info(text)
             elif level == DiagnosticStatus.WARN:
@@ -88,18 +88,18 @@ class Report:
         monitor = self._arbiter.monitor
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")
-            return DiagnosticStatus.ERROR, f"collision monitor: {topic}: {why}; nothing moves without a scan"
+            return DiagnosticStatus.ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
         if monitor and monitor.state:
             return DiagnosticStatus.WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():
             if now - heard <= RECENT:
                 return DiagnosticStatus.WARN, why
         if robots == 0:
-            return DiagnosticStatus.WARN, f"nobody listens to {topics[0]}"
+            return DiagnosticStatus.WARN, f"{topics[0]} has no listener"
         return DiagnosticStatus.OK, self._arbiter.state
 
     def _mismatch(self, topics: list[str]) -> str:
-        """Return which node uses the other type of command, and what to type; or nothing."""
+        """Return which node uses the other type of command, and what to type; or an empty text."""
         node, stamped = self._node, self._p.enable_stamped_cmd_vel
         package, name = self._type.__module__.split(".")[0], self._type.__name__
         for topic in topics:

@@ -1,6 +1,6 @@
-"""What the nodes beside the shell need: parameters that are checked, and an end that is clean. On rclpy alone.
+"""Checked parameters and a clean shutdown for nodes outside of the shell, with rclpy only.
 
-The guard and the logger must not fail by a fault that they share with the nodes they watch.
+The guard and the logger must not share faults with the nodes they watch.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ P = TypeVar("P")
 
 
 def described(params: type) -> dict[str, str]:
-    """Return the docstring under each field of a class, on one line; nothing where the source is not there."""
+    """Return the docstring under each field of a class, on one line; empty if the source is not available."""
     try:
         (made,) = ast.parse(dedent(inspect.getsource(params))).body
     except (OSError, TypeError, SyntaxError):  # TypeError: of a module without a file
@@ -43,7 +43,7 @@ def described(params: type) -> dict[str, str]:
 
 
 def descriptor_of(each: Field[Any], description: str) -> ParameterDescriptor:
-    """Return what ``ros2 param describe`` shows of a parameter."""
+    """Return the description of a parameter for ``ros2 param describe``."""
     descriptor = ParameterDescriptor(read_only=True, description=description)
     descriptor.additional_constraints = str(each.metadata.get("rule", ""))
     if "range" in each.metadata:
@@ -56,14 +56,14 @@ def descriptor_of(each: Field[Any], description: str) -> ParameterDescriptor:
 
 
 def declare(node: Node, params: type[P]) -> P:
-    """Read a node's parameters, read-only from now on; refuse unknown names, wrong types and wrong values.
+    """Read a node's parameters and make them read-only; refuse unknown names, wrong types and wrong values.
 
     rclpy by itself ignores a misspelled name and refuses an integer for a float.
 
     Args:
         node: A node made with ``automatically_declare_parameters_from_overrides=True``.
         params: Dataclass whose fields name the parameters; its defaults give the types, the docstrings under its fields the
-            descriptions, and the fields' metadata, where given, ``range`` and ``rule``.
+            descriptions, and the fields' metadata, if given, ``range`` and ``rule``.
 
     Raises:
         ValueError: With one line that names the parameter, the rule and the value.
@@ -98,11 +98,11 @@ def run(make: Callable[[Context], Any], argv: Sequence[str] | None = None) -> in
     rclpy's own handlers would invalidate the context before the last messages are out.
 
     Args:
-        make: Makes the node in a context; a ValueError or OSError refuses the arguments.
-        argv: Arguments, those of the process by default.
+        make: Function that makes the node in a context; a ValueError or OSError refuses the arguments.
+        argv: Arguments; by default those of the process.
 
     Returns:
-        2 where the arguments are refused. Otherwise it ends the process, with 0.
+        2 if the arguments are refused. Otherwise the process ends with code 0.
     """
     stop, context = threading.Event(), Context()
     for number in (signal.SIGINT, signal.SIGTERM):
