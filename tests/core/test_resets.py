@@ -104,7 +104,9 @@ def steps_until_the_end(one, limit):
 
 
 def test_a_tasks_own_limit_and_the_vector_environments_must_agree():
-    with pytest.raises(ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"):
+    with pytest.raises(
+        ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"
+    ):
         gym.make_vec(ID, num_envs=2, task=LONG)
     with pytest.raises(ValueError, match="^task ends episodes after 600 steps"):
         gym.make_vec(ID, num_envs=2, task=SQUARE)
@@ -123,7 +125,9 @@ def test_a_tasks_own_limit_counts_in_the_scalar_environment():
 def test_a_limit_that_cuts_a_task_short_is_told():
     env = gym.make(ID, task=LONG)
     assert steps_until_the_end(env, 400) == 300
-    with pytest.warns(UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"):
+    with pytest.warns(
+        UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"
+    ):
         env.reset()
     for _ in range(20):
         env.step(STILL)
