@@ -29,7 +29,7 @@ def env():
 @pytest.mark.parametrize("seed", [1.5, True, "1", -1, 2**63, 2**80, math.nan, np.float32(1.0), b"1", {}])
 def test_a_seed_that_is_none_is_refused(env, envs, seed):
     for one in (env, envs):
-        with pytest.raises(ValueError, match="^seed must be a whole number from 0 to ") as caught:
+        with pytest.raises(ValueError, match=r"^seed must be a whole number from 0 to \d+") as caught:
             one.reset(seed=seed)
         assert "\n" not in str(caught.value)
 
@@ -63,7 +63,7 @@ def test_seeds_of_numpy_are_seeds(env, envs):
 @pytest.mark.parametrize("options", [{"start": (0.0, 0.0, 0.0)}, {"resetmask": 1}, {3: 4}, "reset_mask", 3, ["reset_mask"]])
 def test_options_that_there_are_not_are_refused(env, envs, options):
     for one in (env, envs):
-        with pytest.raises(ValueError, match="^options must be "):
+        with pytest.raises(ValueError, match=r"^options must be \w"):
             one.reset(seed=0, options=options)
         one.reset(seed=0, options={})
 
@@ -72,7 +72,7 @@ def test_options_that_there_are_not_are_refused(env, envs, options):
 def test_rooms_refuse_options_of_any_kind(maker):
     one = maker(ROOMS_ID)
     for options in ({"begin": 1}, {1: 2, "b": 3}, 7, "world"):
-        with pytest.raises(ValueError, match="^options must be "):
+        with pytest.raises(ValueError, match=r"^options must be \w"):
             one.reset(seed=0, options=options)
 
 
@@ -108,7 +108,7 @@ def test_a_tasks_own_limit_and_the_vector_environments_must_agree():
         ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"
     ):
         gym.make_vec(ID, num_envs=2, task=LONG)
-    with pytest.raises(ValueError, match="^task ends episodes after 600 steps"):
+    with pytest.raises(ValueError, match=r"^task ends episodes after 600 steps \("):
         gym.make_vec(ID, num_envs=2, task=SQUARE)
     assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=LONG, max_episode_steps=350), 400) == 350
     endless = replace(LONG, max_steps=math.inf)

@@ -69,7 +69,7 @@ def fuzzed(few: int, many: int, **strategies: Any) -> Callable[[Callable[..., No
                 suppress_health_check=list(HealthCheck),
                 derandomize=True,
                 database=None,
-                phases=[Phase.generate],
+                phases=[Phase.generate],  # an input that fails is shown as it is: a smaller one would take minutes
             )
             return chosen(given(**strategies)(test))
 

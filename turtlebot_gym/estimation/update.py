@@ -63,9 +63,9 @@ LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
 def innovation_variance(h: Projection, r: float) -> float:
     """Return S, the variance of a scalar measurement's innovation: ``h P h' + r``.
 
-    The noise counts as at least `LEAST_VARIANCE`, and as `LEAST_SHARE` of ``h P h'``. A measurement a million times more accurate
-    than the belief leaves nothing of the covariance but rounding: the entries beside the diagonal then no longer fit those on
-    it, and gains grow without limit. With the floors each update keeps a share that rounding, 2e-16, does not reach.
+    The noise counts as at least `LEAST_VARIANCE`, and as `LEAST_SHARE` of ``h P h'``. A measurement a million times more
+    accurate than the belief would leave nothing of the covariance but rounding: the entries beside the diagonal then no longer
+    fit those on it, and gains grow without limit. The floors leave a share that rounding, 2e-16, does not reach.
 
     Args:
         h: What the measurement sees of the covariance.
