@@ -18,6 +18,7 @@ from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.rooms.lidar import Lidar
 
 SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Square", "Rooms"))
+# Each kind of filter, with fixes and without, on open ground and in rooms, is compiled as a loop of its own: here are few.
 FILTERS = ["matched", "tutorial", "mixture", "slip", "scale", "gated"]
 EXTREME = st.one_of(
     st.sampled_from([0.0, 1e-100, 1e-15, 1e-12, 1e-6, 1e-3, 0.1, 0.5, 1.0, 2.0, 1e3, 1e6, 1e9]),
@@ -91,9 +92,10 @@ RULES = st.fixed_dictionaries(
     | dict.fromkeys(("half_length", "half_width", "total", "courtesy", "min_distance", "max_distance"), SMALL)
     | {"kind": st.sampled_from([0.0, 1.0, 2.0, 3.0]), "fill": st.floats(0.0, 1.0), "through": st.booleans()},
 )
+GROUND = GROUND.map(lambda given_: given_ if given_.get("filter") not in FILTERS[2:] else {**given_, "fix": None})
 IN_ROOMS = st.fixed_dictionaries(
     {"world": st.one_of(st.sampled_from(["dense", "office", "cellular", "crowd"]), RULES)},
-    optional={name: COMMON[name] for name in ("robot", "noise", "filter", "reward", "observation")} | {"lidar": lidar},
+    optional={name: COMMON[name] for name in ("robot", "noise", "reward", "observation")} | {"filter": tuning, "lidar": lidar},
 )
 
 ASIDE = ThreadPoolExecutor(1)
