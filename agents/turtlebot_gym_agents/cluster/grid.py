@@ -126,7 +126,7 @@ def read_grid(path: Path) -> Grid:
             raise ValueError(f"a study must hold {', '.join(known)}, got {', '.join(unknown)}.")
         return Grid(**{**said, "policies": tuple(_listed(said.get("policies", ())))})
     except (ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
 
 
 def study(
