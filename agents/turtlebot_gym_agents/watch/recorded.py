@@ -59,8 +59,11 @@ def _number(name: str, line: int, row: dict[str, Any]) -> float:
 
 def _read_snapshots(path: Path) -> Trajectory:
     """Read what ``data_logger`` writes ten times a second; what was not fresh is not known."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = list(csv.DictReader(file))
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except csv.Error as error:
+        raise ValueError(f"{path}: {error}.") from error
     if len(rows) < 2:
         raise ValueError(f"{path}: a drive has at least two rows, got {len(rows)}.")
 
