@@ -56,6 +56,9 @@ test: $(READY)  ## all tests but the slow ones
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
 
+fuzz: $(READY)  ## more than 20,000 inputs of all kinds: each ends in success or in one line (part of test-slow; 10 minutes)
+	$(RUN)python -m pytest -m slow tests/fuzz
+
 test-cluster: $(READY)  ## Ray, which it installs: the same results with any number of workers, kills, errors (10 minutes)
 	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cluster]'
 	$(RUN)python -m pytest -m cluster tests/agents/cluster

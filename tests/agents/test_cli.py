@@ -175,3 +175,27 @@ def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
     assert main(["evaluate", "--policy", "bearing", "--episodes", "2", *floor]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line == "turtlebot-gym: The plant 'mujoco' needs MuJoCo: pip install \"turtlebot-gym[mujoco]\"."
+
+
+@pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
+@pytest.mark.parametrize("name", ["evaluate", "video", "watch", "estimate", "replay", "train", "tune", "tune-baseline"])
+def test_a_seed_that_cannot_be_is_refused_by_name(name, seed, drive, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    more = {"replay": [str(drive)], "watch": ["--html", "a.html"], "estimate": ["--runs", "4"]}.get(name, [])
+    assert main([name, *more, "--seed", seed]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
+
+
+def test_benchmark_says_what_it_needs_before_it_measures(monkeypatch, capsys):
+    for module in ("torch", "stable_baselines3"):
+        monkeypatch.setitem(sys.modules, module, None)
+    assert main(["benchmark"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "turtlebot-gym: torch is not installed: pip install 'turtlebot-gym[agents]', or use --no-training."
+
+
+def test_an_unknown_policy_is_told_what_there_is(capsys):
+    assert main(["evaluate", "--policy", "nothing"]) == 2
+    told = capsys.readouterr().err
+    assert all(name in told for name in ("'bearing'", "'ppo-nav'", "'ppo-rooms'", "FILE.onnx", "FILE.json", "module:callable"))

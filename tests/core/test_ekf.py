@@ -149,10 +149,12 @@ def test_update_is_the_textbook_one():
 
 
 def test_known_component_measured_without_noise():
-    """P = 0 and R = 0 make S = 0: nothing is learned, and nothing divides by zero."""
+    """P = 0 and R = 0: nothing is learned, and nothing divides by zero; R counts as (1 um)^2."""
     belief = Belief(State(1.0, 2.0, 0.5, 0.1, 0.2), NOWHERE)
     tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3)
-    assert ekf.correct(belief, Pose(1.5, 2.0, 0.5), tuning) == (belief, 0.0)
+    posterior, nis = ekf.correct(belief, Pose(1.5, 2.0, 0.5), tuning)
+    assert posterior == belief
+    assert nis == pytest.approx(0.25e12)
 
 
 def test_innovation_wraps_unless_told_otherwise():

@@ -414,7 +414,7 @@ def test_what_cannot_be_drawn_is_said():
     with pytest.raises(ValueError, match="render_mode must be one of"):
         NavigationVectorEnv(2, render_mode="human")
     for rows in (0, 2.5):
-        with pytest.raises(ValueError, match=f"render_rows must be a positive whole number, got {rows}"):
+        with pytest.raises(ValueError, match=f"render_rows must be a whole number from 1 to 16777216, got {rows}"):
             NavigationVectorEnv(2, render_rows=rows)
     with pytest.raises(ResetNeeded, match="before render"):
         square(2).render()

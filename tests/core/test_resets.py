@@ -12,7 +12,6 @@ import pytest
 from turtlebot_gym import NAV, SQUARE, Task
 
 ID, SQUARE_ID, ROOMS_ID = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
-MOST = 2**63 - 1
 STILL = np.zeros(2, np.float32)
 
 
@@ -26,10 +25,10 @@ def env():
     return gym.make(ID)
 
 
-@pytest.mark.parametrize("seed", [1.5, True, "1", -1, 2**63, 2**80, math.nan, np.float32(1.0), b"1", {}])
+@pytest.mark.parametrize("seed", [1.5, True, "1", -1, math.nan, np.float32(1.0), b"1", {}])
 def test_a_seed_that_is_none_is_refused(env, envs, seed):
     for one in (env, envs):
-        with pytest.raises(ValueError, match="^seed must be a whole number from 0 to ") as caught:
+        with pytest.raises(ValueError, match=r"^seed must be a whole number of at least 0, got ") as caught:
             one.reset(seed=seed)
         assert "\n" not in str(caught.value)
 
@@ -39,11 +38,10 @@ def test_a_seed_that_is_none_is_refused(env, envs, seed):
     [
         ([1, 2], "seed must hold 3 seeds, got 2"),
         ((), "seed must hold 3 seeds, got 0"),
-        ([1, 2.5, 3], r"seed\[1\] must be a whole number from 0 to 9223372036854775807, got 2.5"),
+        ([1, 2.5, 3], r"seed\[1\] must be a whole number of at least 0, got 2.5"),
         ([1, 2, True], r"seed\[2\] must be a whole number"),
-        ([1, 2, 2**63], r"seed\[2\] must be a whole number"),
+        ([1, 2, -3], r"seed\[2\] must be a whole number"),
         (np.array([0.5, 1.0, 2.0]), r"seed\[0\] must be a whole number"),
-        (MOST - 1, "seed must be a whole number from 0 to 9223372036854775805, got 9223372036854775806"),
     ],
 )
 def test_a_list_of_seeds_has_one_for_each(envs, seed, told):
@@ -57,13 +55,21 @@ def test_seeds_of_numpy_are_seeds(env, envs):
         np.testing.assert_array_equal(envs.reset(seed=seed)[0], expected)
     for seed in (5, np.int64(5), np.array(5)):
         np.testing.assert_array_equal(env.reset(seed=seed)[0], expected[0])
-    np.testing.assert_array_equal(envs.reset(seed=MOST - 2)[0][2], env.reset(seed=MOST)[0])
+
+
+def test_the_seed_that_gymnasium_drew_repeats_an_episode(env):
+    """It has 128 bits, of which the lowest 63 count."""
+    first, _ = env.reset()
+    drawn = env.unwrapped.np_random_seed
+    env.reset()
+    for seed in (drawn, drawn % 2**63):
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], first)
 
 
 @pytest.mark.parametrize("options", [{"start": (0.0, 0.0, 0.0)}, {"resetmask": 1}, {3: 4}, "reset_mask", 3, ["reset_mask"]])
 def test_options_that_there_are_not_are_refused(env, envs, options):
     for one in (env, envs):
-        with pytest.raises(ValueError, match="^options must be "):
+        with pytest.raises(ValueError, match=r"^options must be \w"):
             one.reset(seed=0, options=options)
         one.reset(seed=0, options={})
 
@@ -72,7 +78,7 @@ def test_options_that_there_are_not_are_refused(env, envs, options):
 def test_rooms_refuse_options_of_any_kind(maker):
     one = maker(ROOMS_ID)
     for options in ({"begin": 1}, {1: 2, "b": 3}, 7, "world"):
-        with pytest.raises(ValueError, match="^options must be "):
+        with pytest.raises(ValueError, match=r"^options must be \w"):
             one.reset(seed=0, options=options)
 
 
@@ -104,9 +110,11 @@ def steps_until_the_end(one, limit):
 
 
 def test_a_tasks_own_limit_and_the_vector_environments_must_agree():
-    with pytest.raises(ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"):
+    with pytest.raises(
+        ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"
+    ):
         gym.make_vec(ID, num_envs=2, task=LONG)
-    with pytest.raises(ValueError, match="^task ends episodes after 600 steps"):
+    with pytest.raises(ValueError, match=r"^task ends episodes after 600 steps \("):
         gym.make_vec(ID, num_envs=2, task=SQUARE)
     assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=LONG, max_episode_steps=350), 400) == 350
     endless = replace(LONG, max_steps=math.inf)
@@ -123,7 +131,9 @@ def test_a_tasks_own_limit_counts_in_the_scalar_environment():
 def test_a_limit_that_cuts_a_task_short_is_told():
     env = gym.make(ID, task=LONG)
     assert steps_until_the_end(env, 400) == 300
-    with pytest.warns(UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"):
+    with pytest.warns(
+        UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"
+    ):
         env.reset()
     for _ in range(20):
         env.step(STILL)

@@ -68,7 +68,8 @@ def fuzzed(few: int, many: int, **strategies: Any) -> Callable[[Callable[..., No
                 deadline=None,
                 suppress_health_check=list(HealthCheck),
                 derandomize=True,
-                database=None, phases=[Phase.generate],
+                database=None,
+                phases=[Phase.generate],  # an input that fails is shown as it is: a smaller one would take minutes
             )
             return chosen(given(**strategies)(test))
 

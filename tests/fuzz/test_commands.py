@@ -46,12 +46,12 @@ LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage"}
 """Options that reach for other machines, install something, or serve until Ctrl-C."""
 WORDS = st.one_of(
     st.sampled_from([
-        "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e9", "1e308", "True", "None", "x" * 300, "é",
-        "a b", "\n", "here", "here/", "/", ".", "/proc/none/a.json", "nope.yaml", "broken.yaml", "list.yaml", "mine.yaml",
-        "empty.json", "broken.onnx", "binary.csv", "drive.csv", "nope.onnx", "os:getcwd", "nope:drive", ":",
-        "bearing+safety", "+safety", "a.png", "a.txt", "a.json", "here/a.json", "drive.csv/a.json", "burger", "wheel", "matched", "mujoco", "time",
-        "belief", "turtlebot_gym/TurtleBotSquare-v0", "turtlebot_gym/TurtleBotRooms-v0", "CartPole-v1", "dense",
-        "lds01",
+        "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e9", "1e308", "True", "None", "x" * 300,
+        "é", "a b", "\n", "here", "here/", "/", ".", "/proc/none/a.json", "nope.yaml", "broken.yaml", "list.yaml",
+        "mine.yaml", "empty.json", "broken.onnx", "binary.csv", "drive.csv", "nope.onnx", "os:getcwd", "nope:drive", ":",
+        "bearing+safety", "+safety", "a.png", "a.txt", "a.json", "here/a.json", "drive.csv/a.json", "burger", "wheel",
+        "matched", "mujoco", "time", "belief", "turtlebot_gym/TurtleBotSquare-v0", "turtlebot_gym/TurtleBotRooms-v0",
+        "CartPole-v1", "dense", "lds01",
     ]),
     st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=6),
 )  # fmt: skip

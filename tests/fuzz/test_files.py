@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tempfile
 from dataclasses import asdict
@@ -138,10 +139,10 @@ def test_maps(content, data):
 
 @fuzzed(40, 300, data=st.data())
 def test_tuned_baselines(data):
-    import json
-
     tuned = {"format": "turtlebot-gym-baseline/1", "policy": "bearing", "layout": 1, "dt": 0.1, "numbers": {"gain": 2.0},
              "robot": {"name": "burger", **plain(EXAMPLES[Robot])}}  # fmt: skip
+    tuned["robot"] = {name: None if limit == math.inf else limit for name, limit in tuned["robot"].items()}
+    assert make_policy(str(written("h.json", json.dumps(tuned))))
     said = replaced(data.draw, tuned, VALUES)
     answered("tuned baselines", lambda: make_policy(str(written("h.json", json.dumps(said)))))
 

@@ -15,6 +15,7 @@ try:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
+        import rosidl_generator_py  # noqa: F401
         from rclpy.context import Context
         from rclpy.node import Node
         from rclpy.parameter import Parameter
@@ -117,7 +118,7 @@ def test_parameters_of_the_guard_and_the_logger(data):
 
     def make():
         params = standalone.declare(node, kind)
-        return Arbiter(params) if kind is GuardParameters else params
+        return Arbiter(params, 100.0) if kind is GuardParameters else params
 
     try:
         answered("ROS parameters of the guard and the logger", make)

@@ -79,7 +79,7 @@ def test_a_picture_shows_the_world_that_was_given():
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start' and 'goal', got 'starts'"),
+        ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start', 'goal', got 'starts'"),
         ({"start": (0.0, 0.0)}, r"start must hold x, y and heading, finite numbers, got \(0.0, 0.0\)"),
         ({"goal": (0.0, 0.0, math.nan)}, "goal must hold x, y and heading, finite numbers"),
         ({"goal": "door"}, "goal must hold x, y and heading, finite numbers, got 'door'"),
@@ -183,7 +183,7 @@ def test_parameters_that_are_set_take_the_place_of_options():
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start' and 'goal', got 'starts'"),
+        ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'reset_mask', 'start', 'goal', got 'starts'"),
         ({"start": np.zeros((2, 3))}, "start must be x, y and heading, or those of each of 3, got "),
         ({"start": (0.0, np.nan, 0.0)}, "start must hold x, y and heading, finite numbers"),
         ({"goal": "door"}, "goal must be x, y and heading, or those of each of 3, got 'door'"),

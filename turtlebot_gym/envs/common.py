@@ -13,7 +13,6 @@ from gymnasium.envs.registration import registry
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
@@ -125,17 +124,19 @@ def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
     """Return the seed of each environment: ``seed + i`` for a whole number, those of a sequence, None where there is none.
 
+    They may be as large as those that Gymnasium draws; of each the lowest 63 bits count.
+
     Raises:
-        ValueError: If it is something else, out of its range, or a sequence of another length.
+        ValueError: If it is something else, negative, or a sequence of another length.
     """
     if seed is None:
         return [None] * num_envs
     if not isinstance(seed, (list, tuple, np.ndarray)) or getattr(seed, "shape", None) == ():
-        first = whole("seed", seed, 0, MAX_SEED + 1 - num_envs)
+        first = whole("seed", seed)
         return [first + row for row in range(num_envs)]
     if len(seed) != num_envs:
         raise ValueError(f"seed must hold {num_envs} seeds, got {len(seed)}.")
-    return [None if one is None else whole(f"seed[{row}]", one, 0, MAX_SEED) for row, one in enumerate(seed)]
+    return [None if one is None else whole(f"seed[{row}]", one) for row, one in enumerate(seed)]
 
 
 def warn_of_a_limit(id: str, steps: float, own: float) -> None:

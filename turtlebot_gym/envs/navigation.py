@@ -198,11 +198,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             options: Ignored; there are none.
 
         Raises:
-            ValueError: If the seed is no whole number from 0 to 2^63 - 1, or there is an option.
+            ValueError: If the seed is no whole number, or negative, or there is an option.
         """
         if not self._room:
             read_options(options, ())
-        seed = None if seed is None else whole("seed", seed, 0, MAX_SEED)
+        seed = None if seed is None else whole("seed", seed)
         super().reset(seed=seed)
         batch = self._batch
         if self._started and self.spec is not None and self.parameters.task.max_steps < math.inf:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,7 @@ class RoomsVectorEnv(NavigationVectorEnv):
         ValueError: If an argument is unknown or out of its range, or a given world has no path from start to goal.
     """
 
-    _options = ("start", "goal", "world")
+    _options = ("start", "goal")
 
     def __init__(
         self,
@@ -130,10 +130,10 @@ class RoomsVectorEnv(NavigationVectorEnv):
 
     def _with_poses(self, options: dict[str, Any] | None) -> dict[int, Parameters]:
         """Return new parameters, by environment, where options set a start or a goal."""
+        if isinstance(options, Mapping) and "world" in options:
+            raise ValueError("world must be the same in all episodes of a vector environment: make another one with world=...")
         mask = self._reset_mask(options)
         given = {name: value for name, value in (options or {}).items() if name != "reset_mask"}
-        if "world" in given:
-            raise ValueError("world must be the same in all episodes of a vector environment: make another one with world=...")
         for name, value in given.items():
             if name in ("start", "goal") and np.shape(value) not in ((3,), (self.num_envs, 3)):
                 raise ValueError(

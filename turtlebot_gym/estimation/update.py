@@ -55,23 +55,23 @@ def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
     )  # fmt: skip
 
 
-LEAST_SHARE = 1e-12
-"""Least variance of a measurement, as a share of the variance that it is compared with."""
+LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
+"""Least variance of a measurement, m^2 or rad^2, (1e-6)^2; and as a share of the variance that it is compared with."""
 
 
 @kernel
 def innovation_variance(h: Projection, r: float) -> float:
     """Return S, the variance of a scalar measurement's innovation: ``h P h' + r``.
 
-    The noise counts as at least `LEAST_SHARE` of ``h P h'``. A measurement a million times more accurate than the belief leaves
-    nothing of the covariance but rounding: the entries beside the diagonal then no longer fit those on it, and gains grow
-    without limit. With the floor each update keeps the share of the covariance that rounding, 2e-16, cannot reach.
+    The noise counts as at least `LEAST_VARIANCE`, and as `LEAST_SHARE` of ``h P h'``. A measurement a million times more
+    accurate than the belief would leave nothing of the covariance but rounding: the entries beside the diagonal then no longer
+    fit those on it, and gains grow without limit. The floors leave a share that rounding, 2e-16, does not reach.
 
     Args:
         h: What the measurement sees of the covariance.
         r: Variance of the measurement.
     """
-    return h.variance + max(r, LEAST_SHARE * h.variance)
+    return h.variance + max(r, max(LEAST_VARIANCE, LEAST_SHARE * h.variance))
 
 
 @kernel

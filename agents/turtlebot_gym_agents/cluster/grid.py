@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.files import load_yaml
+from turtlebot_gym.validation import shown, whole
 from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.units import CHUNK, Drive, Training, Unit, drives, training
 from turtlebot_gym_agents.cluster.work import Workers, complete, evaluation, in_turn
@@ -32,6 +33,9 @@ from turtlebot_gym_agents.evaluation.metrics import holm
 
 SETTINGS = ("env", "robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar", "switch", "laps")
 """Settings that a grid may hold: arguments of environments."""
+
+MAX_SEEDS = 1000
+"""Most seeds of a training."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,13 +60,21 @@ class Grid:
     def __post_init__(self) -> None:
         if not self.policies:
             raise ValueError("policies must name at least one.")
+        if not all(isinstance(name, str) for name in self.policies):
+            raise ValueError(f"policies must be names, got {shown(list(self.policies))}.")
+        for name, value in (("grid", self.grid), ("trainings", self.trainings)):
+            if not isinstance(value, Mapping):
+                raise ValueError(f"{name} must be a mapping, got {shown(value)}.")
+        for name, said in self.trainings.items():
+            if not isinstance(said, Mapping):
+                raise ValueError(f"training {shown(name)} must be a mapping of its settings, got {shown(said)}.")
+            whole(f"seeds of training {shown(name)}", said.get("seeds", 1), 1, MAX_SEEDS)
         if self.baseline not in self.policies:
             raise ValueError(f"compare_with must be one of policies, {', '.join(self.policies)}, got {self.compare_with!r}.")
         for name in ("episodes", "chunk"):
             value = getattr(self, name)
-            if not (isinstance(value, int) and value > 1):
-                raise ValueError(f"{name} must be a whole number > 1, got {value!r}.")
-        if unknown := [name for name in self.grid if name not in SETTINGS]:
+            whole(name, value, 2)
+        if unknown := [str(name) for name in self.grid if name not in SETTINGS]:
             raise ValueError(f"grid must hold settings, {', '.join(SETTINGS)}, got {', '.join(unknown)}.")
         for env in _listed(self.grid.get("env", NAV)):
             require_known(env, self.seed)
@@ -84,11 +96,13 @@ class Grid:
         said = dict(self.trainings[name])
         seeds = said.pop("seeds", 1)
         known = {item.name for item in fields(TrainingConfig)} - {"seed"}
-        if unknown := [each for each in {**said, **cell} if each not in known]:
+        if unknown := [str(each) for each in {**said, **cell} if each not in known]:
             raise ValueError(
                 f"training {name!r} has no fields {', '.join(unknown)}; known fields are {', '.join(sorted(known))}."
             )
         if "config" in said:
+            if not isinstance(said["config"], str):
+                raise ValueError(f"config of training {name!r} must be the name of a file, got {shown(said['config'])}.")
             said["config"] = Path(said["config"])
         return [training(TrainingConfig(**{**said, **cell, "seed": seed})) for seed in range(seeds)]
 
@@ -107,12 +121,12 @@ def read_grid(path: Path) -> Grid:
     try:
         said = load_yaml(path)
         known = [item.name for item in fields(Grid)]
-        unknown = [str(name) for name in said if name not in known] if isinstance(said, Mapping) else [repr(said)]
+        unknown = [str(name) for name in said if name not in known] if isinstance(said, Mapping) else [shown(said)]
         if unknown:
             raise ValueError(f"a study must hold {', '.join(known)}, got {', '.join(unknown)}.")
         return Grid(**{**said, "policies": tuple(_listed(said.get("policies", ())))})
     except (ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path}: {error}") from error
+        raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
 
 
 def study(
@@ -142,9 +156,8 @@ def study(
             for number, unit in enumerate(grid.trainings_of(name, cell)):
                 trained.append((at, name, number))
                 trainings.append(unit)
-    bundles = dict(zip(trained, _all(trainings, workers, store, progress), strict=True))
-
     asked = {(at, policy): grid.drives_of(policy, cell) for at, cell in enumerate(cells) for policy in grid.policies}
+    bundles = dict(zip(trained, _all(trainings, workers, store, progress), strict=True))
     for (at, name, number), result in bundles.items():
         label = f"{name}/seed-{number}.onnx"
         asked[at, label] = grid.drives_of(label, cells[at], bundle=result.files["policy.onnx"])

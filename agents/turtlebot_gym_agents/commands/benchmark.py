@@ -16,9 +16,9 @@ from turtlebot_gym_agents.commands.console import (
     File,
     JsonFile,
     Writing,
-    needs,
     print_tables,
     progress,
+    require_installed,
     save_figure,
 )
 from turtlebot_gym_agents.outputs import FOLDER
@@ -74,8 +74,7 @@ class Benchmark(Writing):
             self._check(self.check)
             return
         if self.training:
-            with needs("agents"):
-                from turtlebot_gym_agents.speed import learning  # noqa: F401  # to say what is missing before measuring
+            require_installed("torch", "stable_baselines3", extra="agents", without="--no-training")
         from turtlebot_gym_agents.speed import report
 
         result = plain(self._measure())

@@ -22,14 +22,14 @@ from turtlebot_gym.calibration.plausibility import require_units
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.odometry import sense
-from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.models.random import MAX_SEED, episode_key
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.trajectory import Trajectory, position_error
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, whole
 from turtlebot_gym.values import Belief, Command, Pose, Senses
 from turtlebot_gym_agents.evaluation.columns import Columns
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
@@ -167,6 +167,7 @@ def replay(
     """
     if not rate > 0.0:
         raise ValueError(f"rate must be positive, got {rate!r}.")
+    whole("seed", seed, 0, MAX_SEED)
     in_force = replace(make_noise(noise), process=process)
     tuning, middle = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
     key = episode_key(seed, 0)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.systems import SIZES
 from turtlebot_gym.systems.parameters import MAX_DT, MIN_DT, OBSERVED
-from turtlebot_gym.validation import choose, number
+from turtlebot_gym.validation import choose, number, shown
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.policies.weights import require_own_finite_weights
 from turtlebot_gym_agents.provenance import plain
@@ -126,8 +126,9 @@ class BundlePolicy:
                 f"{[(one.type, one.shape) for one in inputs]} to {[(one.type, one.shape) for one in outputs]}."
             )
         for rows in (1, 3):
+            observations = np.repeat(np.array([[0.0], [0.5], [1.0]], np.float32), size, axis=1)[:rows]
             try:
-                actions: Any = self._session.run(None, {self._input: np.zeros((rows, size), np.float32)})[0]
+                actions: Any = self._session.run(None, {self._input: observations})[0]
             except Exception as error:  # onnxruntime has no common base class for its errors
                 raise ValueError(f"{self._path}: its model does not run: {' '.join(str(error).split())}") from error
             if actions.shape != (rows, 2) or not np.isfinite(actions).all():
@@ -137,13 +138,15 @@ class BundlePolicy:
         """Return actions (..., 2) for observations (..., n) of the card's layout.
 
         Raises:
-            ValueError: If the observations have another layout.
+            ValueError: If the observations have another layout, or the actions are not finite.
         """
         rows = np.asarray(observations, np.float32)
         size = SIZES[self.card.layout]
         if rows.ndim == 0 or rows.shape[-1] != size:
             raise ValueError(f"{self._path}: made for observations (..., {size}), layout {self.card.layout}, got {rows.shape}.")
         actions: Any = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
+        if not np.isfinite(actions).all():
+            raise ValueError(f"{self._path}: its model must give finite actions; for these observations it does not.")
         return np.asarray(actions).reshape(*rows.shape[:-1], 2)
 
 
@@ -156,24 +159,24 @@ def _read_card(path: str | Path, told: Any) -> Card:
         ValueError: If the format differs, or a field is missing, of another type or out of its range.
     """
     if not isinstance(told, Mapping):
-        raise ValueError(f"{path}: its card must be a mapping, got {told!r}.")
+        raise ValueError(f"{path}: its card must be a mapping, got {shown(told)}.")
     ours = {"format": FORMAT, "layout": sorted(SIZES), "action": ACTION}
     theirs = {name: told.get(name) for name in ours}
     if theirs | {"layout": ours["layout"]} != ours or theirs["layout"] not in list(SIZES):
-        raise ValueError(f"{path}: made as {theirs}, but this version reads {ours}.")
+        raise ValueError(f"{path}: made as {shown(theirs)}, but this version reads {ours}.")
     texts = ("env", "noise", "filter", "observation")
     missing = [name for name in (*texts, "robot", "dt") if name not in told]
     if missing:
         raise ValueError(f"{path}: its card has no {', '.join(missing)}.")
     for name in texts:
         if not isinstance(told[name], str):
-            raise ValueError(f"{path}: {name} on its card must be text, got {told[name]!r}.")
+            raise ValueError(f"{path}: {name} on its card must be text, got {shown(told[name])}.")
     choose(f"{path}: observation on its card", told["observation"], OBSERVED)
     for name in ("robot", "training"):
         if not isinstance(told.get(name, {}), Mapping):
-            raise ValueError(f"{path}: {name} on its card must be a mapping, got {told[name]!r}.")
+            raise ValueError(f"{path}: {name} on its card must be a mapping, got {shown(told[name])}.")
     if not MIN_DT <= number(f"{path}: dt on its card", told["dt"]) <= MAX_DT:
-        raise ValueError(f"{path}: dt on its card must be from {MIN_DT:g} to {MAX_DT:g} s, got {told['dt']!r}.")
+        raise ValueError(f"{path}: dt on its card must be from {MIN_DT:g} to {MAX_DT:g} s, got {shown(told['dt'])}.")
     return Card(**{item.name: told[item.name] for item in fields(Card) if item.name in told})
 
 

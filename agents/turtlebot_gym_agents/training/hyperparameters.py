@@ -176,7 +176,7 @@ def _require_known(what: str, given: Mapping[Any, Any], known: Iterable[str]) ->
 def _require_together(n_envs: int, found: Mapping[str, Any], algorithm: type[BaseAlgorithm]) -> None:
     """Raise ValueError if hyper-parameters do not go with each other."""
     defaults = {name: one.default for name, one in inspect.signature(algorithm).parameters.items()}
-    value = defaults | found
+    value = {**defaults, **found}
     if ("noise_type" in found) != ("noise_std" in found):
         raise ValueError("noise_type and noise_std must be given together.")
     if value.get("use_rms_prop") and "optimizer_kwargs" in found["policy_kwargs"]:

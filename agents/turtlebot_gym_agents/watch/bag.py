@@ -7,7 +7,7 @@ is interpolated. Topics may be in a namespace.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,9 +50,17 @@ def read_bag_track(path: Path, around: Surroundings, *, lidar: str = "lds01") ->
         lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
 
     Raises:
-        ValueError: If the path is not a bag, or the bag has no odometry.
+        ValueError: If the path is not a bag, the bag has no odometry, or a message does not fit its topic.
         ImportError: If rosbags is missing.
     """
+    try:
+        return _track_of(path, around, lidar)
+    except (AttributeError, IndexError, KeyError, TypeError, OverflowError) as error:
+        what = " ".join(str(error).split())
+        raise ValueError(f"{path}: a message is not what its topic holds: {type(error).__name__}: {what}.") from error
+
+
+def _track_of(path: Path, around: Surroundings, lidar: str) -> Track:
     heard = _read(path)
     odom = _increasing(heard.get("odom", []))
     if len(odom) < 2:
@@ -85,8 +93,7 @@ def _read(path: Path) -> dict[str, list[Heard]]:
     heard: dict[str, list[Heard]] = {}
     with opened_bag(path) as reader:
         connections = [each for each in reader.connections if each.topic.rpartition("/")[2] in wanted]
-        for connection, received, data in reader.messages(connections):
-            message = reader.deserialize(data, connection.msgtype)
+        for connection, received, message in _messages(path, reader, connections):
             if not getattr(message, "markers", True):
                 continue
             stamp = _header(message).stamp
@@ -95,6 +102,16 @@ def _read(path: Path) -> dict[str, list[Heard]]:
                 Heard(seconds or received * 1e-9, received * 1e-9, message)
             )
     return heard
+
+
+def _messages(path: Path, reader: Any, connections: Sequence[Any]) -> Iterator[tuple[Any, int, Any]]:
+    """Yield the messages of a bag, decoded, with their connections and when they were recorded, ns."""
+    try:
+        for connection, received, data in reader.messages(connections):
+            yield connection, received, reader.deserialize(data, connection.msgtype)
+    except Exception as error:  # decoding raises whatever the storage and the codec do
+        told = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{path}: its messages cannot be read: {told}") from error
 
 
 def _header(message: Any) -> Any:

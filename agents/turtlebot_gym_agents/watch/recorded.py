@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.bags import is_bag
 from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.validation import shown
 from turtlebot_gym_agents.evaluation.replay import read_drive, replay
 from turtlebot_gym_agents.watch.bag import read_bag_track
 from turtlebot_gym_agents.watch.track import Surroundings, Track, of_trajectory
@@ -49,15 +50,25 @@ def _is_snapshots(path: Path) -> bool:
         return {"time", "odom_x", "estimate_x"} <= set(file.readline().strip().split(","))
 
 
+def _number(name: str, line: int, row: dict[str, Any]) -> float:
+    try:
+        return float(row[name]) if row.get(name) else np.nan
+    except (TypeError, ValueError):
+        raise ValueError(f"row {line}: {name} must be a number, got {shown(row[name])}.") from None
+
+
 def _read_snapshots(path: Path) -> Trajectory:
     """Read the snapshots that ``data_logger`` writes ten times a second; stale values count as unknown."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = list(csv.DictReader(file))
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except csv.Error as error:
+        raise ValueError(f"{path}: {error}.") from error
     if len(rows) < 2:
         raise ValueError(f"{path}: a drive has at least two rows, got {len(rows)}.")
 
     def column(name: str) -> list[float]:
-        return [float(row[name]) if row.get(name) else np.nan for row in rows]
+        return [_number(name, at, row) for at, row in enumerate(rows, start=2)]
 
     def table(topic: str, size: int) -> NDArray[np.float64]:
         return np.array([column(f"{topic}_{name}") for name in _COMPONENTS[:size]]).T

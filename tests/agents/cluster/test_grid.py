@@ -37,7 +37,7 @@ def test_cells_are_all_combinations():
     [
         ("policies: []", "policies must name at least one"),
         ("policies: bearing\ncompare_with: corner", "compare_with must be one of policies, bearing, got 'corner'"),
-        ("policies: bearing\nepisodes: 1", "episodes must be a whole number > 1, got 1"),
+        ("policies: bearing\nepisodes: 1", "episodes must be a whole number of at least 2, got 1"),
         ("policies: bearing\ngrid: {colour: red}", "grid must hold settings, env, .* got colour"),
         ("policies: bearing\ngrid: {env: CartPole-v1}", "env must be one of"),
         ("policy: bearing", "a study must hold .* got policy"),

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 from rclpy.node import Node
 
 from turtlebot_gym_ros.node.block import Mount
-from turtlebot_gym_ros.robot.standalone import described, descriptor_of
+from turtlebot_gym_ros.robot.standalone import declare_one, described, descriptor_of
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -102,5 +102,5 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
     for name in declared:
         if name in given:
             node.undeclare_parameter(name)
-        node.declare_parameter(name, values[name], shown[name], ignore_override=True)
+        declare_one(node, name, values[name], shown[name])
     return made

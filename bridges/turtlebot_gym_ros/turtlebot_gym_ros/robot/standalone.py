@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.context import Context
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
@@ -55,6 +56,20 @@ def descriptor_of(each: Field[Any], description: str) -> ParameterDescriptor:
     return descriptor
 
 
+def declare_one(node: Node, name: str, value: Any, descriptor: ParameterDescriptor) -> None:
+    """Declare a parameter that was checked; refuse what only its range forbids.
+
+    Raises:
+        ValueError: With one line that names the parameter, the rule and the value.
+    """
+    try:
+        node.declare_parameter(name, value, descriptor, ignore_override=True)
+    except ParameterException as error:
+        spans = [*descriptor.floating_point_range, *descriptor.integer_range]
+        span = "".join(f"from {one.from_value:g} to {one.to_value:g}" for one in spans)
+        raise ValueError(f"{name} must be {descriptor.additional_constraints or span}, got {value!r}.") from error
+
+
 def declare(node: Node, params: type[P]) -> P:
     """Read a node's parameters and make them read-only; refuse unknown names, wrong types and wrong values.
 
@@ -87,8 +102,7 @@ def declare(node: Node, params: type[P]) -> P:
         name = each.name
         if name in given:
             node.undeclare_parameter(name)
-        descriptor = descriptor_of(each, descriptions.get(name, ""))
-        node.declare_parameter(name, getattr(parameters, name), descriptor, ignore_override=True)
+        declare_one(node, name, getattr(parameters, name), descriptor_of(each, descriptions.get(name, "")))
     return parameters
 
 
