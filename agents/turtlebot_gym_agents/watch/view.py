@@ -1,7 +1,7 @@
 """The view: a map for each run, plots over time for all of them, and what the page around them needs. Made with Bokeh.
 
-Everything that a browser shows at a moment is drawn by `present.js` and `client.js` from the columns of `columns`, so that a file
-needs no server. A live view is the same page, whose columns grow.
+A browser draws each moment from the columns of `columns`, by `present.js` and `client.js`, so that a file needs no server. A live
+view is the same page, whose columns grow.
 """
 
 from __future__ import annotations
