@@ -1,4 +1,4 @@
-"""`train --wandb`: a run of Weights & Biases gets what TensorBoard gets, and nothing imports the library without being asked."""
+"""`train --wandb`: a run of Weights & Biases gets what TensorBoard gets, and without it nothing imports the library."""
 
 import json
 import os
