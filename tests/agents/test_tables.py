@@ -133,7 +133,7 @@ def test_evaluate(narrow, tmp_path):
 
 
 def test_evaluate_with_long_labels(narrow):
-    words = ["--policy", "rotate-drive-rotate", "bearing", "--noise", "tutorial", "documented", "--observation", "ekf", "odometry"]
+    words = ["--policy", "rotate-drive-rotate", "bearing", "--noise", "tutorial", "documented", "--observation", "ekf", "truth"]
     lines = narrow("evaluate", *words, "--episodes", "5")
     assert "rotate-drive-rotate," in "\n".join(lines)
 
@@ -178,7 +178,8 @@ def test_benchmark():
 
 
 def test_study():
-    one = {"success": Interval(0.999, 0.996, 1.0), "time": Interval(10.36, 10.08, 10.64), "difference": Interval(-0.21, -0.3, -0.1)}
+    success, time, difference = Interval(0.999, 0.996, 1.0), Interval(10.36, 10.08, 10.64), Interval(-0.21, -0.3, -0.1)
+    one = {"success": success, "time": time, "difference": difference}
     rows = [
         {
             "setting": {"env": f"turtlebot_gym/TurtleBot{env}-v0", "noise": noise, "delay": delay},
@@ -207,8 +208,8 @@ def calibration():
     from turtlebot_gym.calibration.coordinates import PARAMETERS
 
     def number(value, high, **more):
-        told = {"value": value, "low": 0.9 * value, "high": high, "unit": "rad^2/m^2", "is_profile": True, "is_determined": True}
-        return Estimate(**told | more)
+        told = {"value": value, "low": 0.9 * value, "high": high, "unit": "rad^2/m^2"}
+        return Estimate(**told | {"is_profile": True, "is_determined": True} | more)
 
     values = {name: 0.00123456 * (1 + at) for at, name in enumerate(PARAMETERS)}
     estimates = {name: number(value, 1.1 * value) for name, value in values.items()}

@@ -1,4 +1,4 @@
-"""`train --wandb`: what TensorBoard gets, a run of Weights & Biases gets, and nothing imports the library without being asked."""
+"""`train --wandb`: a run of Weights & Biases gets what TensorBoard gets, and without it nothing imports the library."""
 
 import json
 import os
@@ -155,5 +155,6 @@ def _history(path):
         if kind in (1, 4):  # a whole message, or its last part
             record, message = Record.FromString(message), b""
             for item in record.history.item:
-                found.setdefault(item.key or "/".join(item.nested_key), {})[record.history.step.num] = json.loads(item.value_json)
+                curve = found.setdefault(item.key or "/".join(item.nested_key), {})
+                curve[record.history.step.num] = json.loads(item.value_json)
     return found

@@ -80,6 +80,41 @@ def test_a_path_that_does_not_exist_is_noticed(types):
         field_type(types["/nis"], ["status", "values"])
 
 
+@pytest.mark.parametrize("panel", FOXGLOVE["configById"])
+def test_foxgloves_own_package_knows_each_setting(panel):
+    layouts = pytest.importorskip("foxglove.layouts", reason="needs foxglove-sdk")
+    series = {"Plot": layouts.PlotSeries(value=""), "StateTransitions": layouts.StateTransitionsSeries(value="")}
+    topics = {
+        "/map": layouts.BaseRendererRosOccupancyGridTopicSettings,
+        "/scan": layouts.BaseRendererLaserScanTopicSettings,
+        "/reference": layouts.BaseRendererPoseTopicSettings,
+        "/pose_fix": layouts.BaseRendererPoseTopicSettings,
+        "/markers": layouts.BaseRendererRosMarkerTopicSettings,
+        "/obstacles": layouts.BaseRendererRosMarkerTopicSettings,
+    }
+    kinds = {
+        "3D": layouts.ThreeDeeConfig,
+        "Plot": layouts.PlotConfig,
+        "StateTransitions": layouts.StateTransitionsConfig,
+        "DiagnosticSummary": layouts.DiagnosticsSummaryConfig,
+    }
+    kind, config = panel.partition("!")[0], FOXGLOVE["configById"][panel]
+
+    def require_known(settings, model):
+        assert set(settings) <= set(model._to_dict()) | {"foxglovePanelTitle"}
+
+    require_known(config, kinds[kind]())
+    for each in config.get("paths", ()):
+        require_known(each, series[kind])
+    for topic, shown in config.get("topics", {}).items():
+        require_known(shown, topics[topic]())
+    if kind == "3D":
+        require_known(config["cameraState"], layouts.ThreeDeeCameraState())
+        require_known(config["publish"], layouts.ThreeDeePublishSettings())
+        for layer in config["layers"].values():
+            require_known(layer, layouts.BaseRendererGridLayerSettings())
+
+
 def test_foxglove_has_a_place_for_each_panel():
     def leaves(node):
         return [node] if isinstance(node, str) else [*leaves(node["first"]), *leaves(node["second"])]
@@ -97,7 +132,7 @@ def test_the_line_of_the_nis_is_that_of_95_per_cent():
     plot = FOXGLOVE["configById"]["Plot!nis"]
     (line,) = (float(each["value"]) for each in plot["paths"] if each["label"] == "95 %")
     assert line == pytest.approx(chi2.ppf(0.95, 3), abs=0.01)
-    assert f"{line:.2f}" in plot["title"]
+    assert f"{line:.2f}" in plot["foxglovePanelTitle"]
     message = write_nis(Nis(1.25), Header())
     assert float(message.status[0].values[0].value) == 1.25
 

@@ -80,8 +80,8 @@ def test_a_log_is_read_by_mcaps_own_library(tmp_path):
 @pytest.fixture
 def hall(tmp_path):
     """The path of a map of an empty hall of 6 m by 6 m."""
-    side = 60
-    pixels = bytes(0 if 0 in (row, column) or side - 1 in (row, column) else 254 for row in range(side) for column in range(side))
+    wall, side = (0, 59), range(60)
+    pixels = bytes(0 if row in wall or column in wall else 254 for row in side for column in side)
     (tmp_path / "hall.pgm").write_bytes(b"P5\n60 60\n255\n" + pixels)
     (tmp_path / "hall.yaml").write_text(
         "image: hall.pgm\nresolution: 0.1\norigin: [-3, -3, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

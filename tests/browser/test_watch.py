@@ -45,7 +45,7 @@ SCRUB = """async (turns) => {
     return taken
 }"""
 SIZE_LIMIT, OPEN_LIMIT, SCRUB_LIMIT = 3_000_000, 2.0, 0.1
-"""Greatest size of the file of a drive of 60 s, bytes; longest time to open it, and median time to draw another moment of it, s."""
+"""Of a drive of 60 s: greatest size of its file, bytes; longest time to open it, and median time to draw another moment, s."""
 
 
 @pytest.fixture(scope="module")

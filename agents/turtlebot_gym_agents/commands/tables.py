@@ -16,7 +16,7 @@ SHORTER = (16, 12, 8, 4)
 """The same for key columns that leave too little room for the others."""
 BORDER, BETWEEN = 1, 3
 """Characters of a table's left border, and of each column's padding and right border, in the default box of Rich."""
-_NUMBERS = re.compile(r"(?:[-+±×−?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b[xkM]\b|inf|nan)*")
+_NUMBERS = re.compile(r"(?:[-+±?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b[xkM]\b|inf|nan)*")
 
 
 class Need(NamedTuple):

@@ -1,7 +1,7 @@
 """The view: a map for each run, plots over time for all runs, and variables for the page template. Made with Bokeh.
 
-Everything that a browser shows at a moment is drawn by `present.js` and `client.js` from the columns of `columns`, so that a file
-needs no server. A live view is the same page, whose columns grow.
+`present.js` and `client.js` draw each moment in the browser, from the columns of `columns`: a file needs no server. A live view
+is the same page, whose columns grow.
 """
 
 from __future__ import annotations
