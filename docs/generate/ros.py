@@ -82,7 +82,11 @@ def write(page, node, description, classes, block=None):
     rows = [row for row in topics_of(node, inputs) if not any(own in row for own in ROS_OWN)]
     if rows:
         print(
-            "| | topic or service | type | quality of service | as input |\n|---|---|---|---|---|", *rows, "", sep="\n", file=page
+            "| | topic or service | type | quality of service | as input |\n|---|---|---|---|---|",
+            *rows,
+            "",
+            sep="\n",
+            file=page,
         )
     rows = parameters_of(node, classes)
     print("| parameter | type | default | meaning |\n|---|---|---|---|", *rows, "", sep="\n", file=page)
@@ -91,9 +95,9 @@ def write(page, node, description, classes, block=None):
 prepare()
 with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryDirectory() as folder:
     print(
-        "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as usual. "
-        "The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are fixed once a "
-        "node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
+        "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as "
+        "usual. The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are "
+        "fixed once a node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
         "`enable_stamped_cmd_vel` is false.\n",
         file=page,
     )
