@@ -6,6 +6,7 @@ Only what cannot be asked for is read from the source: what a parameter means, a
 import re
 import tempfile
 from dataclasses import MISSING, fields
+from inspect import cleandoc
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -73,7 +74,7 @@ def parameters_of(node, classes):
 
 def write(page, node, description, classes, block=None):
     """Write a node's section."""
-    print(f"## {node.get_name()}\n\n{re.split('Inputs:|Parameters:', description)[0].strip()}\n", file=page)
+    print(f"## {node.get_name()}\n\n{re.split('Inputs:|Parameters:', cleandoc(description))[0].strip()}\n", file=page)
     inputs = block.inputs if block else {}
     if block:
         trigger = block.trigger
