@@ -10,7 +10,7 @@ from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_agents.commands.cli import main as turtlebot_gym
 from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
 
-os.environ["COLUMNS"] = "80"
+os.environ["COLUMNS"] = "100"
 
 
 def help_of(main, *words):

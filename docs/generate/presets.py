@@ -39,7 +39,10 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
         """Begin a table."""
         print(f"\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", file=page)
 
-    print("# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/preset.md).\n\n## Robots", file=page)
+    print(
+        "# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/preset.md).\n\n## Robots",
+        file=page,
+    )
     table("", *ROBOTS)
     for field in fields(Robot):
         row = " | ".join(number(getattr(robot, field.name)) for robot in ROBOTS.values())

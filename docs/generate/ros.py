@@ -6,6 +6,7 @@ Only what cannot be asked for is read from the source: what a parameter means, a
 import re
 import tempfile
 from dataclasses import MISSING, fields
+from inspect import cleandoc
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -73,7 +74,7 @@ def parameters_of(node, classes):
 
 def write(page, node, description, classes, block=None):
     """Write a node's section."""
-    print(f"## {node.get_name()}\n\n{re.split('Inputs:|Parameters:', description)[0].strip()}\n", file=page)
+    print(f"## {node.get_name()}\n\n{re.split('Inputs:|Parameters:', cleandoc(description))[0].strip()}\n", file=page)
     inputs = block.inputs if block else {}
     if block:
         trigger = block.trigger
@@ -82,7 +83,11 @@ def write(page, node, description, classes, block=None):
     rows = [row for row in topics_of(node, inputs) if not any(own in row for own in ROS_OWN)]
     if rows:
         print(
-            "| | topic or service | type | quality of service | as input |\n|---|---|---|---|---|", *rows, "", sep="\n", file=page
+            "| | topic or service | type | quality of service | as input |\n|---|---|---|---|---|",
+            *rows,
+            "",
+            sep="\n",
+            file=page,
         )
     rows = parameters_of(node, classes)
     print("| parameter | type | default | meaning |\n|---|---|---|---|", *rows, "", sep="\n", file=page)
@@ -91,9 +96,9 @@ def write(page, node, description, classes, block=None):
 prepare()
 with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryDirectory() as folder:
     print(
-        "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as usual. "
-        "The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are fixed once a "
-        "node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
+        "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as "
+        "usual. The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are "
+        "fixed once a node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
         "`enable_stamped_cmd_vel` is false.\n",
         file=page,
     )

@@ -27,7 +27,7 @@ if not CHROMIUM:
 pytestmark = pytest.mark.browser
 WIDTHS = {"wide": 1400, "narrow": 400}
 HEIGHT = 900
-TALLEST = 30_000
+TALLEST = 20_000
 """No page is longer than this at 1400 pixels, px."""
 API = "turtlebot_gym"
 """Pages of the API begin with it. They are all alike: they are looked at light only, and pictures are kept of a few."""
@@ -68,6 +68,10 @@ LINES = """() => [...document.querySelectorAll(".md-content table:not([class]) t
     })()
 }).map((one) => one.textContent)"""
 """Numbers in tables that are broken into lines."""
+
+
+SHOWN = "scheme => document.body.dataset.mdColorScheme === {light: 'default', dark: 'slate'}[scheme]"
+"""Whether the page has taken the scheme of the browser."""
 
 
 class Seen(NamedTuple):
@@ -152,6 +156,7 @@ class Visitor:
             self.page.set_viewport_size({"width": width, "height": HEIGHT})
             for scheme in schemes:
                 self.page.emulate_media(color_scheme=scheme)
+                self.page.wait_for_function(SHOWN, arg=scheme)
                 missing += self.page.evaluate(PICTURES)
                 overflowing[f"{size}, {scheme}"] = self.page.evaluate(OVERFLOWING)
                 ground[scheme] = self.page.evaluate("getComputedStyle(document.body).backgroundColor")
