@@ -68,7 +68,7 @@ def _difference(row: Mapping[str, Any]) -> str:
 
 
 def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what the same comparison would say of baselines that nobody tuned."""
+    """Return the result of the same comparison with untuned baselines."""
     gains = _won_against_defaults(rows)
     if not gains:
         return []
