@@ -49,7 +49,7 @@ class Config:
     data: Path = Path("../shared/data")
     """Folder with the recorded drives."""
     seeds: int = 20
-    """Of the measured poses on recorded drives, each time."""
+    """Number of seeds for the measured poses on recorded drives."""
     results: Path | None = Path(__file__).parent
     """Folder for the results."""
     kept: Path = Path("out/calibration")

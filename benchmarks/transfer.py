@@ -41,7 +41,7 @@ POLICIES = {
     POSE: ("polar", "rotate-drive-rotate", "ppo-pose"),
     SQUARE: ("bearing", "corner", "ppo-square"),
 }
-"""Who drives each task."""
+"""Policies of each task."""
 NOISES = ("tutorial", "documented", "wheel")
 CASES = [
     (env, policy, noise)
@@ -63,9 +63,9 @@ class Config:
     """Drive them all."""
 
     episodes: int = 50
-    """Of each policy on each floor."""
+    """Episodes of each policy on each floor."""
     drives: int = 30
-    """Of all filters on each floor."""
+    """Drives of all filters on each floor."""
     trainings: int = 2
     """On Nav, of each range of the speed's error."""
     seconds: float = 60.0

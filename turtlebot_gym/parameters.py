@@ -146,7 +146,7 @@ class FilterTuning:
     P0: tuple[float, ...] = (0.1, 0.1, 0.1, 1.0, 1.0)
     """Variances of the initial belief where `from_origin` asks for it. A diagonal 5 x 5 matrix is accepted."""
     process: ProcessNoise = field(default_factory=ProcessNoise)
-    """Noise that is assumed on the commanded twist; of its variances and those of `Q` the larger ones count."""
+    """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
     remember_velocity: bool = False
     """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
     wrap_innovation: bool = True

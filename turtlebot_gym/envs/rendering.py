@@ -1,4 +1,4 @@
-"""The picture of the scalar environment: where the robot is, where it believes to be, and where it is to go."""
+"""The picture of the scalar environment: where the robot is, where it believes it is, and its goal."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Absolute fixes for any filter: a pose measured from outside is put in at its stamp, however late it comes.
 
-A filter that took a late fix for one of now would pull the belief back to where the robot was. This one keeps what it was told
-in the last steps, and its estimate from before them; a fix is put into the step to which it belongs, and the filter is told all
-that came since once more. What comes of it is, to the bit, what a fix in time would have led to.
+A filter that treated a late fix as current would pull the belief back to where the robot was. This one keeps the inputs of the
+last steps and its estimate from before them. It inserts a fix into the step to which it belongs, and replays the inputs since
+then. The result is bit-identical to that of a fix in time.
 
 References:
     Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution", *IEEE Transactions on Aerospace and

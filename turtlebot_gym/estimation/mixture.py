@@ -1,8 +1,8 @@
 """A filter that knows of heading spikes: a measured heading is the true one, or it is too great or too small by a spike.
 
-A measurement is taken as a mixture of the three, and what comes of it as a Gaussian with the mixture's mean and covariance. The
-first measurement cannot be weighed against anything, and a filter that believed a spike there would take all that follows for
-spikes: three beliefs begin, one for each explanation, and later measurements say which of them is true.
+A measurement is a mixture of the three, and the posterior is approximated by a Gaussian with the mixture's mean and covariance.
+The first measurement has no prior to be weighed against, and a filter that believed a spike there would take all later
+measurements for spikes. So three beliefs start, one for each explanation, and later measurements decide between them.
 
 References:
     Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", *IEEE Transactions on Automatic

@@ -1,4 +1,4 @@
-"""Fixes: any system, with a sensor besides that measures the pose from outside, seldom, with noise, and late.
+"""Fixes: any system with an additional external pose sensor that is infrequent, noisy and late.
 
 A fix that comes now was measured some steps ago, so what is sensed carries where the robot was in the last steps.
 """

@@ -106,7 +106,7 @@ class SmoothAction(gym.Wrapper, RecordConstructorArgs):
 
     Args:
         env: An environment whose actions are a Box.
-        share: Of the difference that each step makes up for, in (0, 1]; 1 changes nothing.
+        share: Share of the difference that each step makes up, in (0, 1]; 1 changes nothing.
 
     Raises:
         ValueError: If the share is another one, or the actions are no Box.

@@ -88,13 +88,13 @@ def search(
     """Search for hyper-parameters as `training.tuning.tune` does, but in generations.
 
     Args:
-        config: What to train; its ``steps`` are each trial's.
-        folder: The study's; one that holds a study is gone on with.
-        trials: How many finished trials the study is to have, earlier ones included.
-        generation: Trials that are drawn at once; it belongs to the study.
-        storage: Where the study is, see `training.tuning.open_study`.
-        workers: Who does the trials, see `work.complete`.
-        store: Where results are kept until their generation is complete.
+        config: Configuration of the training; its ``steps`` are those of each trial.
+        folder: Study folder; an existing study is resumed.
+        trials: Total number of finished trials, earlier ones included.
+        generation: Number of trials drawn together; it belongs to the study.
+        storage: Storage of the study, see `training.tuning.open_study`.
+        workers: Workers for the trials, see `work.complete`.
+        store: Store of the results until their generation is complete.
         progress: Called with the number of finished trials.
 
     Returns:

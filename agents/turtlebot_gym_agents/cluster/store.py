@@ -18,7 +18,7 @@ from turtlebot_gym_agents.files import replacing
 
 
 class Result(NamedTuple):
-    """What a unit has come to."""
+    """Result of a unit."""
 
     facts: dict[str, Any]
     """Of JSON's own types; NaN and infinity are allowed."""

@@ -23,8 +23,8 @@ PARTS = 3
 class Calibrate:
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
-    With the truth beside it (motion capture, say) all of it can be fitted; without, from the innovations of measured poses, all
-    but the bias of x and y. What the log does not determine is said, with the motion that would.
+    With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
+    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would.
     """
 
     log: tyro.conf.Positional[Path]

@@ -42,7 +42,7 @@ class Command(Protocol):
 class Evaluate(Driven, Placement):
     """Drive policies on the same seeds, and tell how well they do.
 
-    Of policies, noises and observations each combination is evaluated.
+    Evaluates every combination of policy, noise and observation.
     """
 
     policy: tuple[str, ...] = ("proportional", "bearing")

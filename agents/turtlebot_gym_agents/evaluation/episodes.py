@@ -1,4 +1,4 @@
-"""From what a batch of environments told, step by step, to what has come of each episode."""
+"""Compute the results of each episode from the step-by-step record of a batch of environments."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Record(NamedTuple):
 
 
 class Episodes(NamedTuple):
-    """What has come of each episode; all of shape (n,)."""
+    """Results of each episode; all of shape (n,)."""
 
     seed: NDArray[np.int64]
     success: NDArray[np.bool_]
@@ -86,7 +86,7 @@ def concatenate(parts: Sequence[Episodes]) -> Episodes:
 
 
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:
-    """Return what has come of each episode.
+    """Return the results of each episode.
 
     Args:
         record: T steps of n environments.

@@ -73,10 +73,10 @@ def tune(
     they are in the space. What is not searched stays as it is there.
 
     Args:
-        config: What to train; its ``steps`` are each trial's.
-        folder: The study's; one that holds a study is gone on with.
-        trials: How many finished trials the study is to have, earlier ones and those of other processes included.
-        storage: Where the study is, see `open_study`; ``study.db`` in the folder where it is not given.
+        config: Configuration of the training; its ``steps`` are those of each trial.
+        folder: Study folder; an existing study is resumed.
+        trials: Total number of finished trials, including earlier ones and those of other processes.
+        storage: Storage of the study, see `open_study`; None for ``study.db`` in the folder.
         progress: Called with the number of finished trials.
 
     Returns:

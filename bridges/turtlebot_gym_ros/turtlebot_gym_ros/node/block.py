@@ -45,7 +45,7 @@ class Input:
     aged: bool = False
     """Whether ``step`` is given the value with its age by the stamps, as an `Aged`."""
     reliable: bool = True
-    """Whether lost messages are sent again; without, publishers of either kind are understood."""
+    """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
 
 
 class Mount(NamedTuple):
@@ -77,9 +77,10 @@ class Output:
     """Whether it does not come in every step. In lock-step it then also says, in each step on ``TOPIC/newest``, which message
     is the newest one, for inputs that wait for that."""
     reliable: bool = True
-    """Whether lost messages are sent again, outside of lock-step; without, as sensors publish."""
+    """Reliable QoS if true; best effort otherwise, as for sensor data. Lock-step is always reliable."""
     latched: bool = False
-    """Whether the last value is kept for who comes late: what is said once. It belongs to no step of lock-step."""
+    """Whether late joiners receive the last value, for outputs that are published once. Such values belong to no step of
+    lock-step."""
     covariance: Callable[[], Covariance] | None = None
     """Returns the covariance of a value that travels as Odometry, if the value itself has none; asked after each step."""
     transform: bool = False

@@ -1,4 +1,5 @@
-"""Who has not answered a step: a plant that has waited long listens in on the way from its outputs to its inputs."""
+"""Find the node that has not answered a step: a plant that has waited long listens to the topics from its outputs to its
+inputs."""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ class Chain:
         self._newest: dict[str, int | None] = {}
         self._looks = 0
         self.missing: str | None = None
-        """Who has not answered, in words."""
+        """Description of the node that has not answered."""
 
     def watch(self, stamp: int | None) -> None:
         """Take a look; to be called every 0.1 s.

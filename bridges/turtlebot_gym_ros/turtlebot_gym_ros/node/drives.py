@@ -37,7 +37,7 @@ class Hands:
     now: Callable[[], float]
     """The steady clock, s."""
     step: Callable[[int], bool]
-    """Runs the block once, at a stamp in ns, and publishes what comes of it; returns whether it did."""
+    """Runs the block once at a stamp, ns, and publishes the result; returns whether it did."""
     begin: Callable[[], None]
     """Resets the block and this drive."""
     may_move: Callable[[], bool]

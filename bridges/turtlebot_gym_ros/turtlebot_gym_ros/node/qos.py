@@ -10,7 +10,7 @@ LOCK_STEP = QoSProfile(depth=10_000)
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """A subscription with it understands reliable and best-effort publishers."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Who comes late is given the last value."""
+"""Late joiners receive the last value."""
 
 
 def overridable() -> QoSOverridingOptions:

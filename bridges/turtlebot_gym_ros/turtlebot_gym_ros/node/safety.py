@@ -1,4 +1,4 @@
-"""Whether a node may move the robot: a small state machine that knows no ROS and is told the time.
+"""State machine that decides whether a node may move the robot; it does not depend on ROS and takes the time as an argument.
 
     silent --step--> active --stop--> stopping (one second of zeros) --> silent
                        ^                  |

@@ -154,7 +154,7 @@ class Shell:
         drive.heard(key, stamp)
 
     def _step(self, stamp: int) -> bool:
-        """Run the block once, publish what comes of it, and return whether it ran."""
+        """Run the block once, publish the result, and return whether it ran."""
         now, switch, drive = self._now(), self.switch, self._drive
         if switch and not switch.safety.enabled:
             return False
@@ -214,7 +214,7 @@ class Shell:
         return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), self._drive.missing())
 
     def _fault(self, why: str) -> None:
-        """Report what a step has come to, and stop until enabled again."""
+        """Report a fault of a step, and stop until enabled again."""
         if why != self._trouble:
             self._log.error(f"fault: {why}")
         self._trouble = why
