@@ -28,12 +28,9 @@ def summary(results: Mapping[str, Any]) -> list[str]:
 
 
 def headline(results: Mapping[str, Any]) -> str:
-    """Return how often PPO loses, draws and wins, in three sentences without the numbers of each scenario."""
+    """Return how often PPO loses, draws and wins: the findings' first words, without the numbers of each scenario."""
     rows = results["comparisons"]
-    counts = {verdict: sum(row["verdict"] == verdict for row in rows) for verdict in VERDICTS}
-    told = [f"{words.format(n=counts[verdict], all=len(rows))}." for verdict, words in VERDICTS.items() if counts[verdict]]
-    untuned = len(_won_against_defaults(rows))
-    return " ".join([*told, *[f"Against the baselines' defaults PPO would have won {untuned} more."] * (untuned > 0)])
+    return " ".join(f"{bullet.split('**')[1]}." for bullet in (*_verdicts(rows), *_untuned(rows)))
 
 
 def conditions(results: Mapping[str, Any]) -> str:
@@ -70,21 +67,16 @@ def _difference(row: Mapping[str, Any]) -> str:
 
 def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the result of the same comparison with untuned baselines."""
-    gains = _won_against_defaults(rows)
+    gains = {
+        row["scenario"]: (row["baselines"][0]["time_untuned"]["value"], row["baselines"][0]["time"]["value"])
+        for row in rows
+        if row["ppo"]["time"]["value"] < row["baselines"][0]["time_untuned"]["value"] and row["verdict"] != "PPO faster"
+    }
     if not gains:
         return []
     ordered = sorted(gains.items(), key=lambda item: item[1][0] - item[1][1])
     told = _listed([f"{name} ({untuned:.2f} s instead of {tuned:.2f} s)" for name, (untuned, tuned) in ordered])
     return [f"* **Against the baselines' defaults PPO would have won {len(gains)} more**: {told}."]
-
-
-def _won_against_defaults(rows: Sequence[Mapping[str, Any]]) -> dict[str, tuple[float, float]]:
-    """Return the times of the baseline, untuned and tuned, where PPO beats the untuned one only."""
-    return {
-        row["scenario"]: (row["baselines"][0]["time_untuned"]["value"], row["baselines"][0]["time"]["value"])
-        for row in rows
-        if row["ppo"]["time"]["value"] < row["baselines"][0]["time_untuned"]["value"] and row["verdict"] != "PPO faster"
-    }
 
 
 def _filter(rows: Sequence[Mapping[str, Any]]) -> list[str]:

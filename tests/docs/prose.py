@@ -1,4 +1,4 @@
-"""The prose linter: looks for the phrases of `words.toml` in pages, notebooks, docstrings, comments and messages.
+"""The prose linter: looks for the phrases of `words.toml` in pages, notebooks, docstrings, comments, messages and launch files.
 
     python tests/docs/prose.py [PATH ...]
 
@@ -126,7 +126,20 @@ def of_python(text: str) -> Iterator[Passage]:
         yield Passage(_without_code(said), last - said.count("\n"), in_page=False)
 
 
-READERS = {".md": of_markdown, ".ipynb": of_notebook, ".py": of_python}
+def of_yaml(text: str) -> Iterator[Passage]:
+    """Return the comments of a YAML file, each line by itself: most explain the value before them."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if match := re.search(r"(?:^|\s)#\s+(.*)", line):
+            yield Passage(_without_code(match[1]), number, in_page=False)
+
+
+def of_launch_file(text: str) -> Iterator[Passage]:
+    """Return the comments of a launch file, and the descriptions of its arguments."""
+    for match in re.finditer(r'<!--(.*?)-->|description="([^"]*)"', text, re.DOTALL):
+        yield Passage(_without_code(match[1] or match[2]), text[: match.start()].count("\n") + 1, in_page=False)
+
+
+READERS = {".md": of_markdown, ".ipynb": of_notebook, ".py": of_python, ".yaml": of_yaml, ".xml": of_launch_file}
 
 
 def check(passage: Passage, rules: Iterable[Rule]) -> Iterator[tuple[int, str, str]]:

@@ -47,6 +47,8 @@ def test_the_examples_of_the_house_style_are_found():
         ("table.md", "| a |\n|---|\n| b |\n| it believes to be |\n"),
         ("module.py", 'def f():\n    """Return it.\n\n    It believes to be there.\n    """\n'),
         ("message.py", "\n\n\nraise ValueError(f'{1} believes to be there')\n"),
+        ("params.yaml", "a: 1\nb: 2\nc:\n  d: 3  # It believes to be there\n"),
+        ("robot.launch.xml", '<launch>\n  <arg name="a"/>\n\n  <arg name="b" description="it believes to be"/>\n</launch>\n'),
         ("comment.py", "x = 1\n\n# It stops where it\n# believes to be.\n"),
     ],
 )
