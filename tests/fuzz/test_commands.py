@@ -21,7 +21,7 @@ from turtlebot_gym_agents.commands.cli import COMMANDS, main
 try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
-        import rclpy.node
+        import rclpy.node  # noqa: F401
         import rosidl_generator_py  # noqa: F401
     from turtlebot_gym_ros.__main__ import main as ros
 except ImportError:
