@@ -3,6 +3,7 @@
 import os
 from contextlib import redirect_stdout, suppress
 from io import StringIO
+from textwrap import fill
 
 import mkdocs_gen_files
 
@@ -10,14 +11,17 @@ from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_agents.commands.cli import main as turtlebot_gym
 from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
 
-os.environ["COLUMNS"] = "100"
+WIDTH = 100
+"""Columns that fit beside both side bars at 1400 pixels."""
+os.environ["COLUMNS"] = str(WIDTH)
 
 
 def help_of(main, *words):
     """Return what a command prints when it is asked for help."""
     with redirect_stdout(StringIO()) as told, suppress(SystemExit):
         main([*words, "--help"])
-    return told.getvalue().strip()
+    lines = told.getvalue().strip().splitlines()
+    return "\n".join(fill(line, WIDTH) if len(line) > WIDTH else line for line in lines)  # descriptions come unwrapped
 
 
 with mkdocs_gen_files.open("reference/commands.md", "w") as page:
