@@ -24,7 +24,7 @@ from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.units import CHUNK, Drive, drives, key, training
 from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
 from turtlebot_gym_agents.provenance import write_json
-from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.config import TrainingConfig
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 PLANNED = (2, 16, 128, 1000)

@@ -22,7 +22,8 @@ from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_bas
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import provenance
-from turtlebot_gym_agents.training.train import TrainingConfig, train
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import train
 
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing", "corner")}

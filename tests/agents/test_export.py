@@ -13,10 +13,11 @@ from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training import export as module
 from turtlebot_gym_agents.training import graph, normalization
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export, load_model
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.train import TrainingConfig, make_model
+from turtlebot_gym_agents.training.train import make_model
 
 torch.set_num_threads(1)
 CARD = Card(env="e", robot=describe_robot("burger"), dt=0.1, noise="tutorial", filter="matched", observation="ekf")

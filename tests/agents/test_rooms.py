@@ -12,7 +12,8 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.training.train import TrainingConfig, train
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import train
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 

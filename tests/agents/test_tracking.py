@@ -12,8 +12,9 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.tracking import RUN_FILE, WandbCallback
-from turtlebot_gym_agents.training.train import TrainingConfig, train
+from turtlebot_gym_agents.training.train import train
 
 CONFIG = TrainingConfig(steps=20_000, evaluations=2, episodes=10)
 INSTALLED = find_spec("wandb") is not None

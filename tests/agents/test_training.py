@@ -28,8 +28,9 @@ from turtlebot_gym_agents.training.callbacks import (
     policy_of,
     replay_path,
 )
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.train import TrainingConfig, load_checkpoint, make_model, train
+from turtlebot_gym_agents.training.train import load_checkpoint, make_model, train
 
 torch.set_num_threads(1)
 SHORT = {

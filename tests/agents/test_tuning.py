@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from turtlebot_gym_agents.training import hyperparameters
-from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.tuning import SPACES, starting_point, tune, with_parameters
 
 # Drawn batches may be larger than these small rollouts.

@@ -10,7 +10,8 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.training.train import TrainingConfig, train
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import train
 from turtlebot_gym_ros import Graph
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"

@@ -5,7 +5,8 @@ from urllib.request import urlopen
 
 import pytest
 
-from turtlebot_gym_agents.training.train import TrainingConfig, train
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import train
 from turtlebot_gym_agents.training.watching import WatchCallback
 
 

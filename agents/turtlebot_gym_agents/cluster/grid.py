@@ -91,7 +91,7 @@ class Grid:
 
     def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[Training]:
         """Return the units of a training in a cell, one for each seed."""
-        from turtlebot_gym_agents.training.train import TrainingConfig
+        from turtlebot_gym_agents.training.config import TrainingConfig
 
         said = dict(self.trainings[name])
         seeds = said.pop("seeds", 1)

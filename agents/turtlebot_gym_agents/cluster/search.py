@@ -23,7 +23,7 @@ from turtlebot_gym_agents.cluster.units import Training, compile_training, locat
 from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
 from turtlebot_gym_agents.provenance import plain
 from turtlebot_gym_agents.training import hyperparameters
-from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.tuning import (
     SPACES,
     Sampler,

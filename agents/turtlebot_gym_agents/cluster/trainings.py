@@ -9,7 +9,8 @@ from turtlebot_gym_agents.cluster.store import Store
 from turtlebot_gym_agents.cluster.units import training
 from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
 from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.training.train import TrainingConfig, TrainingResult
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import TrainingResult
 
 
 def train_all(

@@ -31,7 +31,7 @@ from turtlebot_gym_agents.evaluation.metrics import Errors
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
-    from turtlebot_gym_agents.training.train import TrainingConfig
+    from turtlebot_gym_agents.training.config import TrainingConfig
 
 CHUNK = 250
 """Episodes per unit. It never depends on the number of workers, so that stored units are found again."""

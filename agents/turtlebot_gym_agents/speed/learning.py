@@ -71,7 +71,8 @@ def training(
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     from turtlebot_gym_agents.training import hyperparameters
-    from turtlebot_gym_agents.training.train import TrainingConfig, make_model
+    from turtlebot_gym_agents.training.config import TrainingConfig
+    from turtlebot_gym_agents.training.train import make_model
 
     config = TrainingConfig(env=NAV)
     hyper = hyperparameters.load("ppo", NAV)

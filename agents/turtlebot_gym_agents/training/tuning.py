@@ -27,7 +27,8 @@ from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback
-from turtlebot_gym_agents.training.train import TrainingConfig, learn, make_model
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import learn, make_model
 
 _NETWORK: dict[str, BaseDistribution] = {
     "policy_kwargs.net_arch": CategoricalDistribution(("[32, 32]", "[64, 64]", "[128, 128]")),

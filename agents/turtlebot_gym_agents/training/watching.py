@@ -7,7 +7,7 @@ import time
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
-from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.watch import Growing, Track, record_episode
 from turtlebot_gym_agents.watch.server import Server
 

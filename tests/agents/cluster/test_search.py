@@ -20,7 +20,7 @@ from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.units import run
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.training import hyperparameters
-from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.tuning import tune
 
 ROOT = Path(__file__).parents[3]

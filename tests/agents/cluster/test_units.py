@@ -15,7 +15,7 @@ from turtlebot_gym_agents.cluster.units import Drive, columns, drives, episodes_
 from turtlebot_gym_agents.cluster.work import evaluate_all
 from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
 from turtlebot_gym_agents.provenance import plain
-from turtlebot_gym_agents.training.train import TrainingConfig
+from turtlebot_gym_agents.training.config import TrainingConfig
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 
