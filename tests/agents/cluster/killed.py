@@ -15,6 +15,8 @@ class Logged:
     number: int
     folder: str
     seconds: float = 0.4
+    holds: bool = False
+    """Whether it goes on running until the folder has a file ``go``."""
     memory = 0
     size = 1
 
@@ -24,6 +26,9 @@ class Logged:
     def run(self):
         self._say("begin")
         time.sleep(self.seconds)
+        deadline = time.monotonic() + 120.0
+        while self.holds and not (Path(self.folder) / "go").exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
         self._say("end")
         return Result({"number": self.number}, {}, {}, {})
 

@@ -114,19 +114,20 @@ def test_a_killed_worker_costs_its_unit_alone(tmp_path, environment):
             folder = tmp_path / str(number)
             store, gone = Counting(folder / "store"), []
             folder.mkdir(exist_ok=True)
-            units = [killed.Logged(number=each, folder=str(folder)) for each in range(8)]
+            units = [killed.Logged(number=each, folder=str(folder), holds=each == 7) for each in range(8)]
             after = random.randrange(1, 6)
 
             def kill(done, folder=folder, gone=gone, after=after, store=store):
                 if done < after or gone:
                     return
-                stored = set(store.counts)
-                log = killed.read(folder)
-                ended = {one for what, one, _ in log if what == "end"}
-                running = [(one, process) for what, one, process in log if what == "begin" and one not in ended]
-                if running:
-                    os.kill(running[0][1], signal.SIGKILL)
-                    gone.append((running[0], stored))
+                stored, running = set(store.counts), []
+                while not running:  # the last unit runs until a worker is killed
+                    log = killed.read(folder)
+                    ended = {one for what, one, _ in log if what == "end"}
+                    running = [(one, process) for what, one, process in log if what == "begin" and one not in ended]
+                os.kill(running[0][1], signal.SIGKILL)
+                gone.append((running[0], stored))
+                (folder / "go").touch()
 
             results = complete(units, workers=workers, store=store, progress=kill)
             assert gone, "no worker was killed"
