@@ -125,6 +125,14 @@ def test_rooms_are_refused_by_name(name, bad):
             maker(ROOMS, **{name: bad})
 
 
+@pytest.mark.parametrize("name", ["circles", "boxes"])
+def test_obstacles_are_counted_in_whole_numbers(name):
+    """A count between 1.5 and 1.9 was drawn as 2, one more than the compiled loop had room for."""
+    with pytest.raises(ValueError, match=rf"^RoomRules.{name} must be whole numbers, got \(1\.5, 1\.9\)\.$"):
+        RoomRules(**{name: (1.5, 1.9)})
+    assert RoomRules(**{name: [1, 2]})
+
+
 def test_mappings_stand_for_parameters():
     given_ = make_parameters(
         reward={"time": 0.2},

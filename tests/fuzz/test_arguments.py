@@ -86,9 +86,11 @@ GROUND = st.fixed_dictionaries(
 )
 SMALL = st.one_of(st.sampled_from([0.0, 1e-6, 0.05, 0.1, 0.3, 0.5, 1.0, 2.0, 3.0, 20.0, 1e3]), st.floats(0.0, 4.0))
 PAIR = st.lists(SMALL, min_size=2, max_size=2).map(sorted)
+COUNTS = st.lists(st.integers(0, 30).map(float), min_size=2, max_size=2).map(sorted)
 RULES = st.fixed_dictionaries(
     {},
-    optional=dict.fromkeys(("circles", "boxes", "radius", "speed"), PAIR)
+    optional=dict.fromkeys(("radius", "speed"), PAIR)
+    | dict.fromkeys(("circles", "boxes"), st.one_of(COUNTS, COUNTS, PAIR))
     | dict.fromkeys(("half_length", "half_width", "total", "courtesy", "min_distance", "max_distance"), SMALL)
     | {"kind": st.sampled_from([0.0, 1.0, 2.0, 3.0]), "fill": st.floats(0.0, 1.0), "through": st.booleans()},
 )

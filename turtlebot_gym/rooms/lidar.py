@@ -27,6 +27,8 @@ MAX_AGE = 1.0
 """Greatest age of a scan that a policy sees, s."""
 MAX_BEAMS = 10_000
 """Most beams per revolution: five times those of the finest LiDARs for robots of this size."""
+MIN_RATE, MAX_RATE = 0.01, 1e4
+"""Slowest and fastest LiDAR, revolutions per second: the age of a scan is counted in whole nanoseconds."""
 DEAD_SECTORS = 4
 """Most blind sectors of a LiDAR."""
 
@@ -72,6 +74,8 @@ class Lidar:
         require(self, "finite", "x", "y", "yaw")
         require(self, "non-negative", "range_min", "deviation", "deviation_share", "quantization")
         require(self, "a probability", "accuracy", "dropout")
+        if not MIN_RATE <= self.rate <= MAX_RATE:
+            raise ValueError(f"Lidar.rate must be from {MIN_RATE:g} to {MAX_RATE:g} Hz, got {self.rate!r}.")
         if not self.range_min < self.range_max:
             raise ValueError(f"Lidar.range_min must be below range_max, got {self.range_min!r} >= {self.range_max!r}.")
         try:

@@ -78,6 +78,8 @@ class RoomRules:
             value = getattr(self, name)
             if len(value) != 2 or value[0] > value[1]:
                 raise ValueError(f"RoomRules.{name} must be a least and a greatest value, got {value!r}.")
+            if name in ("circles", "boxes") and any(number % 1.0 for number in value):
+                raise ValueError(f"RoomRules.{name} must be whole numbers, got {value!r}.")
 
 
 ROOMS = {

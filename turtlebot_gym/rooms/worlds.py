@@ -14,7 +14,7 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.validation import choose, made
+from turtlebot_gym.validation import choose, made, shown
 from turtlebot_gym.values import Pose
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
@@ -45,7 +45,7 @@ def find_world(world: World) -> RoomRules | FloorPlan:
         return read_map(world)
     if not isinstance(world, str) or world not in ROOMS:
         files = ", ".join((*GAZEBO, *MAPS))
-        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file ({files}), got {world!r}.")
+        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file ({files}), got {shown(world)}.")
     return ROOMS[world]
 
 

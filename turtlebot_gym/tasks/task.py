@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from turtlebot_gym.models.angles import PI, wrap
-from turtlebot_gym.validation import LARGEST, choose, require, typed, whole
+from turtlebot_gym.validation import LARGEST, choose, require, shown, typed, whole
 from turtlebot_gym.values import Pose
 
 
@@ -115,7 +115,7 @@ def make_task(
         given = ()
     if not given or not all(abs(number) <= LARGEST for waypoint in given for number in waypoint):
         raise ValueError(
-            f"waypoints must be one or more finite poses (x, y, theta), at most {LARGEST:g} m away, got {waypoints!r}."
+            f"waypoints must be one or more finite poses (x, y, theta), at most {LARGEST:g} m away, got {shown(waypoints)}."
         )
     poses = tuple(Pose(waypoint.x, waypoint.y, wrap(waypoint.theta)) for waypoint in given)
     return replace(chosen, **changes), poses[:1] if chosen.random else poses
