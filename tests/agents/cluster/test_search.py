@@ -122,7 +122,17 @@ def test_processes_that_share_a_journal_draw_other_parameters(config, tmp_path, 
 
 def test_the_command_says_what_it_drew_at_once(config, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(module, "complete", lambda units, **rest: [one for _, one in Imagined()((str(u), u) for u in units)])
-    arguments = ["--config", str(config.config), "--trials", "2", "--out", str(tmp_path), "--json", str(tmp_path / "out.json")]
+    arguments = [
+        "--config",
+        str(config.config),
+        "--trials",
+        "2",
+        "--out",
+        str(tmp_path),
+        "--json",
+        str(tmp_path / "out.json"),
+        "--force",
+    ]
     assert main(["tune", *arguments, "--generation", "2"]) == 0
     content = json.loads((tmp_path / "out.json").read_text())
     assert content["config"]["generation"] == 2
