@@ -12,6 +12,7 @@ from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from rich.console import Console
 from rich.progress import track
@@ -124,9 +125,8 @@ def best_of_trainings(runs: Sequence[Path]) -> Path:
 
 def run_all(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], label: str, processes: int) -> list[Any]:
     """Run jobs, functions with their arguments, in separate processes; return their results in order."""
-    for threads in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[threads] = "1"  # for the processes: each has one core
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    one = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
+    with one, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(function, *arguments) for function, arguments in jobs]
         try:
             for done in track(as_completed(futures), label, total=len(futures), console=Console(stderr=True)):

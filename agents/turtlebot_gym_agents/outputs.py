@@ -101,9 +101,13 @@ def _require(told: str, path: Path, kind: Output, inputs: list[Path], *, force: 
     if kind.folder:
         if path.exists() and not path.is_dir():
             raise ValueError(f"{told}: it is a file; a folder is needed.")
+        missing = [one for one in (path, *path.parents) if not one.exists()]
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
-            return
+            pass
+        for folder in missing:  # the work makes it again, if it comes to that
+            folder.rmdir()
+        return
     if path.exists() and not path.is_file() and not path.is_dir():
         return  # a device or a pipe
     if path.is_dir():

@@ -4,6 +4,7 @@ import os
 from contextlib import redirect_stdout, suppress
 from io import StringIO
 from textwrap import fill
+from unittest.mock import patch
 
 import mkdocs_gen_files
 
@@ -13,12 +14,12 @@ from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
 
 WIDTH = 100
 """Columns that fit beside both side bars at 1400 pixels."""
-os.environ["COLUMNS"] = str(WIDTH)
 
 
 def help_of(main, *words):
     """Return what a command prints when it is asked for help."""
-    with redirect_stdout(StringIO()) as told, suppress(SystemExit):
+    columns = patch.dict(os.environ, COLUMNS=str(WIDTH))
+    with columns, redirect_stdout(StringIO()) as told, suppress(SystemExit):
         main([*words, "--help"])
     lines = told.getvalue().strip().splitlines()
     return "\n".join(fill(line, WIDTH) if len(line) > WIDTH else line for line in lines)  # descriptions come unwrapped
