@@ -19,6 +19,7 @@ def claim_domain():
 
 os.environ["ROS_DOMAIN_ID"], _CLAIM = claim_domain()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.pop("COLUMNS", None)  # pytest-xdist sets it, and tables would be as wide as the terminal
 
 
 def pytest_unconfigure():

@@ -125,10 +125,12 @@ def test_devices_and_empty_files_are_written(folder):
     require_outputs([("--json", Path("/dev/null"), JSON), ("--plot", Path("made.json"), Output((".json",)))])
 
 
-def test_missing_folders_are_made_and_existing_ones_kept(folder):
+def test_missing_folders_of_files_are_made_and_existing_ones_kept(folder):
     require_outputs([("--json", Path("a/b/c.json"), JSON), ("--out", Path("d"), FOLDER), ("--plot", Path("e.svg"), FIGURE)])
     assert (folder / "a" / "b").is_dir()
     assert not list((folder / "a" / "b").iterdir())
+    assert not (folder / "d").exists()  # the work makes it
+    (folder / "d").mkdir()
     (folder / "d" / "kept").touch()
     require_outputs([("--out", Path("d"), FOLDER)])
     assert [path.name for path in (folder / "d").iterdir()] == ["kept"]
