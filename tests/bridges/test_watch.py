@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
+from std_srvs.srv import Trigger
 
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.graph.watcher import LAG, Watcher
@@ -102,6 +103,20 @@ def test_another_drive_begins_where_time_leaps(robot, watcher, wait_for):
         _, track, _ = watcher.drive.read()
         assert set(track.drive.odometry[:, 0]) == {start}
         assert track.drive.time[0] == 0.0
+
+
+def test_another_drive_begins_where_the_plant_was_reset_and_shows_its_own_room(watcher, peer, wait_for):
+    with Graph(world="office", policy="vfh", seed=3, speed=1.0) as graph:
+        graph.wait_until(lambda graph: graph.time >= 2.0)
+        before = watcher.drive.read()[0]
+        room = graph.latest["obstacles"]
+        peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
+        wait_for(lambda: graph.latest["obstacles"].boxes != room.boxes)
+        wait_for(lambda: watcher.drive.read()[0] > before and watcher.drive.read()[1].rows > 10)
+        _, track, _ = watcher.drive.read()
+        np.testing.assert_allclose(track.around.room.boxes, graph.latest["obstacles"].boxes)
+    moved = np.hypot(*np.diff(track.drive.true_state[:, :2], axis=0).T)
+    assert np.nanmax(moved) < 0.1  # no line leads from one drive to the other
 
 
 def test_it_hears_the_guard_of_its_robot_alone(robot, watcher, wait_for):

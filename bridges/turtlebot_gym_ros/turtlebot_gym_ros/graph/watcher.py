@@ -1,7 +1,7 @@
 """An observer that turns the topics of a running graph into a growing drive for the viewer.
 
 It only listens, to a simulated graph or a robot's, in real time or in lock-step. A row is a message on ``odom`` with all values
-of the same stamp. A leap of the stamps, forwards or backwards, begins another drive.
+of the same stamp. A leap of the stamps, forwards or backwards, a reset of the plant and another room each begin another drive.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
+from std_msgs.msg import Empty
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
@@ -90,6 +91,7 @@ class Watcher:
         way = conversion(GridMap)
         self.node.create_subscription(way.message, "map", self._hear("map", way.read), LATCHED)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_report, STREAM)
+        self.node.create_subscription(Empty, "reset", self._hear_reset, STREAM)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait for the first row, and return whether it has arrived.
@@ -124,6 +126,11 @@ class Watcher:
             if status.name == self._guard:
                 self._report = float(status.level[0]), status.message
 
+    def _hear_reset(self, message: Empty) -> None:
+        """Begin another drive with the next row: the plant has placed the robot somewhere else."""
+        self._pending.clear()
+        self._last = -1
+
     def _begin_row(self, stamp: int) -> None:
         """Record the current values when a row begins."""
         if stamp == self._stamp:
@@ -146,7 +153,8 @@ class Watcher:
 
     def _add(self, stamp: int, latest: dict[str, Any], step: dict[str, Any]) -> None:
         room, grid = self._latest.get("obstacles"), self._latest.get("map")
-        came = (self._room is None and room is not None) or (self._grid is None and grid is not None)
+        came = self._grid is None and grid is not None
+        came |= room is not None and (self._room is None or still_of(room) != still_of(self._room))
         if not 0.0 < (stamp - self._last) * 1e-9 <= LEAP or self._rows >= LONGEST or came:
             self._first, self._rows, self._scan = stamp, 0, None
             self._room, self._grid = room, grid
@@ -196,3 +204,8 @@ class Watcher:
 
 def _stamp(message: Any) -> int:
     return Time.from_msg(message.header.stamp).nanoseconds
+
+
+def still_of(room: Obstacles) -> tuple[Any, ...]:
+    """Return the parts of a room that never move; walkers are circles."""
+    return room.walls, room.boxes
