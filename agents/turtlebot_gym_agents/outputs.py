@@ -2,8 +2,9 @@
 
 One rule for all commands. An output is refused before anything starts if it cannot be written, if it is a folder where a file
 is needed (or the other way round), if its suffix is not that of what is written, or if it is an input or another output of the
-same command, by whatever link. A file that exists and is not empty is overwritten with ``--force`` alone. Missing folders
-are made. What is neither a file nor a folder, such as ``/dev/stdout``, is written as it is.
+same command, by whatever link. A file that exists and is not empty is overwritten with ``--force`` alone. A file's missing
+folder is made; a missing output folder is left to the work. What is neither a file nor a folder, such as ``/dev/stdout``, is
+written as it is.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ FOLDER = Output(folder=True)
 
 
 def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iterable[object] = (), force: bool = False) -> None:
-    """Refuse outputs that cannot or should not be written; folders that are missing are made.
+    """Refuse outputs that cannot or should not be written; missing folders of files are made.
 
     Args:
         outputs: Option, path and kind of each.

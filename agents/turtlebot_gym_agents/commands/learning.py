@@ -78,10 +78,10 @@ class Train(_Learned, Placement):
 
     def run(self) -> None:
         """Train, print a table, and write the requested files."""
-        if not self.seeds > 0:
-            raise ValueError(f"seeds must be positive, got {self.seeds}.")
         from turtlebot_gym_agents.training.config import require_no_run
 
+        if not self.seeds > 0:
+            raise ValueError(f"seeds must be positive, got {self.seeds}.")
         self._require_tracking()
         self.require_cluster()
         seeds = range(self.seed, self.seed + self.seeds)

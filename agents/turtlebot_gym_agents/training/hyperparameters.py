@@ -83,9 +83,8 @@ def checked_for(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
     from turtlebot_gym_agents.training.algorithms import ALGORITHMS
 
     arguments(hyper, choose("algo", algo, ALGORITHMS))
-    network = hyper.get("policy_kwargs") or {}
-    parsed = {"policy_kwargs": _keywords(network) if isinstance(network, str) else network}
-    return plain({**hyper, **parsed, **{key: checked(key, hyper[key], OURS[key]) for key in OURS if key in hyper}})
+    ours = {key: checked(key, hyper[key], OURS[key]) for key in OURS if key in hyper}
+    return plain({**hyper, "policy_kwargs": _network_of(hyper), **ours})
 
 
 def save(path: Path, env: str, hyper: dict[str, Any]) -> None:
@@ -99,6 +98,12 @@ def save(path: Path, env: str, hyper: dict[str, Any]) -> None:
 
 def _written(key: str, value: Any) -> str:
     return f"nn.{str(value).removeprefix('nn.')}" if key == "activation_fn" else repr(value)
+
+
+def _network_of(hyper: Mapping[str, Any]) -> Any:
+    """Return ``policy_kwargs``, parsed if they are text."""
+    network = hyper.get("policy_kwargs") or {}
+    return _keywords(network) if isinstance(network, str) else network
 
 
 def _keywords(text: str) -> dict[str, Any]:
@@ -138,8 +143,7 @@ def arguments(hyper: Mapping[str, Any], algorithm: type[BaseAlgorithm]) -> dict[
     _require_known(f"{who} has no hyper-parameter", given, [*known, *OURS, "policy_kwargs"])
     found = {key: checked(key, value, known[key]) for key, value in given.items()}
     ours = {key: checked(key, hyper[key], rule) for key, rule in OURS.items() if key in hyper}
-    network = hyper.get("policy_kwargs") or {}
-    network = _keywords(network) if isinstance(network, str) else network
+    network = _network_of(hyper)
     if not isinstance(network, Mapping):
         raise ValueError(f"policy_kwargs must be a mapping, got {shown(network)}.")
     rules = network_rules_of(algorithm)

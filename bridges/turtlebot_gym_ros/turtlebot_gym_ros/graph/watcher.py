@@ -154,7 +154,7 @@ class Watcher:
     def _add(self, stamp: int, latest: dict[str, Any], step: dict[str, Any]) -> None:
         room, grid = self._latest.get("obstacles"), self._latest.get("map")
         came = self._grid is None and grid is not None
-        came |= room is not None and (self._room is None or still_of(room) != still_of(self._room))
+        came |= room is not None and (self._room is None or _still_of(room) != _still_of(self._room))
         if not 0.0 < (stamp - self._last) * 1e-9 <= LEAP or self._rows >= LONGEST or came:
             self._first, self._rows, self._scan = stamp, 0, None
             self._room, self._grid = room, grid
@@ -206,6 +206,6 @@ def _stamp(message: Any) -> int:
     return Time.from_msg(message.header.stamp).nanoseconds
 
 
-def still_of(room: Obstacles) -> tuple[Any, ...]:
+def _still_of(room: Obstacles) -> tuple[Any, ...]:
     """Return the parts of a room that never move; walkers are circles."""
     return room.walls, room.boxes
