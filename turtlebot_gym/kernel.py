@@ -1,8 +1,8 @@
 """The decorator for equations: one source that runs as plain Python and inside a compiled loop.
 
 Decorated functions are pure: they take and return scalars and (nested) ``NamedTuple``s of scalars; noise draws are arguments;
-there are no clocks and no generators. Without numba the decorator returns the function unchanged, so a robot needs neither
-numba nor a compiler.
+there are no clocks and no generators. Without numba, or with numba's own ``NUMBA_DISABLE_JIT=1``, the decorator returns the
+function unchanged: a robot needs neither numba nor a compiler, and a debugger can enter the loops.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable)
 
 try:
-    from numba import extending
+    from numba import config, extending
+
+    extending = None if config.DISABLE_JIT else extending
 except ImportError:
     extending = None
 

@@ -65,6 +65,30 @@ def test_names_of_arguments_and_the_alphabet_make_no_mutants(mutation):
     assert not any("/" in now or "<" in now or ">" in now.replace("->", "") for now in changed)
 
 
+def test_every_caught_exception_can_be_one_that_is_never_raised(mutation):
+    code = """
+try:
+    read()
+except (json.JSONDecodeError, OSError, KeyError):
+    pass
+except ValueError as error:
+    pass
+except (TypeError):
+    pass
+except numpy.linalg.LinAlgError:
+    pass
+"""
+    changed = {mutant.now for mutant in mutation.draw("read.py", code, 1000, seed=0)}
+    assert {
+        "except (NeverRaised, OSError, KeyError):",
+        "except (json.JSONDecodeError, NeverRaised, KeyError):",
+        "except (json.JSONDecodeError, OSError, NeverRaised):",
+        "except NeverRaised as error:",
+        "except (NeverRaised):",
+        "except NeverRaised:",
+    } <= changed
+
+
 def test_every_module_of_the_table_and_all_its_tests_are_there(mutants):
     rows = mutants.table(mutants.Config())
     assert len({row.path for row in rows}) == len(rows)

@@ -311,9 +311,10 @@ print(json.dumps([HAS_NUMBA, sums]))
 """
 
 
-def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits():
+@pytest.mark.parametrize("block", ['sys.modules["numba"] = None', 'import os; os.environ["NUMBA_DISABLE_JIT"] = "1"'])
+def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits(block):
     compiled = run(PLAIN.replace("BLOCK", ""))
-    plain = run(PLAIN.replace("BLOCK", 'sys.modules["numba"] = None'))
+    plain = run(PLAIN.replace("BLOCK", block))
     assert (compiled[0], plain[0]) == (True, False)
     assert plain[1] == compiled[1]
 
