@@ -138,10 +138,21 @@ def study(config: Config, folder: Path, runs: Sequence[Path]) -> list[dict[str, 
     pairs = [(policy, name) for name in names for policy in dict.fromkeys(one for kind in kinds.values() for one in kind)]
     found = run_all([(drive, (folder, *pair, config)) for pair in pairs], "settings and policies", config.processes)
     by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, found, strict=True))
-    return [
-        row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
-        for name in names for kind, policies in kinds.items()
-    ]  # fmt: skip
+    rows = []
+    for name in names:
+        for kind, policies in kinds.items():
+            told = row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
+            bare = policies[0].removesuffix(SAFETY), name
+            if policies[0].endswith(SAFETY) and bare in by_pair:
+                told["later"] = later(by_pair[policies[0], name], by_pair[bare])
+            rows.append(told)
+    return rows
+
+
+def later(protected: Evaluation, bare: Evaluation) -> Interval:
+    """Return by how much the safety layer delays the arrival in rooms that the policy crosses with and without it, s."""
+    one, other = protected.episodes, bare.episodes
+    return metrics.mean((one.time - other.time)[one.success & other.success])
 
 
 def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str:

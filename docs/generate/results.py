@@ -61,6 +61,22 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         shares = " | ".join(percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
         spl, time = row["spl"]["value"], row["time"]["value"]
         print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
+    print("\n### What the safety layer costs\n", file=page)
+    print(
+        "Each policy without and with the layer, in the same rooms. The last column is the delay in rooms that it crosses",
+        "either way, with its 95 % interval.\n",
+        sep="\n",
+        file=page,
+    )
+    print("| setting | policy | collisions, % | with the layer | success, % | with the layer | later, s |", file=page)
+    print("|---|---|---|---|---|---|---|", file=page)
+    told = {(row["setting"], row["policy"]): row for row in rooms["rows"]}
+    for (setting, policy), row in told.items():
+        if "later" in row:
+            pair = told[setting, policy.removesuffix("+safety")], row
+            shares = " | ".join(f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in pair)
+            name = policy.removesuffix("+safety")
+            print(f"| {setting} | {name} | {shares} | {seconds(row['later'], '+')} |", file=page)
     barn = json.loads(Path("benchmarks/barn.json").read_text(encoding="utf-8"))
     print("\n## The 200 worlds of the BARN challenge\n", file=page)
     print(f"`make bench-barn`: {barn['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)

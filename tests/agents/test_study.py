@@ -4,7 +4,9 @@ import json
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
@@ -172,6 +174,17 @@ def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
     assert text.count("| ppo-nav |") == 3
 
 
+def test_the_delay_by_the_safety_layer_is_that_of_rooms_crossed_either_way():
+    def driven(time, success):
+        return SimpleNamespace(episodes=SimpleNamespace(time=np.array(time), success=np.array(success)))
+
+    one = driven([12.0, 60.0, 11.0, 15.0], [True, False, True, True])
+    other = driven([10.0, 9.0, 3.0, 11.0], [True, True, False, True])
+    told = rooms_study.later(one, other)
+    assert told.value == pytest.approx(3.0)  # of 2 and 4 s
+    assert told.high - told.value == pytest.approx(12.706, abs=1e-3)  # Student's factor for two numbers, times 1 s
+
+
 def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     config = rooms_study.Config(policy=("bearing",), seeds=2, steps=1024, only=("dense", "map"), episodes=12, processes=1)
     runs = [rooms_study.training(tmp_path, config.steps, seed) for seed in range(config.seeds)]
@@ -182,6 +195,7 @@ def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     for row in rows:
         assert row["success"].value + row["collision"].value + row["timeout"].value == pytest.approx(1.0)
     assert rows[1]["success_difference"].value == 0.0  # with itself
+    assert [row["policy"] for row in rows if "later" in row] == ["ppo-rooms+safety"] * 2
     bundle = scenarios.best_of_trainings(runs) / "policy.onnx"
     card = rooms_study.card(bundle, rows, config)
     assert "\nSucceeds less often than `vfh` in `dense`, `map`.\n" in card

@@ -170,15 +170,17 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     """Return a policy; one given by name is made for the environment's robot and control interval.
 
     Args:
-        policy: Its name for `turtlebot_gym_agents.make_policy`, or the policy.
+        policy: Its name for `turtlebot_gym_agents.make_policy`, or the policy; in a vector environment also "oracle".
         envs: An environment or a vector environment, made by Gymnasium.
         allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
 
     Raises:
-        ValueError: If the bundle does not match, or there is no policy of that name.
+        ValueError: If the bundle does not match, there is no policy of that name, or the oracle has no room.
     """
     if not isinstance(policy, str):
         return policy
+    if policy == ORACLE and isinstance(envs, VectorEnv):
+        return Oracle(envs)
     parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
     found = make_policy(policy, robot=p.robot, dt=p.dt)
@@ -209,7 +211,7 @@ def drive(
         The episodes, the first one's trajectory, and the environments' parameters.
     """
     p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    driver = Oracle(envs) if policy == ORACLE else driver_of(policy, envs, allow_mismatch=allow_mismatch)
+    driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
     record = _record(envs, driver, seed, progress)
     return measure(record, p, seed), record.trajectory(dt=p.dt), p
 

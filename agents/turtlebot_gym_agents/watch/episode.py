@@ -18,8 +18,7 @@ from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_agents.evaluation.evaluate import NAV, ORACLE, driver_of, require_known
-from turtlebot_gym_agents.evaluation.oracle import Oracle
+from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 from turtlebot_gym_agents.watch.track import Seen, Surroundings, Track, of_trajectory
 
@@ -59,7 +58,7 @@ def record_episode(
     envs = gym.make_vec(env, num_envs=1, vectorization_mode="vector_entry_point", info="full", **options)
     try:
         p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-        driver = Oracle(envs) if policy == ORACLE else driver_of(policy, envs, allow_mismatch=allow_mismatch)
+        driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
         rows = list(_drive(envs, driver, seed))
         grid = _grid_of(_scene_of(envs))
     finally:
