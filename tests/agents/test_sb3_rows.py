@@ -16,6 +16,7 @@ from stable_baselines3.common.envs import BitFlippingEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize, VecVideoRecorder
 
+import turtlebot_gym  # noqa: F401  # registers its environments
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 SAME_STEP = AutoresetMode.SAME_STEP

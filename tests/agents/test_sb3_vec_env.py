@@ -12,6 +12,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecMonitor, VecNormalize
 
+import turtlebot_gym  # noqa: F401  # registers its environments
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
