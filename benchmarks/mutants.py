@@ -68,8 +68,8 @@ class Module(NamedTuple):
     quota: int
     compiled: bool = False
     """Whether its tests need the compiled loop; if not, numba is off, and a changed kernel costs no compilation."""
-    without: list[str] = []
-    """Tests of those files to leave out, because they take long without a compiler."""
+    without: tuple[str, ...] = ()
+    """Tests to leave out: without a compiler, they take long."""
 
 
 class Result(NamedTuple):
@@ -86,8 +86,10 @@ class Result(NamedTuple):
 def table(config: Config) -> list[Module]:
     """Return the requested modules."""
     text = tomllib.loads((HERE / "mutants.toml").read_text(encoding="utf-8"))
-    rows = [Module(**({"quota": config.quota or row.get("quota", text["quota"])} | row)) for row in text["module"]]
-    rows = [row._replace(quota=config.quota or row.quota) for row in rows]
+    rows = [Module(**{"quota": text["quota"], **row}) for row in text["module"]]
+    rows = [
+        row._replace(quota=config.quota or row.quota, without=() if row.compiled else tuple(text["without"])) for row in rows
+    ]
     chosen = [row for row in rows if not config.only or any(row.path.removesuffix(".py").endswith(end) for end in config.only)]
     if not chosen:
         raise SystemExit(f"--only must name modules of benchmarks/mutants.toml, got {' '.join(config.only)}.")
