@@ -25,8 +25,7 @@ def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(
     assert {each.twist.linear.x for each in wheels} == {0.0}
     wait_for(lambda: peer.ask("calibration_drive/enable", SetBool, SetBool.Request(data=True)).success)
     wait_for(lambda: any(each.twist.linear.x > 0.1 for each in list(wheels)))
-    (speaker,) = peer.node.get_publishers_info_by_topic("cmd_vel")
-    assert speaker.node_name == "cmd_vel_guard"
+    wait_for(lambda: [each.node_name for each in peer.node.get_publishers_info_by_topic("cmd_vel")] == ["cmd_vel_guard"])
     pressed[0] = True
     wait_for(lambda: states[-1].data == "silent: emergency stop")
     wheels.clear()
