@@ -3,7 +3,8 @@
 PPO is trained with several seeds, on worlds, LiDARs and noise that differ between environments. The best training on the
 trainings' own evaluation seeds is the policy shipped with the package. Every policy drives the same held-out rooms of each
 setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for `dense`. All
-trainings together form one row, whose intervals include the variance between trainings.
+trainings together form one row, whose intervals include the variance between trainings. With ``--keep`` the package keeps the
+policy that it has, and that one drives.
 
 `make study-rooms` runs it. Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
 """
@@ -30,7 +31,7 @@ from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.policies.named import SAFETY
+from turtlebot_gym_agents.policies.named import SAFETY, pretrained_folder
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 MAP = "map"
@@ -61,6 +62,8 @@ class Config:
     """Number of trainings, with seeds from 0; 0 for none."""
     steps: int | None = None
     """Steps of each training; by default those of the configuration."""
+    keep: bool = False
+    """Whether `ppo-rooms` stays the policy that is in the package; by default the best of these trainings replaces it."""
     only: tuple[str, ...] = ()
     """Settings by name; by default all."""
     episodes: int = 1000
@@ -129,8 +132,8 @@ def study(config: Config, folder: Path, runs: Sequence[Path]) -> list[dict[str, 
     """Drive all policies in all settings, each once, and return the rows."""
     bundles = [str(run / "policy.onnx") for run in runs]
     kinds = {policy: [policy] for policy in (*config.policy, COMPARED_WITH)}
-    if bundles:
-        best = str(best_of_trainings(runs) / "policy.onnx")
+    if bundles or config.keep:
+        best = SHIPPED if config.keep else str(best_of_trainings(runs) / "policy.onnx")
         kinds |= {SHIPPED: [best], SHIPPED + SAFETY: [best + SAFETY]}
     if len(bundles) > 1:
         kinds[f"ppo, {len(bundles)} trainings"] = bundles
@@ -161,6 +164,7 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
     told: Mapping[str, Any] = policy.card.training
     seed, mine = told["config"]["seed"], [one for one in rows if one["policy"] == SHIPPED]
     listed = [one for one in rows if one["policy"] in (SHIPPED, SHIPPED + SAFETY, COMPARED_WITH, "oracle")]
+    chosen = f"of {'some earlier' if config.keep else config.seeds} trainings the best on the training's own evaluation seeds"
     lines = [
         f"# {SHIPPED}",
         "",
@@ -169,10 +173,11 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
         f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, layout {policy.card.layout};",
         f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(told['commit'])}`.",
         "Trained with worlds, LiDARs, noise, speed (2 %) and delay (0 or 1 step) that differ from environment to environment:",
-        f"{told['steps']:,} steps in {told['seconds']:.0f} s, with seed {seed}; of {config.seeds} trainings the best on the",
-        "training's own evaluation seeds.",
+        f"{told['steps']:,} steps in {told['seconds']:.0f} s, with seed {seed};",
+        f"{chosen}.",
         "",
-        f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`.",
+        f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`, which gives",
+        "another policy on a processor of another kind.",
         f"Use it: `--policy {SHIPPED}`; on a robot rather `--policy {SHIPPED + SAFETY}`.",
         "",
         f"{config.episodes} rooms of each setting, on seeds from {config.first_seed:,}, 95 % intervals. `{COMPARED_WITH}` was",
@@ -216,10 +221,13 @@ def main() -> None:
             shown.add_row(name, told["policy"], *cells, f"{told['spl'].value:.3f}", f"{told['time'].value:.2f}")
     print_tables(shown)
     config.out.mkdir(parents=True, exist_ok=True)
-    if runs:
-        bundle = config.out / f"{SHIPPED}.onnx"
+    bundle, text = config.out / f"{SHIPPED}.onnx", config.out / f"{SHIPPED}.md"
+    if config.keep:
+        bundle = pretrained_folder() / bundle.name
+    elif runs:
         copyfile(best_of_trainings(runs) / "policy.onnx", bundle)
-        bundle.with_suffix(".md").write_text(card(bundle, rows, config), encoding="utf-8")
+    if config.keep or runs:
+        text.write_text(card(bundle, rows, config), encoding="utf-8")
     write_json(config.out / "rooms_study.json", {"rows": rows}, config=settings_of(config))
 
 

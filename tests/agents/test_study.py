@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -202,3 +203,8 @@ def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     assert card.count("| ppo-rooms |") == card.count("| vfh |") == 2
     assert "--randomize --seed" in card
     assert "12 rooms of each setting, on seeds from 1,000,000" in card
+    kept = replace(config, keep=True, only=("dense",))
+    again = rooms_study.study(kept, tmp_path, runs)
+    assert again[0] == rows[0]
+    assert {path.name[:17] for path in (tmp_path / "drives").glob("ppo-rooms*")} == {"ppo-rooms-dense-1", "ppo-rooms-safety-"}
+    assert "of some earlier trainings the best" in rooms_study.card(bundle, again, kept)
