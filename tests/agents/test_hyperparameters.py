@@ -110,6 +110,7 @@ def test_a_linear_rate_is_never_negative():
         ({"policy_kwargs": {"activation_fn": "functional"}}, "activation_fn must be one of"),
         ({"noise_type": "pink", "noise_std": 0.1}, "noise_type must be"),
         ({"noise_type": "normal"}, "noise_type and noise_std must be given together"),
+        ({"stats_window_size": 0}, "stats_window_size must be"),
         ({"gamme": 0.9}, "TD3 has no hyper-parameter 'gamme': did you mean gamma"),
     ],
 )

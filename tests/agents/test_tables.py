@@ -16,7 +16,7 @@ from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.commands.learning_report import Trained, search_table, training_table
 from turtlebot_gym_agents.commands.study import table as study_table
-from turtlebot_gym_agents.commands.tables import fitted
+from turtlebot_gym_agents.commands.tables import Need, _groups, _widths, fitted
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.speed.report import tables as speed_tables
 
@@ -218,3 +218,17 @@ def calibration():
         kind="pose", has_truth=True, segment=1.0, segments=123, integrator="euler", noise=make_noise("tutorial"),
         estimates=estimates | {"R_theta": unsure}, unknown={"bias": "a true pose"}, remarks=["3 rows dropped out"],
     )  # fmt: skip
+
+
+def test_parts_are_as_even_as_possible():
+    # Two keys of 3 and 4, five columns of 10: 1 + 10 + 3 + 4 * (10 + 3) + 2 * 3 = 72 characters hold four of them.
+    assert _groups([3, 4, 10, 10, 10, 10, 10], 2, 72) == [[2, 3, 4], [5, 6]]
+    assert _groups([3, 4, 10, 10, 10, 10], 2, 60) == [[2, 3], [4, 5]]  # three fit, and would leave one alone
+    assert _groups([3, 10], 1, 200) == [[1]]
+
+
+def test_what_is_left_goes_to_those_that_are_wrapped_most():
+    # Of 5 + 18 + 1 + 2 * 3 = 30 characters, 6 are left: 8 lack here and 2 there.
+    assert _widths([Need(2, 4), Need(10, 18)], 25) == [2, 16]
+    assert _widths([Need(2, 4), Need(10, 18)], 27) == [3, 17]
+    assert _widths([Need(2, 4), Need(10, 18)], 99) == [4, 18]

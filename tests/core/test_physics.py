@@ -46,6 +46,7 @@ def test_an_episode_depends_on_its_seed_alone(noise):
     after.reset()
     assert driven(after) == alone
     assert driven(Episode(p, waypoints, seed=5)) != alone
+    assert not any(world.body.slipping for world in (Episode(p, waypoints).world, *(world for _, world in alone)))
 
 
 @pytest.mark.parametrize(

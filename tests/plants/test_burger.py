@@ -37,6 +37,14 @@ CHANGES = {
 }
 
 
+def test_the_defaults_are_those_of_the_sources():
+    told = MujocoBurger()
+    assert (told.wheel_radius, told.wheel_separation) == (0.033, 0.16)
+    assert (told.base_mass, told.wheel_mass, told.lidar_mass, told.caster_mass) == (0.825735, 0.028499, 0.114, 0.005)
+    assert (told.motor_gain, told.motor_torque, told.armature) == (0.3, 1.4, 0.002)
+    assert (told.lead, told.reading, told.step) == (0.04, 0.02, 0.002)
+
+
 def rollout(burger):
     pytest.importorskip("mujoco")
     engine = Engine(burger)

@@ -8,6 +8,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from turtlebot_gym_agents.watch import read_recorded
+from turtlebot_gym_agents.watch.bag import _grid
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 KINDS = {
@@ -149,6 +150,17 @@ def test_a_bag_by_hand(tmp_path, namespace, storage):
     assert seen.row == 2
     assert seen.lidar == pytest.approx((0.2 - 0.032, 0.0, 0.0))  # the Burger's LiDAR stands behind its centre
     assert seen.scan.ranges.tolist() == [1.0, 2.0, np.inf, np.inf]
+
+
+def test_a_map_by_hand():
+    half = math.radians(30.0) / 2.0
+    turned = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
+    origin = make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", -1.0, 2.5, 0.0), turned)
+    info = make("nav_msgs/msg/MapMetaData", stamp_of(0.0), 0.05, 3, 2, origin)
+    grid = _grid(make("nav_msgs/msg/OccupancyGrid", header(0.0, "map"), info, np.array([0, 100, -1, 50, 0, 0], np.int8)))
+    assert grid.cells.tolist() == [[0, 100, -1], [50, 0, 0]]
+    assert grid.resolution == 0.05
+    assert grid.origin == pytest.approx((-1.0, 2.5, math.radians(30.0)))
 
 
 def test_a_bag_of_odometry_alone(tmp_path):

@@ -68,6 +68,16 @@ def same(one, other):
     )  # fmt: skip
 
 
+def test_what_is_not_given_is_unknown():
+    track = make_track(3)
+    bare = of_trajectory(track.drive, track.around)
+    assert np.isnan([bare.nis, bare.clearance, bare.level]).all()
+    assert np.shape([bare.nis, bare.clearance, bare.level]) == (3, 3)
+    assert bare.report == ("", "", "")
+    assert [each.shape for each in bare.circles] == [(0, 3)] * 3
+    assert (bare.scans, bare.outcome) == ((), "")
+
+
 @pytest.mark.parametrize("cuts", [(0, 8), (0, 3, 8), (0, 1, 2, 3, 4, 5, 6, 7, 8)])
 def test_pieces_make_the_whole(cuts):
     track = make_track()

@@ -95,8 +95,16 @@ def test_a_key_of_a_training_has_its_hyperparameters_and_no_path(tmp_path):
     shipped = module.training(TrainingConfig(steps=64))
     same = replace(shipped, config=replace(shipped.config, config=tmp_path / "same.yaml", checkpoint_seconds=1.0))
     assert key(same) == key(shipped)
+    assert shipped.size == 1  # progress counts trainings
     assert key(replace(shipped, hyper={**shipped.hyper, "gamma": 0.5})) != key(shipped)
     assert key(replace(shipped, config=replace(shipped.config, seed=1))) != key(shipped)
+
+
+def test_a_training_compiles_for_its_environments_and_for_those_that_judge_it(monkeypatch):
+    compiled = {}
+    monkeypatch.setattr(module, "_compile", lambda system, make: compiled.update({system: make().num_envs}))
+    module.compile_training(TrainingConfig(episodes=3), {"n_envs": 2})
+    assert sorted(compiled.values()) == [2, 3]  # under two names
 
 
 def test_files_that_options_name_travel_with_the_unit(tmp_path, monkeypatch):

@@ -111,6 +111,21 @@ def test_a_gap_does_not_move_the_circle_but_a_robot_that_was_carried_away_has_an
     assert drive.step(0.0, Senses(Pose(7.0, 3.0, 0.0), STOP, True))["command"].v > 0.0
 
 
+@pytest.mark.parametrize(
+    ("pose", "v", "omega"),
+    [
+        (Pose(5.0, 3.9, 0.0), 0.0, -0.75),  # the centre is to the right
+        (Pose(5.0, 2.1, 0.0), 0.0, 0.75),
+        (Pose(5.9, 3.0, 3.0), 0.1, 0.1415926535897931),  # ahead, a little to the left
+    ],
+)
+def test_it_turns_to_the_centre_before_it_drives_there(pose, v, omega):
+    drive = make(speed=0.2, turning=1.5)
+    drive.step(0.0, Senses(Pose(5.0, 3.0, 0.0), STOP, True))
+    command = drive._homeward(pose, Pose(5.0, 3.0, 0.0))
+    assert command == pytest.approx((v, omega))
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_commands_are_within_the_robots_limits(robot):
     for command, duration in script(ROBOTS[robot], speed=9.0, turning=9.0, reach=1.0):

@@ -6,8 +6,9 @@ from scipy import stats
 
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.presets import NOISES
-from turtlebot_gym.values import Command
+from turtlebot_gym.values import Command, Pose, Senses
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 
 STEPS, RUNS = 60, 150
 ALARM = 1e-4
@@ -79,3 +80,13 @@ def test_a_drift_grows_and_an_episode_begins_without_it():
     plant.reset()
     plant.step(0.1, None)
     assert plant.outputs["odometry"].covariance().xx == 1e-6  # (1 mm)^2
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1, 0.2])
+def test_white_noise_by_hand(dt):
+    """What a wheel's error leaves below the filter's floors, 5 mm/s and 0.01 rad/s a step of 0.1 s, is stated as those."""
+    uncertainty = OdometryUncertainty(NOISES["clean"], dt=dt, middle=False)
+    uncertainty.hear(Senses(Pose(1.0, 2.0, 0.3), Command(0.1, 0.5), True))
+    P = uncertainty.covariance()
+    assert (P.vv, P.ww) == pytest.approx((2.5e-5 * dt / 0.1, 1e-4 * dt / 0.1))
+    assert [P.xy, P.xt, P.xv, P.xw, P.yt, P.yv, P.yw, P.tv, P.tw, P.vw] == [0.0] * 10
