@@ -95,7 +95,8 @@ def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
     if name == MAP:
         grid = hall()
         options = {"world": FloorPlan(walls=grid.walls(), map=grid, max_distance=FAR_ENOUGH)}
-    return evaluate(policy, env=ROOMS, episodes=config.episodes, seed=config.first_seed, **options)
+    # Some settings show another pose than a bundle was trained on: how much that matters is what they measure.
+    return evaluate(policy, env=ROOMS, episodes=config.episodes, seed=config.first_seed, allow_mismatch=True, **options)
 
 
 def row(name: str, policy: str, driven: Sequence[Evaluation], reference: Evaluation) -> dict[str, Any]:

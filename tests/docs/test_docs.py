@@ -37,7 +37,7 @@ API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")
 KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 QUICK = {
-    "evaluate": {"episodes": "20"},
+    "evaluate": {"episodes": "5"},
     "estimate": {"runs": "20"},
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
@@ -136,7 +136,7 @@ def test_no_code_block_is_left_out(page):
 
 def test_the_commands_of_the_pages_are_made_short():
     assert (
-        shortened("turtlebot-gym evaluate --episodes 1000 --seed 3  # long") == "turtlebot-gym evaluate --seed 3 --episodes 20"
+        shortened("turtlebot-gym evaluate --episodes 1000 --seed 3  # long") == "turtlebot-gym evaluate --seed 3 --episodes 5"
     )
     assert shortened("python -m turtlebot_gym_ros bringup") == "python -m turtlebot_gym_ros bringup --duration 3"
 
