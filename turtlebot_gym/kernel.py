@@ -16,7 +16,7 @@ F = TypeVar("F", bound=Callable)
 try:
     from numba import config, extending
 
-    extending = None if config.DISABLE_JIT else extending
+    extending = None if config.DISABLE_JIT else extending  # pyright: ignore[reportAttributeAccessIssue]
 except ImportError:
     extending = None
 
