@@ -377,3 +377,50 @@ def test_the_plan_for_a_cluster_is_what_was_measured():
         row = told["planned"]["by_workers"][workers.replace(",", "")]
         assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), line
     assert len(lines) == len(told["planned"]["by_workers"])
+
+
+def rows_after(page, words):
+    """Return the cells of the first table after some words, without its heading."""
+    lines = (ROOT / page).read_text(encoding="utf-8").partition(words)[2].splitlines()
+    is_row = [line.startswith("|") for line in lines]
+    begin = is_row.index(True)
+    table = lines[begin : is_row.index(False, begin)]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+
+
+def shown(interval, sign="", unit=100.0, digits=1):
+    value, low, high = (f"{unit * interval[part]:{sign}.{digits}f}" for part in ("value", "low", "high"))
+    return f"{value} ({low}, {high})"
+
+
+def test_the_tables_of_rooms_are_what_was_measured():
+    study = json.loads((ROOT / "benchmarks" / "rooms_study.json").read_text(encoding="utf-8"))
+    told = {(row["setting"], row["policy"]): row for row in study["rows"]}
+    page, tables = "docs/concepts/rooms.md", 0
+    for name, *cells in rows_after(page, "## Which policies find the way"):
+        policy = {"PPO, 3 trainings": "ppo, 3 trainings"}.get(name, name.strip("`"))
+        rows = [told[world, policy] for world in ("dense", "office")]
+        assert cells == [shown(row[part]) for row in rows for part in ("success", "collision")], name
+        tables += 1
+    worlds = [(name.strip("`"), cells) for name, *cells in rows_after(page, "policies that arrive hardly make a detour")]
+    lidars = [(f"dense, {name.strip('`')}", cells) for name, *cells in rows_after(page, "**With an `ideal` LiDAR")]
+    for name, cells in [*worlds, *lidars]:
+        setting = name.removesuffix(", lds01")
+        vfh, ppo = (told[setting, policy] for policy in ("vfh", "ppo-rooms"))
+        wanted = [shown(vfh["success"]), shown(ppo["success"]), shown(ppo["collision"]), shown(ppo["success_difference"], "+")]
+        assert cells == wanted, name
+        tables += 1
+    for world, policy, *cells in rows_after(page, "**The safety layer is not free.**"):
+        bare, safe = (told[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
+        shares = [f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in (bare, safe)]
+        assert cells == [*shares, shown(safe["later"], "+", 1.0, 2)], policy
+        tables += 1
+    barn = json.loads((ROOT / "benchmarks" / "barn.json").read_text(encoding="utf-8"))["mean"]
+    for name, *cells in rows_after(page, "**The 200 worlds of the BARN challenge**"):
+        units = (("success", 100.0, 1), ("collision", 100.0, 1), ("timeout", 100.0, 1), ("barn", 1.0, 3))
+        for cell, (part, unit, digits) in zip(cells, units, strict=True):
+            one = barn[name.strip("`")][part]
+            margin = f"{0.5 * unit * (one['high'] - one['low']):.{digits}f}"
+            assert cell == f"{unit * one['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
+        tables += 1
+    assert tables == 8 + 7 + 4 + 6 + len(barn)
