@@ -10,6 +10,8 @@ sys.path.insert(0, "benchmarks")
 import speed_text
 from robustness_text import conditions, summary
 
+from turtlebot_gym_agents.policies.named import SAFETY
+
 
 def seconds(interval, sign=""):
     """Return a time with its 95 % interval, s."""
@@ -73,9 +75,9 @@ with mkdocs_gen_files.open("results.md", "a") as page:
     told = {(row["setting"], row["policy"]): row for row in rooms["rows"]}
     for (setting, policy), row in told.items():
         if "later" in row:
-            pair = told[setting, policy.removesuffix("+safety")], row
+            name = policy.removesuffix(SAFETY)
+            pair = told[setting, name], row
             shares = " | ".join(f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in pair)
-            name = policy.removesuffix("+safety")
             print(f"| {setting} | {name} | {shares} | {seconds(row['later'], '+')} |", file=page)
     barn = json.loads(Path("benchmarks/barn.json").read_text(encoding="utf-8"))
     print("\n## The 200 worlds of the BARN challenge\n", file=page)

@@ -340,16 +340,23 @@ def test_the_table_of_filters_is_what_was_measured():
     assert rows == 11
 
 
+def rows_after(page, words):
+    """Return the cells of the first table after some words, without its heading."""
+    lines = (ROOT / page).read_text(encoding="utf-8").partition(words)[2].splitlines()
+    is_row = [line.startswith("|") for line in lines]
+    begin = is_row.index(True)
+    table = lines[begin : is_row.index(False, begin)]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+
+
 def test_the_table_of_fixes_is_what_was_measured():
     cases = json.loads((ROOT / "benchmarks" / "fix.json").read_text(encoding="utf-8"))["cases"]
-    page = (ROOT / "docs" / "howto" / "fix.md").read_text(encoding="utf-8")
-    lines = [line for line in page.partition("## What it is worth")[2].splitlines() if line.startswith("|")][2:]
-    for line in lines:
-        name, *told = (cell.strip() for cell in line.strip("|").split("|"))
+    rows = rows_after("docs/howto/fix.md", "## What it is worth")
+    for name, *told in rows:
         position, nees = cases[name]["position"], cases[name]["nees"]
         margins = [(each["high"] - each["low"]) / 2.0 for each in (position, nees)]
-        assert told == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], line
-    assert len(lines) == len(cases)
+        assert told == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], name
+    assert len(rows) == len(cases)
 
 
 def test_the_table_of_arrivals_is_what_was_measured():
@@ -371,21 +378,11 @@ def test_the_plan_for_a_cluster_is_what_was_measured():
     told = json.loads((ROOT / "benchmarks" / "cluster.json").read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
     assert f"{told['ratio_of_2_workers_to_1']:.2f} times what one does" in page
-    lines = [line for line in page.partition("## What it costs")[2].splitlines() if line.startswith("|")][2:]
-    for line in lines:
-        workers, wanted, busy, *_ = (cell.strip() for cell in line.strip("|").split("|"))
+    rows = rows_after("docs/howto/cluster.md", "## What it costs")
+    for workers, wanted, busy, *_ in rows:
         row = told["planned"]["by_workers"][workers.replace(",", "")]
-        assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), line
-    assert len(lines) == len(told["planned"]["by_workers"])
-
-
-def rows_after(page, words):
-    """Return the cells of the first table after some words, without its heading."""
-    lines = (ROOT / page).read_text(encoding="utf-8").partition(words)[2].splitlines()
-    is_row = [line.startswith("|") for line in lines]
-    begin = is_row.index(True)
-    table = lines[begin : is_row.index(False, begin)]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+        assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), workers
+    assert len(rows) == len(told["planned"]["by_workers"])
 
 
 def shown(interval, sign="", unit=100.0, digits=1):
