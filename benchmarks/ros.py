@@ -105,13 +105,13 @@ def latency(config: Config) -> dict[str, Any]:
         probe.until(lambda: len(probe.sent) >= begin + n, patience=PATIENCE + n * PERIOD)
         probe.silent = True
         probe.spin(0.2)
-    heard, sent = probe.heard[first:], np.array(probe.sent[begin:])
-    commands = np.array([(command.v, command.omega) for command in heard])
-    m = min(len(sent), len(heard))
-    delays = 1e3 * (np.array([command.arrival for command in heard[:m]]) - sent[:m])
-    in_python = 1e3 * (np.array([command.time for command in heard[:m]]) - sent[:m])
-    should = expected(probe.headings[begin:])
-    own, previous = same(commands[:m], should[:m]), same(commands[1:m], should[: m - 1])
+    answers = {command.stamp: command for command in reversed(probe.heard[first:])}  # the first with each stamp
+    pairs = [(k, answers[stamp]) for k, stamp in enumerate(probe.stamps[begin:]) if stamp in answers]
+    answered, commands = [k for k, _ in pairs], [(command.v, command.omega) for _, command in pairs]
+    sent, should = np.array(probe.sent[begin:]), expected(probe.headings[begin:])
+    delays = 1e3 * (np.array([command.arrival for _, command in pairs]) - sent[answered])
+    in_python = 1e3 * (np.array([command.time for _, command in pairs]) - sent[answered])
+    own = same(commands, should[answered])
     p50, p99, worst = (float(value) for value in np.percentile(delays, [50.0, 99.0, 100.0]))
     figures = [
         Figure("/odom to /cmd_vel, p50", p50, "ms", 3.0),
@@ -119,9 +119,9 @@ def latency(config: Config) -> dict[str, Any]:
         Figure("/odom to /cmd_vel, largest", worst, "ms"),
         Figure("/odom to a Python callback on /cmd_vel, p50", float(np.percentile(in_python, 50.0)), "ms"),
         Figure("/odom to a Python callback on /cmd_vel, p99", float(np.percentile(in_python, 99.0)), "ms"),
-        Figure("commands that are not those of their own odometry", len(sent) - own, "", 1.0),
+        Figure("odometry without the command that follows from it", len(sent) - own, "", 1.0),
     ]
-    return {"figures": figures, "odometry": len(sent), "commands": len(heard), "own": own, "of_the_odometry_before": previous}
+    return {"figures": figures, "odometry": len(sent), "answered": len(pairs), "commands": len(probe.heard) - first}
 
 
 def watch(*, rate: float, seconds: float) -> dict[str, Any]:

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from turtlebot_gym_ros.node.block import Every, On
 from turtlebot_gym_ros.node.triggers import SECOND, Grid, Messages, SimulatedGrid
@@ -51,11 +53,23 @@ def test_less_than_a_second_is_no_leap():
     assert made_up_for == [10_100_000_000 + k * 100_000_000 for k in range(11)]  # the last one a nanosecond early
 
 
-def test_a_step_is_due_from_half_a_period_before_its_stamp():
+def test_a_step_is_due_from_three_quarters_of_a_period_before_its_stamp_and_another_from_one_quarter():
     grid = Grid(Every(0.1))
     assert list(grid.due_until(0)) == [0]
-    assert list(grid.due_until(50_000_000)) == []
-    assert list(grid.due_until(50_000_001)) == [100_000_000]
+    assert list(grid.due_until(25_000_000)) == []
+    assert list(grid.due_until(25_000_001)) == [100_000_000]
+    assert list(grid.due_until(275_000_000)) == [200_000_000]
+    assert list(grid.due_until(375_000_001)) == [300_000_000, 400_000_000]
+
+
+@given(first=st.integers(0, 19_999_999), late=st.lists(st.integers(0, 4_999_999), min_size=60, max_size=60))
+@example(first=10_000_000, late=[0, 1] * 30)
+@example(first=15_000_000, late=[0, 1] * 30)
+def test_calls_at_regular_times_make_one_step_each_wherever_in_its_period_the_first_call_was(first, late):
+    grid = Grid(Every(0.02))
+    list(grid.due_until(first))
+    counts = [len(list(grid.due_until(k * 20_000_000 + each))) for k, each in enumerate(late, 1)]
+    assert counts in [[1] * k + [0] * (k < 60) + [1] * (59 - k) for k in range(61)]
 
 
 def test_simulated_time_runs_faster():

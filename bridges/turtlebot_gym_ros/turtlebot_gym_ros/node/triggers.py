@@ -14,8 +14,9 @@ SLOW_AFTER = 5
 class Grid:
     """Steps at exact multiples of a period after the first one; late steps are made up for.
 
-    A step is due from half a period before its stamp. If it were refused because the first call was later in its period than
-    this one, it and all later steps would be a whole period late.
+    The first call may be late by any part of a period, and punctual calls then come that much before their stamps. So a call
+    takes its step from three quarters of a period before the stamp, and makes up for another one from a quarter before. With
+    one limit for both, calls that come just around it would make no step and two steps in turn.
 
     Args:
         trigger: The declaration.
@@ -30,9 +31,11 @@ class Grid:
         """Yield the stamps up to now, ns; only one if the clock has leapt or stood still."""
         if self._next is None or not -SECOND < now - self._next < SECOND:
             self._next = now
-        while self._next - now < self._period_ns // 2:
+        early = 3 * self._period_ns // 4
+        while self._next - now < early:
             stamp = self._next
             self._next += self._period_ns
+            early = self._period_ns // 4
             yield stamp
 
     def interval(self, stamp: int) -> float:
