@@ -1,7 +1,9 @@
-"""A ROS domain for each test process, so that its kernels and nodes receive no messages from others."""
+"""A ROS domain for each test process, so that its kernels and nodes receive no messages from others; hypothesis' profile."""
 
 import os
 import socket
+
+from hypothesis import settings
 
 
 def claim_domain():
@@ -20,6 +22,10 @@ def claim_domain():
 os.environ["ROS_DOMAIN_ID"], _CLAIM = claim_domain()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ.pop("COLUMNS", None)  # pytest-xdist sets it, and tables would be as wide as the terminal
+
+# Every run tries the same examples, so that a failure comes from a change; others are tried with --hypothesis-profile=default.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.load_profile("same")
 
 
 def pytest_unconfigure():

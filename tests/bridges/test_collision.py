@@ -183,7 +183,7 @@ def test_a_scan_all_round_is_one_with_a_gap_of_a_tenth_at_most():
         points_of(scan([1.0] * 100, angle_increment=-step * 0.999), BODY, LIMITS, 9.0)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     ranges=st.lists(st.floats(width=32), max_size=12),
     numbers=st.tuples(*[st.floats(width=32)] * 4),
@@ -217,9 +217,13 @@ COMMANDS = st.builds(Command, st.floats(-0.3, 0.3), st.floats(-3.0, 3.0))
 PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.05, 0.3))
 CENTERS = st.sampled_from([0.0, -0.05, 0.1])
 ESCAPES = st.sampled_from([0.0, 0.04])
+ROUNDING = 1e-15
+"""Rounding of gaps below a few metres, m; it counts where a robot hardly moves."""
+GRAZED = 1e-7
+"""Relative error of the time to a contact that only grazes: about the root of the rounding, as two solutions meet there."""
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(st.lists(PLACES, max_size=8), PLACES, COMMANDS, CENTERS, ESCAPES)
 def test_the_arc_is_kept_and_nothing_is_faster_with_or_without_another_point(places, another, command, center_x, escape):
     limits = LIMITS._replace(escape_speed=escape)
@@ -235,7 +239,7 @@ def test_the_arc_is_kept_and_nothing_is_faster_with_or_without_another_point(pla
     assert limited(points(*places), Command(0.0, command.omega), 0.0, limits) == Command(0.0, command.omega)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(PLACES, max_size=8), COMMANDS, CENTERS)
 def test_mirrored_obstacles_and_commands_are_mirrored_limits(places, command, center_x):
     v, omega = limited(points(*places), command, center_x, LIMITS)
@@ -243,7 +247,7 @@ def test_mirrored_obstacles_and_commands_are_mirrored_limits(places, command, ce
     assert limited(points(*mirrored), Command(command.v, -command.omega), center_x, LIMITS) == Command(v, -omega)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(st.lists(PLACES, min_size=1, max_size=8), COMMANDS, CENTERS, ESCAPES)
 def test_what_passes_is_the_time_limit_away_from_every_stop_zone_and_leads_out_of_those_around(
     places, command, center_x, escape
@@ -253,13 +257,13 @@ def test_what_passes_is_the_time_limit_away_from_every_stop_zone_and_leads_out_o
     speed = math.hypot(allowed.v, allowed.omega * center_x)
     if speed == 0.0:
         return
-    assert times_to_contact(points(*places), allowed, center_x).min() >= limits.time * (1.0 - 1e-9)
+    assert times_to_contact(points(*places), allowed, center_x).min() >= limits.time * (1.0 - GRAZED)
     if (gaps(points(*places), center_x) <= 0.0).any():
         assert speed <= escape * (1.0 + 1e-9)
         before = points(*places)
         later = into(moved((0.0, 0.0, 0.0), allowed, 1e-4), before)
         there = gaps(before, center_x) <= 0.0
-        assert (gaps(later, center_x)[there] >= gaps(before, center_x)[there] - 1e-6 * speed).all()
+        assert (gaps(later, center_x)[there] >= gaps(before, center_x)[there] - 1e-6 * speed - ROUNDING).all()
 
 
 def test_the_speed_falls_with_the_distance_and_ends_at_the_slowest():

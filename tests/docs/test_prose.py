@@ -1,13 +1,7 @@
 """The prose linter finds every phrase of its word list, and nothing in the project's own texts."""
 
-import sys
-from importlib import import_module
-from pathlib import Path
-
+import prose
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))  # a script, not a package
-prose = import_module("prose")
 
 RULES = prose.read_rules()
 

@@ -1,0 +1,87 @@
+"""Each code block of the documentation and of the README is run or checked."""
+
+import re
+import subprocess
+from pathlib import Path
+from unittest.mock import patch
+
+import gymnasium as gym
+import pytest
+import tomllib
+import yaml
+from pages import ROOT, blocks_of, environment, parsed
+
+import turtlebot_gym
+
+pytest.importorskip("rclpy", reason="needs the extra [ros]")
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+KINDS = ("python", "bash", "yaml", "console", "text")
+"""Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
+QUICK = {
+    "evaluate": {"episodes": "5"},
+    "estimate": {"runs": "20"},
+    "replay": {"seeds": "2"},
+    "train": {"steps": "2048", "evaluations": "1"},
+    "tune": {"steps": "2048", "trials": "1"},
+    "tune-baseline": {"tries": "2", "episodes": "20"},
+    "bringup": {"duration": "3"},
+}
+"""Options that make the commands of the pages short; all others are left as they stand."""
+CLIENTS = tomllib.loads((ROOT / "tests" / "clients" / "clients.toml").read_text(encoding="utf-8"))
+"""Scripts that `make test-clients` runs, in environments that have their libraries."""
+
+
+def shortened(line):
+    """Return a command with the options of `QUICK`."""
+    command = re.match(r"(?:turtlebot-gym|python -m turtlebot_gym_ros) ([\w-]+)", line)
+    options = QUICK.get(command[1], {}) if command else {}
+    code = line.partition("  #")[0]
+    for name, value in options.items():
+        code = re.sub(rf" --{name} \S+", "", code) + f" --{name} {value}"
+    return code
+
+
+def run(text):
+    """Run a bash block, shortened."""
+    script = "\n".join(map(shortened, text.splitlines()))
+    done = subprocess.run(["bash", "-euo", "pipefail", "-c", script], env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+
+
+def write_drive(path):
+    """Write a recorded drive, as `replay` reads them: 10 s straight ahead."""
+    rows = [f"{0.1 * k:.1f},0.2,0.0,{0.02 * k:.2f},0.0,0.0" for k in range(101)]
+    path.write_text("\n".join(["t,vx,gyro,px,py,theta", *rows]))
+
+
+def test_code_blocks_work(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_drive(tmp_path / "drive.csv")
+    names = {"__name__": "page"}
+    with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
+        for block in blocks_of(page):
+            if not CLIENTS.get(Path(block.title).stem, {}).get("in_make_test", True):
+                continue
+            if block.title:
+                Path(block.title).write_text(block.text)
+            if block.kind == "python":
+                exec(compile("\n" * block.line + block.text, page, "exec"), names)
+            elif block.kind == "bash":
+                run(block.text)
+            elif block.kind == "yaml":
+                yaml.safe_load(block.text)
+
+
+def test_no_code_block_is_left_out(page):
+    assert {block.kind for block in blocks_of(page)} <= {*KINDS}
+    assert not [token for token in parsed(page) if token.type == "code_block"]  # indented ones have no language
+    shown = [line for block in blocks_of(page) if block.kind == "text" for line in block.text.splitlines()]
+    assert not [line for line in shown if re.match(r"(\$ |turtlebot-gym |python |pip |ros2 |make )", line)]
+
+
+def test_the_commands_of_the_pages_are_made_short():
+    assert (
+        shortened("turtlebot-gym evaluate --episodes 1000 --seed 3  # long") == "turtlebot-gym evaluate --seed 3 --episodes 5"
+    )
+    assert shortened("python -m turtlebot_gym_ros bringup") == "python -m turtlebot_gym_ros bringup --duration 3"

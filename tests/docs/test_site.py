@@ -1,0 +1,200 @@
+"""The documentation builds without a warning, its links hold, and the names in it exist."""
+
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import fields
+from html.parser import HTMLParser
+from importlib import import_module
+from pkgutil import walk_packages
+from urllib.parse import unquote, urlsplit
+from xml.etree import ElementTree
+
+import pytest
+from pages import ROOT, blocks_of, environment, parsed
+
+import turtlebot_gym
+
+pytest.importorskip("rclpy", reason="needs the extra [ros]")
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym_agents.commands.cli import COMMANDS
+from turtlebot_gym_ros.nodes import NODES
+
+LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
+API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built documentation."""
+    pytest.importorskip("mkdocs", reason="needs the extra [docs]")
+    folder = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(build, cwd=ROOT, env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout + done.stderr == ""
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ros(site):
+    return (site / "reference" / "ros.html").read_text(encoding="utf-8")
+
+
+def check(line, ros):
+    """Check the names in a command that cannot be run here, against the code and the reference that is made from it."""
+
+    def known(*names):
+        for name in names:
+            assert f"<code>{name}</code>" in ros, f"{name} is not in the ROS reference"
+
+    words = shlex.split(line, comments=True)
+    while words and re.match(r"[A-Z_]+=", words[0]):  # variables of the environment
+        words.pop(0)
+    match words:
+        case []:
+            pass
+        case ["ros2", "launch", "turtlebot_gym_ros", file, *given]:
+            arguments = {each.get("name") for each in ElementTree.parse(LAUNCHES / file).iter("arg")}
+            assert {each.partition(":=")[0] for each in given} <= arguments
+        case ["ros2", "service", "call", service, kind, _]:
+            known(service, kind)
+        case ["ros2", "topic", "pub", "--rate", _, topic, kind, _]:
+            known(topic, kind)
+        case ["ros2", "run", "teleop_twist_keyboard", "teleop_twist_keyboard", "--ros-args", "-r", remapping, *_]:
+            known("/" + remapping.partition(":=")[2])
+        case ["python", "-m", "turtlebot_gym_ros", node, *given]:
+            assert node in NODES
+            assert given[:1] in ([], ["--ros-args"])
+            for flag, value in zip(given[1::2], given[2::2], strict=True):
+                name = value.partition(":=")[0]
+                known(f"/{name}" if flag == "-r" else name)
+        case ["ros2", "bag", "record", *topics]:
+            known(*(topic for topic in topics if topic not in ("/tf", "/tf_static")))
+        case ["make", target]:
+            assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        case ["turtlebot-gym", command, *given]:
+            options = {item.name for item in fields(COMMANDS[command])}
+            assert {word[2:] for word in given if word.startswith("--")} <= options
+        case ["tensorboard", "--logdir", "runs"]:
+            pass
+        case ["wandb", "sync", run]:
+            assert run.startswith("runs/offline/wandb/")
+        case ["docker", "run", *rest]:
+            check(shlex.join(rest[rest.index("turtlebot-gym") + 1 :]), ros)
+        case ["ray", "start", *given]:
+            assert {word for word in given if word.startswith("--")} <= {"--head", "--port", "--address"}
+        case ["sbatch", "--array=0-31", script, *_]:
+            assert (ROOT / script).is_file()
+        case ["pip", "install", where]:
+            assert re.fullmatch(r"\.\[\w+\]", where)
+            assert re.search(rf"^{where[2:-1]} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+        case ["colcon", "build", "--base-paths", path]:
+            assert (ROOT / path / "package.xml").is_file()
+        case ["source", "install/setup.bash"] | [".", ".venv/bin/activate"]:
+            pass
+        case _:
+            pytest.fail(f"this command is neither run nor checked: {line}")
+
+
+def test_commands_that_cannot_be_run_name_what_there_is(page, ros):
+    for block in blocks_of(page):
+        if block.kind == "console":
+            for line in block.text.splitlines():
+                check(line, ros)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "ros2 launch turtlebot_gym_ros robot.launch.xml polcy:=bearing",
+        "ros2 service call /velocity_controller/enabel std_srvs/srv/SetBool '{data: true}'",
+        "ros2 topic pub --rate 10 /emergency std_msgs/msg/Bool '{data: false}'",
+        "python -m turtlebot_gym_ros kalman",
+        "python -m turtlebot_gym_ros kalman_filter --ros-args -p filtre:=matched",
+        "ros2 bag record /odo",
+        "make everything",
+        "turtlebot-gym train --sedes 3",
+        "sbatch --array=0-31 agents/configs/slrum.sh",
+        "rosrun turtlebot_gym_ros kalman_filter",
+    ],
+)
+def test_wrong_names_are_noticed(line, ros):
+    with pytest.raises((AssertionError, pytest.fail.Exception)):
+        check(line, ros)
+
+
+class Html(HTMLParser):
+    """What a page refers to, and what in it can be referred to."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.links, self.loads, self.ids = [], [], set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
+        if tag == "a" and given.get("href"):
+            self.links.append(given["href"])
+        elif given.get("src") or (tag == "link" and given.get("href")):
+            self.loads.append(given.get("src") or given["href"])
+
+
+def test_links_and_figures_of_the_site_exist(site):
+    pages = {path: Html(path) for path in site.rglob("*.html")}
+    for path, html in pages.items():
+        for target in {*html.links, *html.loads}:
+            parts = urlsplit(target)
+            if parts.scheme or path.name == "404.html":
+                continue
+            there = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            assert there.exists(), f"{path.relative_to(site)}: {target}"
+            assert not parts.fragment or there.suffix != ".html" or parts.fragment in pages[there].ids, f"{path.name}: {target}"
+
+
+def test_the_site_needs_no_network(site):
+    for path in site.rglob("*.html"):
+        assert not [each for each in Html(path).loads if urlsplit(each).scheme not in ("", "data")], path
+
+
+def test_formulas_are_mathml(site):
+    notebook = (site / "notebooks" / "01_closed_loop.html").read_text(encoding="utf-8")
+    assert notebook.count("<math ") > 40
+    assert not [path for path in site.rglob("*.html") if 'class="arithmatex"' in path.read_text(encoding="utf-8")]
+
+
+def test_the_reference_is_complete(site, ros):
+    html = {path.stem: Html(path).ids for path in (site / "reference").glob("*.html")}
+    assert {name for name in NODES if name not in ("bringup", "watch", "status")} <= html["ros"]
+    assert {f"turtlebot-gym-{name}" for name in COMMANDS} <= html["commands"]
+    presets = (site / "reference" / "presets.html").read_text()
+    assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)
+    environments = (site / "reference" / "environments.html").read_text()
+    assert all(f"<code>turtlebot_gym/TurtleBot{name}-v0</code>" in environments for name in ("Nav", "Pose", "Square"))
+    assert "turtlebot_gym.estimation.update.update" in html["turtlebot_gym.estimation.update"]
+    assert "turtlebot_gym.tasks.task.Task" in html["turtlebot_gym.tasks"]
+    modules = {module.name for package in API for module in walk_packages(import_module(package).__path__, f"{package}.")}
+    undescribed = {name for name in modules if not any(name in ids for ids in html.values())}
+    assert all(name.endswith("__main__") for name in undescribed), undescribed
+
+
+def test_the_release_notes_are_the_changelog(site):
+    told = (site / "releases.html").read_text(encoding="utf-8")
+    entries = [token.content for token in parsed(ROOT / "CHANGELOG.md") if token.type == "inline"]
+    assert len(entries) > 50
+    assert told.count("<li>") >= len(entries) - 3  # all but the title, the sentence below it and the version
+    assert "Release notes" in told
+    assert 'href="howto/fix.html"' in told
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])
+def test_links_between_files_exist(name):
+    path = ROOT / name
+    inline = [child for token in parsed(path) for child in token.children or ()]
+    targets = [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]
+    for target in targets:
+        if not urlsplit(target).scheme:
+            assert (path.parent / target).exists(), target

@@ -1,0 +1,103 @@
+"""The tables of the pages are what was measured."""
+
+import json
+
+from pages import ROOT, rows_after
+
+MEASURED = {
+    "`tutorial`": "tutorial",
+    "`documented`, no bias": "documented without its bias",
+    "`rough`, no slip": "rough without slip",
+    "`rough`": "rough",
+}
+"""Settings of `benchmarks/estimation.py`, as the page of the belief calls them."""
+
+
+def test_the_table_of_filters_is_what_was_measured():
+    settings = json.loads((ROOT / "benchmarks" / "estimation.json").read_text(encoding="utf-8"))["settings"]
+    page, rows, noise = (ROOT / "docs" / "concepts" / "belief.md").read_text(encoding="utf-8"), 0, ""
+    for line in page.partition("| NEES of the pose (3) |")[2].splitlines()[2:]:
+        if not line.startswith("|"):
+            break
+        said, name, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
+        noise = said or noise
+        one = settings[MEASURED[noise]]["filters"][name.replace("`", "")]
+        for number, measured, digits in zip(numbers, [*one["ratio"], one["nees"]], (3, 3, 3, 2), strict=True):
+            margin = (measured["high"] - measured["low"]) / 2.0
+            assert number == f"{measured['value']:.{digits}f} ± {margin:.{digits}f}", line
+        rows += 1
+    assert rows == 11
+
+
+def test_the_table_of_fixes_is_what_was_measured():
+    cases = json.loads((ROOT / "benchmarks" / "fix.json").read_text(encoding="utf-8"))["cases"]
+    rows = rows_after("docs/howto/fix.md", "## What it is worth")
+    for name, *told in rows:
+        position, nees = cases[name]["position"], cases[name]["nees"]
+        margins = [(each["high"] - each["low"]) / 2.0 for each in (position, nees)]
+        assert told == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], name
+    assert len(rows) == len(cases)
+
+
+def test_the_table_of_arrivals_is_what_was_measured():
+    rules = json.loads((ROOT / "benchmarks" / "arrival.json").read_text(encoding="utf-8"))["rules"]
+    page, rows = (ROOT / "docs" / "concepts" / "tasks.md").read_text(encoding="utf-8"), 0
+    names, *lines = [line for line in page.partition("`make bench-arrival`")[2].splitlines() if line.startswith("|")]
+    noises = [cell.strip(" `") for cell in names.strip("|").split("|")[1:]]
+    for line in lines[1:]:
+        rule, *told = (cell.strip() for cell in line.strip("|").split("|"))
+        for noise, cell in zip(noises, told, strict=True):
+            row = rules[noise][rule]
+            never = f", never {100.0 * row['never']:.0f} %" if row["never"] else ""
+            assert cell == f"{100.0 * row['false']['value']:.1f} %, {row['later']['value']:.2f} s{never}", line
+        rows += 1
+    assert rows == 7
+
+
+def test_the_plan_for_a_cluster_is_what_was_measured():
+    told = json.loads((ROOT / "benchmarks" / "cluster.json").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
+    assert f"{told['ratio_of_2_workers_to_1']:.2f} times what one does" in page
+    rows = rows_after("docs/howto/cluster.md", "## What it costs")
+    for workers, wanted, busy, *_ in rows:
+        row = told["planned"]["by_workers"][workers.replace(",", "")]
+        assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), workers
+    assert len(rows) == len(told["planned"]["by_workers"])
+
+
+def shown(interval, sign="", unit=100.0, digits=1):
+    value, low, high = (f"{unit * interval[part]:{sign}.{digits}f}" for part in ("value", "low", "high"))
+    return f"{value} ({low}, {high})"
+
+
+def test_the_tables_of_rooms_are_what_was_measured():
+    study = json.loads((ROOT / "benchmarks" / "rooms_study.json").read_text(encoding="utf-8"))
+    told = {(row["setting"], row["policy"]): row for row in study["rows"]}
+    page, tables = "docs/concepts/rooms.md", 0
+    for name, *cells in rows_after(page, "## Which policies find the way"):
+        policy = {"PPO, 3 trainings": "ppo, 3 trainings"}.get(name, name.strip("`"))
+        rows = [told[world, policy] for world in ("dense", "office")]
+        assert cells == [shown(row[part]) for row in rows for part in ("success", "collision")], name
+        tables += 1
+    worlds = [(name.strip("`"), cells) for name, *cells in rows_after(page, "policies that arrive hardly make a detour")]
+    lidars = [(f"dense, {name.strip('`')}", cells) for name, *cells in rows_after(page, "**With an `ideal` LiDAR")]
+    for name, cells in [*worlds, *lidars]:
+        setting = name.removesuffix(", lds01")
+        vfh, ppo = (told[setting, policy] for policy in ("vfh", "ppo-rooms"))
+        wanted = [shown(vfh["success"]), shown(ppo["success"]), shown(ppo["collision"]), shown(ppo["success_difference"], "+")]
+        assert cells == wanted, name
+        tables += 1
+    for world, policy, *cells in rows_after(page, "**The safety layer is not free.**"):
+        bare, safe = (told[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
+        shares = [f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in (bare, safe)]
+        assert cells == [*shares, shown(safe["later"], "+", 1.0, 2)], policy
+        tables += 1
+    barn = json.loads((ROOT / "benchmarks" / "barn.json").read_text(encoding="utf-8"))["mean"]
+    for name, *cells in rows_after(page, "**The 200 worlds of the BARN challenge**"):
+        units = (("success", 100.0, 1), ("collision", 100.0, 1), ("timeout", 100.0, 1), ("barn", 1.0, 3))
+        for cell, (part, unit, digits) in zip(cells, units, strict=True):
+            one = barn[name.strip("`")][part]
+            margin = f"{0.5 * unit * (one['high'] - one['low']):.{digits}f}"
+            assert cell == f"{unit * one['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
+        tables += 1
+    assert tables == 8 + 7 + 4 + 6 + len(barn)
