@@ -51,7 +51,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 
 ##@ Test
 test: $(READY)  ## all tests but the slow ones
-	$(RUN)python -m pytest -n 4 --dist loadfile -m "not slow and not clients and not cluster and not browser"
+	$(RUN)python -m pytest -n 3 --dist loadfile -m "not slow and not clients and not cluster and not browser"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
