@@ -19,7 +19,7 @@ import numpy as np
 import tyro
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from parts import Figure, cores, measured
 from rich.console import Console
 from rich.table import Table
@@ -66,11 +66,6 @@ def expected(headings: list[float]) -> NDArray[np.float64]:
     return np.array(commands)
 
 
-def same(commands: ArrayLike, others: ArrayLike) -> int:
-    """Return how many commands (n, 2) are equal up to the rounding of the heading's quaternion."""
-    return int((np.abs(np.subtract(commands, others)) < 1e-9).all(1).sum())
-
-
 def starts() -> dict[str, Any]:
     """Measure the time from launching four processes at once, in several orders, until all of them have published."""
     seconds = []
@@ -105,13 +100,14 @@ def latency(config: Config) -> dict[str, Any]:
         probe.until(lambda: len(probe.sent) >= begin + n, patience=PATIENCE + n * PERIOD)
         probe.silent = True
         probe.spin(0.2)
-    answers = {command.stamp: command for command in reversed(probe.heard[first:])}  # the first with each stamp
-    pairs = [(k, answers[stamp]) for k, stamp in enumerate(probe.stamps[begin:]) if stamp in answers]
-    answered, commands = [k for k, _ in pairs], [(command.v, command.omega) for _, command in pairs]
-    sent, should = np.array(probe.sent[begin:]), expected(probe.headings[begin:])
-    delays = 1e3 * (np.array([command.arrival for _, command in pairs]) - sent[answered])
-    in_python = 1e3 * (np.array([command.time for _, command in pairs]) - sent[answered])
-    own = same(commands, should[answered])
+    heard, sent = probe.heard[first:], np.array(probe.sent[begin:])
+    commands = np.array([(command.v, command.omega) for command in heard])
+    # A command belongs to the odometry from which it follows, up to the rounding of the heading's quaternion: all are distinct.
+    follows = (np.abs(expected(probe.headings[begin:])[:, None] - commands) < 1e-9).all(2)
+    answered = np.flatnonzero(follows.any(1))
+    answers = [heard[k] for k in follows.argmax(1)[answered]]
+    delays = 1e3 * (np.array([command.arrival for command in answers]) - sent[answered])
+    in_python = 1e3 * (np.array([command.time for command in answers]) - sent[answered])
     p50, p99, worst = (float(value) for value in np.percentile(delays, [50.0, 99.0, 100.0]))
     figures = [
         Figure("/odom to /cmd_vel, p50", p50, "ms", 3.0),
@@ -119,9 +115,9 @@ def latency(config: Config) -> dict[str, Any]:
         Figure("/odom to /cmd_vel, largest", worst, "ms"),
         Figure("/odom to a Python callback on /cmd_vel, p50", float(np.percentile(in_python, 50.0)), "ms"),
         Figure("/odom to a Python callback on /cmd_vel, p99", float(np.percentile(in_python, 99.0)), "ms"),
-        Figure("odometry without the command that follows from it", len(sent) - own, "", 1.0),
+        Figure("odometry without the command that follows from it", len(sent) - len(answers), "", 1.0),
     ]
-    return {"figures": figures, "odometry": len(sent), "answered": len(pairs), "commands": len(probe.heard) - first}
+    return {"figures": figures, "odometry": len(sent), "commands": len(heard)}
 
 
 def watch(*, rate: float, seconds: float) -> dict[str, Any]:

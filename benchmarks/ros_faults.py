@@ -85,7 +85,7 @@ def faults(repeats: int) -> dict[str, Any]:
                 first = next(k for k, command in enumerate(heard) if command.is_zero)
                 delays[name].append(heard[first].arrival - start)
                 seen_after[name].append(heard[first].time - start)
-                sent_after[name].append(1e-9 * heard[first].stamp - clock)
+                sent_after[name].append(heard[first].stamp - clock)
                 zeros += len(heard) - first
                 motions += sum(not command.is_zero for command in heard[first:])
                 mend_it(probe, nodes)

@@ -50,7 +50,7 @@ class Heard(NamedTuple):
     arrival: float  # s, steady clock, at DDS
     v: float  # m/s
     omega: float  # rad/s
-    stamp: int  # ns, by the sender
+    stamp: float  # s, by the sender
 
     @property
     def is_zero(self) -> bool:
@@ -123,10 +123,7 @@ class Probe:
         """Arrivals of the plant's true state, s."""
         self.sent: list[float] = []
         """Times at which odometry was published, s."""
-        self.stamps: list[int] = []
-        """Its stamps, ns."""
         self.headings: list[float] = []
-        """Its headings, rad."""
         self.stamp = time.time_ns()
         """Stamp of the next odometry, ns."""
         self.silent = False
@@ -145,20 +142,18 @@ class Probe:
 
     def _hear(self, message: TwistStamped, info: dict[str, int]) -> None:
         now, age = time.monotonic(), 1e-9 * (time.time_ns() - info["received_timestamp"])
-        twist, stamp = message.twist, Time.from_msg(message.header.stamp).nanoseconds
+        twist, stamp = message.twist, 1e-9 * Time.from_msg(message.header.stamp).nanoseconds
         self.heard.append(Heard(now, now - age, twist.linear.x, twist.angular.z, stamp))
 
     def _send(self) -> None:
         """Publish odometry of a robot that stands with changing headings, so that each message leads to a distinct command."""
         message = Odometry()
         message.header.frame_id = "odom"
-        stamp = self.stamp
-        message.header.stamp = Time(nanoseconds=stamp).to_msg()
+        message.header.stamp = Time(nanoseconds=self.stamp).to_msg()
         self.stamp += round(PERIOD * 1e9)
         heading = self._draws.uniform(-0.5, 0.5)
         message.pose.pose.orientation.z, message.pose.pose.orientation.w = sin(0.5 * heading), cos(0.5 * heading)
         if not self.silent:
-            self.stamps.append(stamp)
             self.headings.append(heading)
             self.sent.append(time.monotonic())
             self._odometry.publish(message)
