@@ -1,5 +1,6 @@
-"""The pages of the documentation, their code blocks and their tables."""
+"""The pages of the documentation, their code blocks and tables, and the results that they tell."""
 
+import json
 import os
 import sys
 from pathlib import Path
@@ -42,6 +43,11 @@ def rows_after(page, words):
     begin = is_row.index(True)
     table = lines[begin : is_row.index(False, begin)]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
+
+
+def measured(name):
+    """Return the published results of a benchmark."""
+    return json.loads((ROOT / "benchmarks" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def environment():

@@ -1,20 +1,14 @@
 """The README: it is short, its figures are the measured ones, and package indexes get a text without broken links."""
 
-import json
 import re
 import sys
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 from markdown_it import MarkdownIt
+from pages import ROOT, measured
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def measured(name):
-    return json.loads((ROOT / "benchmarks" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def row_of(phrase):

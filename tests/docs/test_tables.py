@@ -1,8 +1,6 @@
 """The tables of the pages are what was measured."""
 
-import json
-
-from pages import ROOT, rows_after
+from pages import ROOT, measured, rows_after
 
 MEASURED = {
     "`tutorial`": "tutorial",
@@ -14,7 +12,7 @@ MEASURED = {
 
 
 def test_the_table_of_filters_is_what_was_measured():
-    settings = json.loads((ROOT / "benchmarks" / "estimation.json").read_text(encoding="utf-8"))["settings"]
+    settings = measured("estimation")["settings"]
     page, rows, noise = (ROOT / "docs" / "concepts" / "belief.md").read_text(encoding="utf-8"), 0, ""
     for line in page.partition("| NEES of the pose (3) |")[2].splitlines()[2:]:
         if not line.startswith("|"):
@@ -22,15 +20,15 @@ def test_the_table_of_filters_is_what_was_measured():
         said, name, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
         noise = said or noise
         one = settings[MEASURED[noise]]["filters"][name.replace("`", "")]
-        for number, measured, digits in zip(numbers, [*one["ratio"], one["nees"]], (3, 3, 3, 2), strict=True):
-            margin = (measured["high"] - measured["low"]) / 2.0
-            assert number == f"{measured['value']:.{digits}f} ± {margin:.{digits}f}", line
+        for number, interval, digits in zip(numbers, [*one["ratio"], one["nees"]], (3, 3, 3, 2), strict=True):
+            margin = (interval["high"] - interval["low"]) / 2.0
+            assert number == f"{interval['value']:.{digits}f} ± {margin:.{digits}f}", line
         rows += 1
     assert rows == 11
 
 
 def test_the_table_of_fixes_is_what_was_measured():
-    cases = json.loads((ROOT / "benchmarks" / "fix.json").read_text(encoding="utf-8"))["cases"]
+    cases = measured("fix")["cases"]
     rows = rows_after("docs/howto/fix.md", "## What it is worth")
     for name, *told in rows:
         position, nees = cases[name]["position"], cases[name]["nees"]
@@ -40,7 +38,7 @@ def test_the_table_of_fixes_is_what_was_measured():
 
 
 def test_the_table_of_arrivals_is_what_was_measured():
-    rules = json.loads((ROOT / "benchmarks" / "arrival.json").read_text(encoding="utf-8"))["rules"]
+    rules = measured("arrival")["rules"]
     page, rows = (ROOT / "docs" / "concepts" / "tasks.md").read_text(encoding="utf-8"), 0
     names, *lines = [line for line in page.partition("`make bench-arrival`")[2].splitlines() if line.startswith("|")]
     noises = [cell.strip(" `") for cell in names.strip("|").split("|")[1:]]
@@ -55,7 +53,7 @@ def test_the_table_of_arrivals_is_what_was_measured():
 
 
 def test_the_plan_for_a_cluster_is_what_was_measured():
-    told = json.loads((ROOT / "benchmarks" / "cluster.json").read_text(encoding="utf-8"))
+    told = measured("cluster")
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
     assert f"{told['ratio_of_2_workers_to_1']:.2f} times what one does" in page
     rows = rows_after("docs/howto/cluster.md", "## What it costs")
@@ -71,7 +69,7 @@ def shown(interval, sign="", unit=100.0, digits=1):
 
 
 def test_the_tables_of_rooms_are_what_was_measured():
-    study = json.loads((ROOT / "benchmarks" / "rooms_study.json").read_text(encoding="utf-8"))
+    study = measured("rooms_study")
     told = {(row["setting"], row["policy"]): row for row in study["rows"]}
     page, tables = "docs/concepts/rooms.md", 0
     for name, *cells in rows_after(page, "## Which policies find the way"):
@@ -92,7 +90,7 @@ def test_the_tables_of_rooms_are_what_was_measured():
         shares = [f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in (bare, safe)]
         assert cells == [*shares, shown(safe["later"], "+", 1.0, 2)], policy
         tables += 1
-    barn = json.loads((ROOT / "benchmarks" / "barn.json").read_text(encoding="utf-8"))["mean"]
+    barn = measured("barn")["mean"]
     for name, *cells in rows_after(page, "**The 200 worlds of the BARN challenge**"):
         units = (("success", 100.0, 1), ("collision", 100.0, 1), ("timeout", 100.0, 1), ("barn", 1.0, 3))
         for cell, (part, unit, digits) in zip(cells, units, strict=True):
