@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import csv
 import time
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -22,6 +23,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -41,6 +43,8 @@ COLLECT_PERIOD = 0.02
 """Time between two checks for new messages, s."""
 IN_FLIGHT = 0.2
 """Time to wait at the end for messages in transit, s."""
+REMEMBERED = 10_000
+"""Number of messages of a topic among which one that another subscription has heard is recognized."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,18 +68,22 @@ class Parameters:
 
 
 class Topic(NamedTuple):
-    """A recorded topic."""
+    """A recorded topic, with a subscription for each quality of service that its publishers have had.
+
+    No subscription is given up for another, since what is sent between the two would be lost.
+    """
 
     kind: str
-    profile: QoSProfile
-    subscription: Subscription
+    write: Callable[[bytes, dict[str, int]], None]
+    subscriptions: dict[tuple[bool, bool], Subscription]
+    """By whether they are reliable and whether they get what was said before."""
 
     def collect(self) -> None:
         """Record the messages that have arrived."""
-        subscription = self.subscription
-        with subscription.handle:
-            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                subscription.callback(*taken)
+        for subscription in self.subscriptions.values():
+            with subscription.handle:
+                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                    self.write(*taken)
 
 
 class Collected(CallbackGroup):
@@ -140,40 +148,64 @@ class DataLogger(Node):
         return kind
 
     def _record(self, topic: str, kind: str) -> None:
-        """Subscribe as reliably as all publishers of a topic allow; resubscribe if a new one allows less."""
-        profiles = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
-        if not profiles or (topic, kind) in self._refused:
+        """Subscribe with each quality of service that the publishers of a topic have."""
+        wanted = {
+            (
+                info.qos_profile.reliability == ReliabilityPolicy.RELIABLE,
+                info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            for info in self.get_publishers_info_by_topic(topic)
+            if info.topic_type == kind
+        }
+        if not wanted or (topic, kind) in self._refused:
             return
-        reliable = all(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
-        latched = all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
-        profile = QoSProfile(
-            depth=1000,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
         known = self._recorded.get(topic)
-        if known is not None and (known.kind, known.profile) == (kind, profile):
+        if known is not None and known.kind == kind and wanted <= known.subscriptions.keys():
             return
         try:
             if (topic, kind) not in self._opened:
                 package, folder, name = kind.split("/")
                 message = getattr(import_module(f"{package}.{folder}"), name)
-                self._opened[topic, kind] = message, self._bag.add(topic, kind, latched=latched)
+                self._opened[topic, kind] = message, self._bag.add(topic, kind, latched=all(latched for _, latched in wanted))
         except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
             self._refused.add((topic, kind))
             self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
             return
-        if known is not None:
+        message, connection = self._opened[topic, kind]
+        if known is not None and known.kind != kind:
             known.collect()
-            self.destroy_subscription(known.subscription)
-        write = self._writer_of(topic, *self._opened[topic, kind])
-        subscription = self.create_subscription(
-            self._opened[topic, kind][0], topic, write, profile, raw=True, callback_group=self._collected
-        )
-        self._recorded[topic] = Topic(kind, profile, subscription)
+            for subscription in known.subscriptions.values():
+                self.destroy_subscription(subscription)
+            known = None
+        if known is None:
+            known = self._recorded[topic] = Topic(kind, self._writer_of(topic, message, connection), {})
+        for reliable, latched in wanted - known.subscriptions.keys():
+            profile = QoSProfile(
+                depth=1000,
+                reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+            )
+            known.subscriptions[reliable, latched] = self.create_subscription(
+                message,
+                topic,
+                known.write,
+                profile,
+                raw=True,
+                callback_group=self._collected,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # another one hears the others
+            )
 
-    def _writer_of(self, topic: str, message: type, connection: Connection) -> Any:
-        def write(data: bytes, info: Any) -> None:
+    def _writer_of(self, topic: str, message: type, connection: Connection) -> Callable[[bytes, dict[str, int]], None]:
+        """Return a function that records a message of a topic, but not if another subscription has heard it."""
+        heard: OrderedDict[tuple[int, int, int], None] = OrderedDict()
+
+        def write(data: bytes, info: dict[str, int]) -> None:
+            which = info["source_timestamp"], info["publication_sequence_number"], hash(data)
+            if which in heard:
+                return
+            heard[which] = None
+            if len(heard) > REMEMBERED:
+                heard.popitem(last=False)
             self._bag.write(connection, info["received_timestamp"] or time.time_ns(), data)
             self._latest[topic] = time.monotonic(), message, data
 
