@@ -51,7 +51,12 @@ class Probe:
     def until_driving(self):
         self.heard.clear()
         self.command = AHEAD
-        self.until(lambda: AHEAD in self.heard)
+        self.until(self._drives)
+
+    def _drives(self):
+        if self.pressed is False:
+            self.enable(True)  # again, where a busy machine kept the button silent for too long
+        return AHEAD in self.heard
 
     def enable(self, on):
         return self.ask("/cmd_vel_guard/enable", SetBool, SetBool.Request(data=on))

@@ -38,7 +38,12 @@ class Robot:
     def until_driving(self):
         self.heard.clear()
         self.speed = AHEAD
-        self._until(lambda: any(each.twist.linear.x == AHEAD for each in list(self.heard)))
+        self._until(self._drives)
+
+    def _drives(self):
+        if self.pressed is False:
+            self.enable(True)  # again, where a busy machine kept the button silent for too long
+        return any(each.twist.linear.x == AHEAD for each in list(self.heard))
 
     def until_reported(self, text):
         self._reports.clear()
