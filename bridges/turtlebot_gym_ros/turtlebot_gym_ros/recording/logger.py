@@ -74,7 +74,7 @@ class Topic(NamedTuple):
     """
 
     kind: str
-    write: Callable[[bytes, dict[str, int]], None]
+    write: Callable[..., None]
     subscriptions: dict[tuple[bool, bool], Subscription]
     """By whether they are reliable and whether they get what was said before."""
 
@@ -195,7 +195,7 @@ class DataLogger(Node):
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # another one hears the others
             )
 
-    def _writer_of(self, topic: str, message: type, connection: Connection) -> Callable[[bytes, dict[str, int]], None]:
+    def _writer_of(self, topic: str, message: type, connection: Connection) -> Callable[..., None]:
         """Return a function that records a message of a topic, but not if another subscription has heard it."""
         heard: OrderedDict[tuple[int, int, int], None] = OrderedDict()
 
