@@ -1,5 +1,7 @@
 """The calibration drive on live nodes: it moves nothing before it is enabled, and speaks to the guard."""
 
+import time
+
 from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
@@ -27,6 +29,7 @@ def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(
     def drives():
         for name in ("cmd_vel_guard", "calibration_drive"):  # again, where a busy machine kept the button silent for too long
             peer.ask(f"{name}/enable", SetBool, SetBool.Request(data=True))
+        time.sleep(0.5)  # an enabled guard has forgotten what was said before
         return any(each.twist.linear.x > 0.1 for each in list(wheels))
 
     wait_for(drives)

@@ -56,6 +56,7 @@ class Probe:
     def _drives(self):
         if self.pressed is False:
             self.enable(True)  # again, where a busy machine kept the button silent for too long
+            time.sleep(0.5)  # an enabled guard has forgotten what was said before
         return AHEAD in self.heard
 
     def enable(self, on):

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -43,6 +44,7 @@ class Robot:
     def _drives(self):
         if self.pressed is False:
             self.enable(True)  # again, where a busy machine kept the button silent for too long
+            time.sleep(0.5)  # an enabled guard has forgotten what was said before
         return any(each.twist.linear.x == AHEAD for each in list(self.heard))
 
     def until_reported(self, text):
