@@ -25,6 +25,7 @@ def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(
     assert states[-1].data.startswith("silent: not enabled")
     assert not wishes
     assert {each.twist.linear.x for each in wheels} == {0.0}
+    wait_for(lambda: peer.ask("calibration_drive/enable", SetBool, SetBool.Request(data=True)).success)
 
     def drives():
         for name in ("cmd_vel_guard", "calibration_drive"):  # again, where a busy machine kept the button silent for too long

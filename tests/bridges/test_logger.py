@@ -127,6 +127,7 @@ def test_holds_every_message_that_another_subscriber_saw(start, peer, listener, 
     assert len(heard["/odom"]) == 300
     assert held["/odom"] == heard["/odom"]
     assert held["/note"] == heard["/note"]
+    assert [message.header.stamp.sec for message in held["/goals"]] == list(range(300))
     seen = {message.header.stamp.sec for message in heard["/goals"]}  # by best effort, so perhaps not all
     assert [message for message in held["/goals"] if message.header.stamp.sec in seen] == heard["/goals"]
     assert "/rosout" in held  # nobody asked for it
