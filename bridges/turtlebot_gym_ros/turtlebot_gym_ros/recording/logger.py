@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import time
-from collections import OrderedDict
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -43,7 +43,9 @@ COLLECT_PERIOD = 0.02
 """Time between two checks for new messages, s."""
 IN_FLIGHT = 0.2
 """Time to wait at the end for messages in transit, s."""
-REMEMBERED = 10_000
+DEPTH = 1000
+"""Number of messages that a subscription keeps until it is asked."""
+REMEMBERED = 2 * DEPTH
 """Number of messages of a topic among which one that another subscription has heard is recognized."""
 
 
@@ -181,7 +183,7 @@ class DataLogger(Node):
             known = self._recorded[topic] = Topic(kind, self._writer_of(topic, message, connection), {})
         for reliable, latched in wanted - known.subscriptions.keys():
             profile = QoSProfile(
-                depth=1000,
+                depth=DEPTH,
                 reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
             )
@@ -197,15 +199,17 @@ class DataLogger(Node):
 
     def _writer_of(self, topic: str, message: type, connection: Connection) -> Callable[..., None]:
         """Return a function that records a message of a topic, but not if another subscription has heard it."""
-        heard: OrderedDict[tuple[int, int, int], None] = OrderedDict()
+        heard: set[int] = set()
+        order: deque[int] = deque()
 
         def write(data: bytes, info: dict[str, int]) -> None:
-            which = info["source_timestamp"], info["publication_sequence_number"], hash(data)
+            which = hash((info["source_timestamp"], info["publication_sequence_number"], data))
             if which in heard:
                 return
-            heard[which] = None
-            if len(heard) > REMEMBERED:
-                heard.popitem(last=False)
+            heard.add(which)
+            order.append(which)
+            if len(order) > REMEMBERED:
+                heard.remove(order.popleft())
             self._bag.write(connection, info["received_timestamp"] or time.time_ns(), data)
             self._latest[topic] = time.monotonic(), message, data
 
