@@ -1,0 +1,40 @@
+"""No change that is not meant to has changed a number of any rollout; `golden` says how to look at one."""
+
+import json
+import random
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import golden
+
+CHOSEN = list(golden.combinations())
+KNOWN = json.loads(golden.HASHES.read_text())
+OPEN_GROUND = [one for one in CHOSEN if one["id"] != "Rooms" and "fix" not in one and "plant" not in one]
+
+
+def test_every_combination_has_a_hash():
+    assert [golden.name_of(one) for one in CHOSEN] == list(KNOWN)
+    assert len(set(KNOWN)) >= 300
+
+
+@pytest.mark.parametrize("chosen", random.Random(0).sample(CHOSEN, 40), ids=golden.name_of)
+def test_a_rollout_in_plain_python_is_the_one_that_was_stored(chosen):
+    assert golden.hash_of(chosen, "plain") == KNOWN[golden.name_of(chosen)]
+
+
+@pytest.mark.parametrize("mode", ["scalar", "vector"])
+@pytest.mark.parametrize("chosen", random.Random(1).sample(OPEN_GROUND, 8), ids=golden.name_of)
+def test_a_compiled_rollout_is_the_one_that_was_stored(chosen, mode):
+    assert golden.hash_of(chosen, mode) == KNOWN[golden.name_of(chosen)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", golden.MODES)
+@pytest.mark.parametrize("chosen", CHOSEN, ids=golden.name_of)
+def test_every_rollout_is_the_one_that_was_stored(chosen, mode):
+    if mode in golden.modes_of(chosen):
+        assert golden.hash_of(chosen, mode) == KNOWN[golden.name_of(chosen)]
