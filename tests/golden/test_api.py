@@ -1,0 +1,41 @@
+"""Nothing that users hold on to has gone: `api` lists it."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).parent))
+
+import api
+
+STORED = json.loads((Path(__file__).parent / "api.json").read_text())
+GONE = {"exports.turtlebot_gym.World"}
+"""What has gone on purpose; CHANGELOG says what takes its place."""
+
+
+def paths(value, path=""):
+    """Yield the dotted path of each name in nested mappings and lists; defaults of parameters count as names."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from paths(item, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        yield from (f"{path}.{item}" for item in value)
+    else:
+        yield f"{path}={value}"
+
+
+def test_names_that_users_hold_on_to_are_all_there(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    missing = set(paths(STORED)) - set(paths(api.snapshot())) - GONE
+    assert not missing, "\n".join(sorted(missing))
+
+
+def test_a_name_that_goes_is_noticed():
+    fewer = json.loads(json.dumps(STORED))
+    fewer["commands"]["train"].remove("--resume")
+    del fewer["nodes"]["kalman_filter"]["parameters"]["filter"]
+    missing = set(paths(STORED)) - set(paths(fewer))
+    assert len(missing) == 2
