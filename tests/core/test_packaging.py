@@ -51,6 +51,21 @@ def test_classifiers_are_known_and_name_the_versions_that_are_tested():
     assert told == set(CI["jobs"]["test"]["strategy"]["matrix"]["python"])
 
 
+def test_the_checker_depends_on_gymnasium_and_numpy_only():
+    folder = ROOT / "checker"
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {re.split("[<>=]", dependency)[0] for dependency in project["dependencies"]} == {"gymnasium", "numpy"}
+    assert project["license"] == PROJECT["license"]
+    package = folder / "gymnasium_vector_checker"
+    assert (package / "py.typed").is_file()
+    imported = {
+        match[1]
+        for path in package.glob("*.py")
+        for match in re.finditer(r"^(?:from|import) (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert imported - set(sys.stdlib_module_names) == {"gymnasium", "numpy", package.name}
+
+
 def targets():
     """Return what each target of the Makefile says of itself."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")

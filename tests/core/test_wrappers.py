@@ -11,9 +11,9 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import FrameStackObservation
 
+from gymnasium_vector_checker import check_vector_env
+from gymnasium_vector_checker.runs import Case, Event
 from turtlebot_gym import wrappers
-from turtlebot_gym.checker import check_vector_env
-from turtlebot_gym.checker.runs import Case, Event
 from turtlebot_gym.models.random import episode_key, normals, sub_key
 from turtlebot_gym.wrappers import vector
 

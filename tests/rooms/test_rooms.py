@@ -11,8 +11,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
+from gymnasium_vector_checker import check_vector_env
 from turtlebot_gym import Reward
-from turtlebot_gym.checker import check_vector_env
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.rooms import RoomsEnv
 from turtlebot_gym.envs.rooms_vector import RoomsVectorEnv

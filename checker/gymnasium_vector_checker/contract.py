@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from turtlebot_gym.checker.rules import RULES
-from turtlebot_gym.checker.runs import LIMIT, Case, difference
+from gymnasium_vector_checker.rules import RULES
+from gymnasium_vector_checker.runs import LIMIT, Case, difference
 
 
 class Violation(NamedTuple):
@@ -35,7 +35,7 @@ class ContractError(AssertionError):
 
     def __init__(self, violations: list[Violation]) -> None:
         self.violations = violations
-        lines = [f"- {one.rule} ({one.mode.name}): {one.text}\n  Seen: {one.seen}" for one in violations]
+        lines = [f"- {broken.rule} ({broken.mode.name}): {broken.text}\n  Seen: {broken.seen}" for broken in violations]
         super().__init__("\n".join([f"{len(violations)} rules of the vector environment's contract are broken:", *lines]))
 
 
@@ -50,7 +50,7 @@ def check_vector_env(
 
     Args:
         make: Called as ``make(num_envs=..., autoreset_mode=...)``, and with ``max_episode_steps`` where it has a parameter of
-            that name or ``**kwargs``, as ``functools.partial(gymnasium.make_vec, "turtlebot_gym/TurtleBotNav-v0")``.
+            that name or ``**kwargs``, such as ``functools.partial(gymnasium.make_vec, "my/Env-v0")``.
         modes: The autoreset modes that the environment must support; None for those for which ``make`` raises no error
             (TypeError, ValueError, NotImplementedError or one of Gymnasium's).
         num_envs: Size of the batches, at least 2.
@@ -65,8 +65,10 @@ def check_vector_env(
     """
     if num_envs < 2:
         raise ValueError(f"num_envs must be at least 2, got {num_envs!r}.")
-    kinds = inspect.signature(make).parameters
-    limited = "max_episode_steps" in kinds or any(kind.kind is kind.VAR_KEYWORD for kind in kinds.values())
+    parameters = inspect.signature(make).parameters
+    limited = "max_episode_steps" in parameters or any(
+        parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()
+    )
     wanted = tuple(AutoresetMode) if modes is None else tuple(modes)
     cases = [Case(make, mode, num_envs, steps, LIMIT if limited else None) for mode in wanted]
     if modes is None:
@@ -86,7 +88,7 @@ def check_vector_env(
         first, *others = ((case.mode, case.play(1)) for case in cases)
         text = "Episodes are the same in every autoreset mode."
         seen = ((mode, difference(first[1], events)) for mode, events in others)
-        violations = [Violation("modes_agree", mode, text, one) for mode, one in seen if one is not None]
+        violations = [Violation("modes_agree", mode, text, what) for mode, what in seen if what is not None]
     if violations:
         raise ContractError(violations)
     return tuple(case.mode for case in cases)

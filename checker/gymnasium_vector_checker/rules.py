@@ -1,4 +1,4 @@
-"""Rules that `checker` tests. Each is a generator of the violations it sees; its docstring is the rule."""
+"""Rules of every mode, and the table of all. Each rule is a generator of violations; its docstring is the rule."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from turtlebot_gym.checker.mode_rules import disabled, final_objects, next_step, same_step
-from turtlebot_gym.checker.runs import (
+from gymnasium_vector_checker.mode_rules import disabled, final_objects, next_step, same_step
+from gymnasium_vector_checker.runs import (
     DISABLED,
     LIMIT,
     NEXT_STEP,
@@ -23,7 +23,7 @@ from turtlebot_gym.checker.runs import (
     Run,
     actions_of,
     difference,
-    each,
+    rows_of,
     together,
 )
 
@@ -51,9 +51,9 @@ def metadata(case: Case) -> Iterator[str]:
 def mode_attribute(case: Case) -> Iterator[str]:
     """The attribute autoreset_mode is the AutoresetMode in force too, as SyncVectorEnv and AsyncVectorEnv have it."""
     with closing(case.open()) as env:
-        told = getattr(env.unwrapped, "autoreset_mode", "no such attribute")
-        if told is not case.mode:
-            yield f"{told!r} instead of {case.mode!r}."
+        mode = getattr(env.unwrapped, "autoreset_mode", "no such attribute")
+        if mode is not case.mode:
+            yield f"{mode!r} instead of {case.mode!r}."
 
 
 def returns(case: Case) -> Iterator[str]:
@@ -213,7 +213,7 @@ def reset_mask_rows(case: Case) -> Iterator[str]:
     first = np.arange(case.num_envs) == 0
     for when in (2, LIMIT):  # in the middle of the episodes, and when all of them have just ended
         with closing(case.open()) as env, closing(case.open()) as twin, closing(case.open(1)) as new:
-            runs = [Run(case, one, stagger=False) for one in (env, twin)]
+            runs = [Run(case, batch, stagger=False) for batch in (env, twin)]
             last: Any = None
             for run in runs:
                 run.reset(1)
@@ -223,7 +223,7 @@ def reset_mask_rows(case: Case) -> Iterator[str]:
             fresh = Run(case, new, stagger=False)
             fresh.queues = [deepcopy(runs[0].queues[0])]
             fresh.reset(50)
-            for name, now, then in zip(range(case.num_envs), each(env, observations), each(env, last), strict=True):
+            for name, now, then in zip(range(case.num_envs), rows_of(env, observations), rows_of(env, last), strict=True):
                 if name and case.mode is not DISABLED and not data_equivalence(now, then, exact=True):
                     yield f"environment {name}, which the mask leaves out: observation {now!r} instead of {then!r}."
             start = len(runs[0].events[0]) - 1
@@ -232,10 +232,10 @@ def reset_mask_rows(case: Case) -> Iterator[str]:
                     run.step()
             seen = difference(runs[1].events, runs[0].events, rows=range(1, case.num_envs))
             if seen is not None:
-                yield f"with the first one reset after {when} steps, {seen}"
+                yield f"with row 0 reset after {when} steps, {seen}"
             seen = difference(fresh.events, [runs[0].events[0][start:]])
             if seen is not None:
-                yield f"of the one reset, after {when} steps, with seed 50: {seen}"
+                yield f"of row 0, reset after {when} steps, with seed 50: {seen}"
 
 
 def first_reset_whole(case: Case) -> Iterator[str]:
@@ -254,9 +254,9 @@ def reset_mask_infos(case: Case) -> Iterator[str]:
         env.reset(seed=1)
         mask = np.arange(case.num_envs) == 0
         infos = env.reset(options={"reset_mask": mask.copy()})[1]
-        for key, told in infos.items():
-            if key.startswith("_") and (told & ~mask).any():
-                yield f"{key} is {told!r} after a reset of {mask!r}."
+        for key, value in infos.items():
+            if key.startswith("_") and (value & ~mask).any():
+                yield f"{key} is {value!r} after a reset of {mask!r}."
 
 
 def truncation(case: Case) -> Iterator[str]:

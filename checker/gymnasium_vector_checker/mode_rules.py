@@ -7,7 +7,7 @@ from contextlib import closing
 
 import numpy as np
 
-from turtlebot_gym.checker.runs import FINAL, Case, Run, actions_of, difference, together
+from gymnasium_vector_checker.runs import FINAL, Case, Run, actions_of, difference, together
 
 NO_END = "no episode ended: let make take max_episode_steps, or raise steps."
 
@@ -64,7 +64,7 @@ def final_objects(case: Case) -> Iterator[str]:
                 continue
             if not isinstance(final, np.ndarray) or final.dtype != object or final.shape != (case.num_envs,):
                 yield f"final_obs is {final!r}."
-            elif any((one is not None) != ended for one, ended in zip(final, done, strict=True)):
+            elif any((last is not None) != ended for last, ended in zip(final, done, strict=True)):
                 yield f"final_obs is {final!r} where the ends are {done!r}."
 
 

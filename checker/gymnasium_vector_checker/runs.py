@@ -1,4 +1,4 @@
-"""Step a vector environment for `checker`, and record what happens to each row in a form that is the same in every mode."""
+"""Step a vector environment, and record what happens to each row in a form that is the same in every mode."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class Run:
         observations, rewards, terminated, truncated, infos = returned
         done = self.ended = np.logical_or(terminated, truncated)
         if self.case.mode is SAME_STEP and done.any():
-            last = [one if done[i] else row for i, (one, row) in enumerate(zip(*_pair(self.env, returned), strict=True))]
+            last = [final if done[i] else row for i, (final, row) in enumerate(zip(*_pair(self.env, returned), strict=True))]
             self._note("step", done, last, infos["final_info"], rewards, terminated, truncated)
             self._note("step", ~done, observations, infos, rewards, terminated, truncated)
             self._note("reset", done, observations, infos)
@@ -132,7 +132,7 @@ class Run:
         return returned
 
     def _note(self, kind: str, mask: Any, observations: Any, infos: Any, rewards: Any = None, *ends: Any) -> None:
-        rows = observations if isinstance(observations, list) else each(self.env, observations)
+        rows = observations if isinstance(observations, list) else rows_of(self.env, observations)
         for i in np.flatnonzero(mask):
             reward = 0.0 if rewards is None else float(rewards[i])
             terminated, truncated = (bool(end[i]) for end in ends) if ends else (False, False)
@@ -158,7 +158,7 @@ def together(env: VectorEnv, rows: list[Any]) -> Any:
     return concatenate(env.single_action_space, rows, create_empty_array(env.single_action_space, len(rows)))
 
 
-def each(env: VectorEnv, observations: Any) -> list[Any]:
+def rows_of(env: VectorEnv, observations: Any) -> list[Any]:
     """Return the single observations of a batch."""
     return list(iterate(env.observation_space, observations))
 
@@ -166,7 +166,7 @@ def each(env: VectorEnv, observations: Any) -> list[Any]:
 def _pair(env: VectorEnv, returned: Any) -> tuple[Any, list[Any]]:
     """Return the final observations (of ended rows) and the current ones."""
     final = returned[4]["final_obs"]
-    return final if isinstance(final, np.ndarray) else each(env, final), each(env, returned[0])
+    return final if isinstance(final, np.ndarray) else rows_of(env, final), rows_of(env, returned[0])
 
 
 def _info_row(infos: dict[str, Any], i: int) -> dict[str, Any]:
@@ -190,8 +190,8 @@ def _arrays(value: Any) -> Iterator[NDArray[Any]]:
 def difference(expected: list[list[Event]], seen: list[list[Event]], rows: Iterable[int] | None = None) -> str | None:
     """Say where two records of the same rows first differ, up to the end of the shorter one."""
     for i in range(len(seen)) if rows is None else rows:
-        for at, (one, other) in enumerate(zip(expected[i], seen[i], strict=False)):
-            for name, a, b in zip(Event._fields, one, other, strict=True):
+        for at, (event, other) in enumerate(zip(expected[i], seen[i], strict=False)):
+            for name, a, b in zip(Event._fields, event, other, strict=True):
                 if not data_equivalence(a, b, exact=True):
-                    return f"environment {i}, event {at} ({one.kind}): {name} {b!r} instead of {a!r}."
+                    return f"environment {i}, event {at} ({event.kind}): {name} {b!r} instead of {a!r}."
     return None
