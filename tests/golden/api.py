@@ -71,7 +71,9 @@ def nodes_of() -> dict[str, dict[str, Any]]:
                     {f"{end.topic_name} {end.msg_type.__name__}" for end in ends if end.topic_name not in ROS_OWN}
                 ),
                 "services": sorted(own for service in node.services if "parameter" not in (own := service.srv_name)),
-                "parameters": {each.name: str(each.value) for each in parameters if "qos" not in each.name},
+                "parameters": {
+                    each.name: str(each.value).replace(folder, "FOLDER") for each in parameters if "qos" not in each.name
+                },
             }
             end()
         context.shutdown()
