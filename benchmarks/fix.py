@@ -22,9 +22,9 @@ from turtlebot_gym.estimation.consistency import difference, nees
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.presets import FIXES
 from turtlebot_gym.systems import Parameters, System, system_of
-from turtlebot_gym.systems.fixes import TrackedSenses
+from turtlebot_gym.systems.fixes import TrackedFix
+from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
-from turtlebot_gym.values import Fix
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.policies import BearingPolicy
@@ -77,15 +77,14 @@ class Config:
 
 def naive(system: System) -> System:
     """Return a system that treats each fix as measured in the step in which it arrives."""
-    sense = system.sense
+    name, first, sense, noise = system.sensors[-1]
 
     @kernel
     def sense_now(body, before, key, at, p):
-        told = sense(body, before, key, at, p)
-        fix = Fix(told.fix.pose, told.fix.R, 0.0, told.fix.arrived)
-        return TrackedSenses(told.odometry, told.twist, told.measured, fix, told.passed)
+        late = sense(body, before, key, at, p)
+        return TrackedFix(late.pose, late.R, 0.0, late.arrived, late.passed)
 
-    return system._replace(sense=sense_now)
+    return system.with_sensor(Sensor(name, first, sense_now, noise))
 
 
 def drive(p: Parameters, system: System, on_square: bool, config: Config, done: Callable[[int], None]) -> dict[str, Any]:

@@ -26,7 +26,8 @@ from rich.table import Table
 from ros_faults import MOVERS, faults
 from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
 
-from turtlebot_gym.values import STOP, Pose, Senses
+from turtlebot_gym import values
+from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.node.discovery import prepare
@@ -59,7 +60,7 @@ def expected(headings: list[float]) -> NDArray[np.float64]:
     controller = VelocityController(VelocityController.Params(policy="proportional", period=PERIOD))
     commands = []
     for k, heading in enumerate(headings):
-        odometry = Senses(Pose(0.0, 0.0, heading), STOP, True)
+        odometry = values.Odometry(Pose(0.0, 0.0, heading), STOP, True)
         estimate = kalman_filter.step(PERIOD if k else 0.0, odometry)["estimate"]
         command = controller.step(PERIOD if k else 0.0, estimate, FAR, None)["command"]
         commands.append(command)

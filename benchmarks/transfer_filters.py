@@ -55,10 +55,10 @@ def tunings(noise: str) -> dict[str, FilterTuning]:
 
 def filtered(drives: Sequence[Drive], tuning: FilterTuning, dt: float = 0.1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Run a filter over drives; return errors of the pose, shape (n, T + 1, 3), and its NEES, shape (n, T + 1)."""
-    begin, step, _ = filter_of(tuning)
+    begin, step, *_ = filter_of(tuning)
     errors, consistency = [], []
     for truth, senses in drives:
-        estimate = begin(senses[0].odometry, tuning)
+        estimate = begin(senses[0], tuning)
         beliefs = [estimate.belief]
         for before, now in pairwise(senses):
             estimate = step(estimate, before, now, tuning, dt, INTEGRATORS["euler"])
@@ -102,7 +102,7 @@ def drift(floor: str, drives: Sequence[Drive]) -> dict[str, Any]:
         way = np.concatenate([[0.0], np.hypot(*np.diff(truth[:, :2], axis=0).T).cumsum()])
         ends = np.searchsorted(way, np.arange(0.0, way[-1], 1.0))
         for begin, end in pairwise(ends.tolist()):
-            start, before, after = Pose(*truth[begin, :3].tolist()), senses[begin].odometry, senses[end].odometry
+            start, before, after = Pose(*truth[begin, :3].tolist()), senses[begin].odometry.pose, senses[end].odometry.pose
             told = increment(start, before, after, sincos(start.theta - before.theta))
             off = difference(np.array(told), truth[end, :3])
             found.append((math.hypot(off[0], off[1]), abs(off[2])))

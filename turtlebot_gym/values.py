@@ -6,7 +6,9 @@ that the same functions take them in plain Python and in compiled code.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
+from functools import cache
+from typing import Any, NamedTuple
 
 
 class Pose(NamedTuple):
@@ -39,15 +41,27 @@ class State(NamedTuple):
     omega: float
 
 
-class Senses(NamedTuple):
+class Odometry(NamedTuple):
     """The robot's odometry."""
 
-    odometry: Pose
+    pose: Pose
     """The last measured pose that arrived."""
     twist: Command
     """The executed twist: the one that the wheels were set to, or on a robot the one that they measured."""
     measured: bool
     """Whether a pose arrived in this step."""
+
+
+class Senses(NamedTuple):
+    """The values of all sensors in a step; with further sensors a type from `senses_of`, whose fields are their names."""
+
+    odometry: Odometry
+
+
+@cache
+def senses_of(names: tuple[str, ...]) -> Any:
+    """Return the type of the values of sensors: `Senses` for odometry alone, or a NamedTuple with a field for each name."""
+    return Senses if names == Senses._fields else namedtuple("Senses", names)  # noqa: PYI024  # a type for each set of names
 
 
 class Fix(NamedTuple):

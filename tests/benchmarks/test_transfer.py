@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym.values import Command, Odometry, Pose, Senses
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -38,7 +38,7 @@ def test_drift_is_the_error_after_each_metre(load):
     """A straight drive of 4.05 m of which wheels that are 2 % too large tell 2 % more, turned by 0.01 rad a metre."""
     transfer = load("transfer_filters")
     truth = np.array([[0.05 * k, 1.0, 0.0, 0.5, 0.0] for k in range(82)])
-    senses = [Senses(Pose(0.05 * k * 1.02, 1.0, 0.01 * 0.05 * k), Command(0.5, 0.0), True) for k in range(82)]
+    senses = [Senses(Odometry(Pose(0.05 * k * 1.02, 1.0, 0.01 * 0.05 * k), Command(0.5, 0.0), True)) for k in range(82)]
     found = transfer.drift("made up", [transfer.Drive(truth, senses)] * 2)
     assert found["metres"] == 8
     # Seen from a start at which odometry is turned by a = 0, 0.01, 0.02, 0.03 rad: (1.02 cos a - 1, -1.02 sin a).
@@ -60,7 +60,7 @@ def test_a_filter_that_is_told_the_truth_is_not_off(load):
     """A straight drive at 0.1 m/s, told without noise; an error of NEES 0 would mean a belief of no width."""
     transfer = load("transfer_filters")
     truth = np.array([[0.01 * k, 1.0, 0.0, 0.1, 0.0] for k in range(40)])
-    senses = [Senses(Pose(0.01 * k, 1.0, 0.0), Command(0.1, 0.0), True) for k in range(40)]
+    senses = [Senses(Odometry(Pose(0.01 * k, 1.0, 0.0), Command(0.1, 0.0), True)) for k in range(40)]
     for name, tuning in transfer.tunings("tutorial").items():
         errors, consistency = transfer.filtered([transfer.Drive(truth, senses)] * 2, tuning)
         assert errors.shape == (2, 40, 3), name

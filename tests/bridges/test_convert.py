@@ -11,9 +11,10 @@ from nav_msgs.msg import Odometry
 from scipy import stats
 from std_msgs.msg import Header
 
+from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.convert import conversion, register
 from turtlebot_gym_ros.node.geometry import quaternion_of, yaw_of
 from turtlebot_gym_ros.node.innovation import SURPRISING
@@ -79,11 +80,11 @@ def test_a_rotation_and_its_negative_are_the_same_heading(z, w):
 
 @pytest.mark.parametrize("measured", [True, False])
 def test_odometry_says_whether_it_was_measured_and_with_which_twist(measured):
-    senses = Senses(Pose(1.0, -2.0, 0.5), Command(0.1, -0.3), measured)
-    message = conversion(Senses).write(senses, HEADER)
+    odometry = values.Odometry(Pose(1.0, -2.0, 0.5), Command(0.1, -0.3), measured)
+    message = conversion(values.Odometry).write(odometry, HEADER)
     assert message.pose.covariance[0] == (0.0 if measured else -1.0)
     assert (message.twist.twist.linear.x, message.twist.twist.angular.z) == (0.1, -0.3)
-    assert travel(senses) == senses
+    assert travel(odometry) == odometry
 
 
 @pytest.mark.parametrize("heading", [0.04, math.inf])
@@ -127,7 +128,7 @@ def test_a_fix_that_is_nowhere_is_refused():
 def test_a_robots_odometry_counts_as_measured(variance):
     message = conversion(State).write(State(1.0, 2.0, 0.5, 0.1, 0.2), HEADER)
     message.pose.covariance[0] = variance
-    assert conversion(Senses).read(message) == Senses(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), True)
+    assert conversion(values.Odometry).read(message) == values.Odometry(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), True)
 
 
 def test_all_but_the_heading_survives_to_the_bit():

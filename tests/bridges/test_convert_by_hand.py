@@ -9,8 +9,9 @@ from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
+from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros.node.convert import conversion, state_covariance
 from turtlebot_gym_ros.node.geometry import quaternion_of, yaw_of
 
@@ -101,7 +102,7 @@ def test_what_another_filter_says_of_what_a_planar_robot_does_not_know_changes_n
 
 @pytest.mark.parametrize("measured", [True, False])
 def test_a_covariance_that_is_stated_beside_a_value_place_by_place(measured):
-    message = conversion(Senses).write(Senses(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), measured), HEADER)
+    message = conversion(values.Odometry).write(values.Odometry(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), measured), HEADER)
     state_covariance(message, P)
     pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (message.pose, message.twist))
     assert np.diag(twist).tolist() == [0.44, -1.0, -1.0, -1.0, -1.0, 0.55]
@@ -110,7 +111,7 @@ def test_a_covariance_that_is_stated_beside_a_value_place_by_place(measured):
         assert (pose[X, Y], pose[YAW, X], pose[Y, YAW]) == (0.12, 0.13, 0.23)
     else:
         np.testing.assert_array_equal(pose, -np.eye(6))
-    assert conversion(Senses).read(message).measured is measured
+    assert conversion(values.Odometry).read(message).measured is measured
 
 
 @pytest.mark.parametrize("place", ["pose_0", "pose_7", "pose_35", "twist_0", "twist_35"])

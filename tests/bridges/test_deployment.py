@@ -12,10 +12,11 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Header
 
+from turtlebot_gym import values
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Observation, make_task
-from turtlebot_gym.values import STOP, Command, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.node.convert import conversion
@@ -110,7 +111,7 @@ class Loop:
         header = Header(stamp=Time(nanoseconds=self.stamp).to_msg(), frame_id="odom")
         self.reference.publish(conversion(Pose).write(GOAL, header))
         if odometry is not None:
-            self.odometry.publish(conversion(Senses).write(odometry, header))
+            self.odometry.publish(conversion(values.Odometry).write(odometry, header))
 
     def match(self):
         """Wait until messages go all the way round and the last one has arrived everywhere, then begin anew."""
@@ -119,11 +120,11 @@ class Loop:
 
         def has_arrived():
             mark = 0.001 * next(marks)
-            self.tick(Senses(Pose(mark, 0.0, 0.0), STOP, True))
+            self.tick(values.Odometry(Pose(mark, 0.0, 0.0), STOP, True))
             time.sleep(0.1)
             given, estimate = self.controller._feeds["estimate"]._latest, self.filter.block._estimate
             goes_round = self.estimates and self.commands and given and estimate
-            filtered = self.filter.block._senses.odometry.x == mark
+            filtered = self.filter.block._senses.odometry.pose.x == mark
             return goes_round and filtered and given[0].belief.mean.x == estimate.belief.mean.x
 
         self.wait_for(has_arrived)
@@ -159,7 +160,7 @@ def test_the_live_nodes_are_the_blocks_to_the_bit(runner, peer, wait_for, enviro
 def test_estimates_that_come_more_slowly_than_the_policy_are_an_error_in_words(runner, peer, wait_for):
     loop = Loop(runner, peer, wait_for, ENVIRONMENTS[0], period=0.05)
     for _ in range(30):
-        loop.tick(Senses(Pose(0.0, 0.0, 0.0), STOP, True))
+        loop.tick(values.Odometry(Pose(0.0, 0.0, 0.0), STOP, True))
         time.sleep(0.02)
     wait_for(
         lambda: loop.controller.switch.safety.state.endswith("estimate comes every 0.100 s, but a step is due every 0.05 s")

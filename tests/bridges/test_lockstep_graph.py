@@ -11,9 +11,9 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
-from turtlebot_gym import NOISES, write_parameters
+from turtlebot_gym import NOISES, values, write_parameters
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.answering import AsPlant
@@ -265,7 +265,7 @@ def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
     """Topics come in any order: what is said of a step before its true state belongs to it all the same."""
     recorder = Recorder(runner.context, lock_step=True)
     try:
-        values = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": Senses(Pose(0.0, 0.0, 0.0), STOP, True)}
+        values = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": values.Odometry(Pose(0.0, 0.0, 0.0), STOP, True)}
         belief = Belief(values["true_state"], Covariance(*[0.0] * 15))
         values |= {"estimate": Estimate(belief, 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
         for first in values:
@@ -284,7 +284,7 @@ def test_what_a_recorder_did_not_hear_in_real_time_is_nan_in_its_row(runner, los
     recorder = Recorder(runner.context)
     try:
         state = State(1.0, 2.0, 0.3, 0.1, 0.2)
-        values = {"true_state": state, "odom": Senses(Pose(1.0, 2.0, 0.3), Command(0.1, 0.2), True)}
+        values = {"true_state": state, "odom": values.Odometry(Pose(1.0, 2.0, 0.3), Command(0.1, 0.2), True)}
         values |= {"estimate": Estimate(Belief(state, Covariance(*[1.0] * 15)), 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
         for k in range(3):
             recorder._rows[k * 10**8] = {topic: value for topic, value in values.items() if k != 1 or topic != lost}

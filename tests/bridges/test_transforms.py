@@ -10,7 +10,8 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from std_msgs.msg import Header
 
-from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym import values
+from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node import outputs
@@ -53,7 +54,7 @@ def tf2_msgs(monkeypatch):
 def odometry(*, measured=True):
     header = Header(frame_id="robot1/odom")
     header.stamp.sec = 7
-    message = conversion(Senses).write(Senses(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), measured), header)
+    message = conversion(values.Odometry).write(values.Odometry(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), measured), header)
     message.child_frame_id = "robot1/base_footprint"
     return message
 
@@ -133,7 +134,7 @@ def test_a_node_publishes_the_pose_that_it_owns_and_only_if_asked(runner, monkey
         if block is TurtlebotSimulator:
             answer = shell.block.step(0.1, None)
         else:
-            answer = shell.block.step(0.0, odometry=Senses(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), True))
+            answer = shell.block.step(0.0, odometry=values.Odometry(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), True))
         messages = {key: shell.outputs.message(key, value, 0) for key, value in answer.items()}
         shell.outputs.publish_answer(messages, 0)
         shell.outputs.publish_again()  # of lock-step: a transform is said once

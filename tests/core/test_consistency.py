@@ -16,7 +16,7 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import advance, execute
 from turtlebot_gym.parameters import FilterTuning, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL
-from turtlebot_gym.values import Command, Pose, Senses, State
+from turtlebot_gym.values import Command, Odometry, Pose, Senses, State
 
 RNG_SEED = 11
 
@@ -188,7 +188,7 @@ def simulate(tuning):
                 pose = advance(Pose(*truth[:3]), truth.v, truth.omega, DT, 0.5)
                 truth = State(*pose, *execute(command, EXECUTION, False, tuple(rng.normal(size=2).tolist()), DT))
                 z = measured(truth)
-                senses = Senses(z, command, True)
+                senses = Senses(Odometry(z, command, True))
                 estimate = ekf.step(estimate, senses, senses, tuning, DT, 0.5)
     errors[..., 2] = np.remainder(errors[..., 2] + math.pi, 2.0 * math.pi) - math.pi
     return states, commands, errors

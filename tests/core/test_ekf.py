@@ -19,7 +19,7 @@ from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, Process
 from turtlebot_gym.presets import DOCUMENTED, NOISES, ROUGH, TUTORIAL_FILTER, matched
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 DT = 0.1
 NOWHERE = Covariance(*[0.0] * 15)
@@ -37,7 +37,7 @@ TUNINGS = {
 
 def step(estimate, command, before, z, measured, tuning, dt, middle):
     """Run the filter that the tuning is for: the odometry said ``before``, and then ``z``."""
-    senses = Senses(before, command, True), Senses(z, command, measured)
+    senses = Senses(Odometry(before, command, True)), Senses(Odometry(z, command, measured))
     return filter_of(tuning).step(estimate, *senses, tuning, dt, middle)
 
 

@@ -69,7 +69,14 @@ def row_of(episode):
     """Return all that there is to compare of an episode, as numbers in a fixed order."""
     w, come = episode.world, episode.outcome
     belief = w.estimate.belief
-    parts = (*w.body.true_state, *w.senses.odometry, *belief.mean, *belief.covariance, *w.course.reference, *w.body.command)
+    parts = (
+        *w.body.true_state,
+        *w.senses.odometry.pose,
+        *belief.mean,
+        *belief.covariance,
+        *w.course.reference,
+        *w.body.command,
+    )
     observation = np.array(episode.observe(), np.float32)
     told = (come.reward, come.terminated, come.truncated, come.is_success, come.distance)
     return np.array([*observation, *told, *parts], np.float64)

@@ -11,7 +11,7 @@ from turtlebot_gym.estimation import ekf, update
 from turtlebot_gym.estimation.update import Projection, innovation_variance
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Command, Pose, Senses, State
+from turtlebot_gym.values import Command, Odometry, Pose, Senses, State
 
 EULER = INTEGRATORS["euler"]
 COLUMN = State(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -32,11 +32,11 @@ def error_of(name, *, steps=60):
     Q, R, P0, dt = DRIVES[name]
     tuning = FilterTuning(Q=Q, R=R, P0=P0, from_origin=True, remember_velocity=True)
     pose, twist = Pose(0.5, -0.3, 0.2), Command(0.0, 0.0)
-    estimate, senses, worst = ekf.initialize(pose, tuning), Senses(pose, twist, True), 0.0
+    estimate, senses, worst = ekf.initialize(pose, tuning), Senses(Odometry(pose, twist, True)), 0.0
     for k in range(steps):
         pose = advance(pose, twist.v, twist.omega, dt, EULER)
         twist = Command(0.2 * math.cos(k), 2.0 * math.sin(3.0 * k))
-        before, senses = senses, Senses(pose, twist, True)
+        before, senses = senses, Senses(Odometry(pose, twist, True))
         try:
             estimate = ekf.step(estimate, before, senses, tuning, dt, EULER)
         except (ValueError, OverflowError):  # a heading that is not finite cannot be wrapped in plain Python

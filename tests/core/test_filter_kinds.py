@@ -16,7 +16,7 @@ from turtlebot_gym.estimation.filters import KalmanFilter, matrix
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.estimation.mixture import exp_minus, merge
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 DT = 0.1
 NOISE = Noise(
@@ -34,6 +34,11 @@ OFFSETS = (0.0, 0.4, -0.4)
 
 def wrap(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def at(x, y, theta):
+    """Return the senses of a robot at rest in a measured pose."""
+    return Senses(Odometry(Pose(x, y, theta), Command(0.0, 0.0), True))
 
 
 def drive(seed, steps=80):
@@ -109,13 +114,14 @@ def moments(parts):
 
 def ours(tuning, seed):
     """Yield our filter's belief at each step of a drive."""
-    start, step, _ = filter_of(tuning)
+    start, step, *_ = filter_of(tuning)
     estimate = before = None
     for command, z in drive(seed):
         if estimate is None:
-            estimate, before = start(z, tuning), Senses(z, command, True)
+            before = Senses(Odometry(z, command, True))
+            estimate = start(before, tuning)
         else:
-            senses = Senses(z or before.odometry, command, z is not None)
+            senses = Senses(Odometry(z or before.odometry.pose, command, z is not None))
             estimate, before = step(estimate, before, senses, tuning, DT, 0.0), senses
         yield estimate
 
@@ -221,9 +227,9 @@ def test_the_scale_is_a_sixth_state_of_the_textbooks_filter():
 def test_the_scale_is_found(scale):
     """80 m of a robot whose wheels are 4 % off, without any noise: the scale's variance says how well it is known."""
     tuning = make_filter("scale", replace(NOISE, odometry=OdometryNoise(R=(1e-4, 1e-4, 1e-4))))
-    start, step, _ = filter_of(tuning)
+    start, step, *_ = filter_of(tuning)
     pose, twist = [0.0, 0.0, 0.0], (0.0, 0.0)
-    estimate = start(Pose(*pose), tuning)
+    estimate = start(at(*pose), tuning)
     for k in range(400):
         pose = [
             pose[0] + DT * twist[0] * math.cos(pose[2]),
@@ -232,7 +238,7 @@ def test_the_scale_is_found(scale):
         ]
         command = Command(0.2, 0.5 * math.cos(0.05 * k))
         twist = (scale * command.v, scale * command.omega)
-        senses = Senses(Pose(pose[0], pose[1], wrap(pose[2])), command, True)
+        senses = Senses(Odometry(Pose(pose[0], pose[1], wrap(pose[2])), command, True))
         estimate = step(estimate, senses, senses, tuning, DT, 0.0)
     assert estimate.scale == pytest.approx(scale, abs=0.01)
     assert 1e-4 < math.sqrt(estimate.variance) < 0.02
@@ -241,9 +247,9 @@ def test_the_scale_is_found(scale):
 def gated_step(heading, rejections=0.0, **changes):
     """Return prior position, measurement and what the gated filter makes of them, with a heading that is off by so much."""
     tuning = replace(make_filter("gated", NOISE), **changes)
-    start, step, _ = filter_of(tuning)
-    first = start(Pose(1.0, 2.0, 0.5), tuning)._replace(rejections=rejections)
-    senses = Senses(Pose(1.1, 2.05, 0.5 + heading), Command(0.1, 0.2), True)
+    start, step, *_ = filter_of(tuning)
+    first = start(at(1.0, 2.0, 0.5), tuning)._replace(rejections=rejections)
+    senses = Senses(Odometry(Pose(1.1, 2.05, 0.5 + heading), Command(0.1, 0.2), True))
     return step(first, senses, senses, tuning, DT, 0.0), tuning
 
 
@@ -278,13 +284,13 @@ def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
     With the better sensor the wrong explanations are less likely than any number can say.
     """
     tuning = replace(make_filter(kind, NOISE), R=(0.03**2, 0.02**2, deviation**2))
-    start, step, _ = filter_of(tuning)
-    estimate = start(Pose(0.0, 0.0, 1.0 + spike), tuning)
+    start, step, *_ = filter_of(tuning)
+    estimate = start(at(0.0, 0.0, 1.0 + spike), tuning)
     assert estimate.belief.mean.theta == pytest.approx(1.0 + spike)
     assert estimate.belief.covariance.tt == pytest.approx(deviation**2 + 0.1 * 0.4**2)
     for k in range(10):
         theta = 1.0 - spike if k == 4 else 1.0  # another spike, which the right explanation alone can explain
-        senses = Senses(Pose(0.0, 0.0, theta), Command(0.0, 0.0), True)
+        senses = Senses(Odometry(Pose(0.0, 0.0, theta), Command(0.0, 0.0), True))
         estimate = step(estimate, senses, senses, tuning, DT, 0.0)
     assert estimate.belief.mean.theta == pytest.approx(1.0, abs=0.01)
     assert estimate.belief.covariance.tt < 0.03**2
@@ -293,9 +299,9 @@ def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
 @pytest.mark.parametrize("kind", ["gated", "mixture", "slip", "scale"])
 def test_what_is_lost_only_moves_the_belief(kind):
     tuning = make_filter(kind, NOISE)
-    start, step, _ = filter_of(tuning)
-    senses = Senses(Pose(5.0, 5.0, -1.0), Command(0.2, 0.1), False)
-    before = start(Pose(0.0, 0.0, 0.0), tuning)
+    start, step, *_ = filter_of(tuning)
+    senses = Senses(Odometry(Pose(5.0, 5.0, -1.0), Command(0.2, 0.1), False))
+    before = start(at(0.0, 0.0, 0.0), tuning)
     after = step(step(before, senses, senses, tuning, DT, 0.0), senses, senses, tuning, DT, 0.0)
     assert abs(after.belief.mean.x) < 0.03
     assert after.nis == 0.0
@@ -307,11 +313,11 @@ def test_the_object_runs_every_kind(kind):
     tuning = make_filter(kind, NOISE)
     kf = KalmanFilter(tuning, dt=DT)
     kf.start(Pose(0.1, 0.2, 0.3))
-    start, step, _ = filter_of(tuning)
-    estimate = start(Pose(0.1, 0.2, 0.3), tuning)
-    before = Senses(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True)
+    start, step, *_ = filter_of(tuning)
+    estimate = start(at(0.1, 0.2, 0.3), tuning)
+    before = Senses(Odometry(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True))
     for command, z in drive(3, steps=20):
-        senses = Senses(z or before.odometry, command, z is not None)
+        senses = Senses(Odometry(z or before.odometry.pose, command, z is not None))
         estimate, before = step(estimate, before, senses, tuning, DT, 0.0), senses
         kf.step(command, z)
     assert kf.belief == estimate.belief
@@ -385,10 +391,10 @@ def test_bad_tunings_are_refused(changes, told):
 def test_what_is_certain_stays_certain(kind):
     """Neither the measurement nor the motion has any noise: then nothing can be weighed, and nothing may break."""
     tuning = replace(make_filter(kind, NOISE), R=(0.0, 0.0, 0.0), Q=(0.0,) * 5, process=ProcessNoise(), spike=0.0)
-    start, step, _ = filter_of(tuning)
-    estimate = start(Pose(0.1, 0.2, 0.3), tuning)
+    start, step, *_ = filter_of(tuning)
+    estimate = start(at(0.1, 0.2, 0.3), tuning)
     for _ in range(20):
-        senses = Senses(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True)
+        senses = Senses(Odometry(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True))
         estimate = step(estimate, senses, senses, tuning, DT, 0.0)
     assert estimate.belief.mean == (0.1, 0.2, 0.3, 0.0, 0.0)
     assert max(map(abs, estimate.belief.covariance)) == 0.0

@@ -15,7 +15,7 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
-from turtlebot_gym.values import Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Command, Covariance, Odometry, Pose, Senses, State
 
 TUNING = matched(DOCUMENTED)
 GATED = replace(TUNING, gate=9.0, max_rejections=2)
@@ -40,7 +40,7 @@ def test_steps_are_those_of_the_function(tuning, integrator):
     for command, odometry in drive(0):
         kf.step(command, odometry)
         z = odometry or before
-        senses = Senses(before, command, True), Senses(z, command, odometry is not None)
+        senses = Senses(Odometry(before, command, True)), Senses(Odometry(z, command, odometry is not None))
         estimate = filter_of(tuning).step(estimate, *senses, tuning, 0.05, INTEGRATORS[integrator])
         before = z
         assert kf.belief == estimate.belief

@@ -14,25 +14,26 @@ from scipy.stats import multivariate_normal
 from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters, read_parameters, write_parameters
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.estimation.fixes import FixedSenses, no_fix, with_fixes
+from turtlebot_gym.estimation.fixes import no_fix, with_fixes
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.presets import FIXES
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
-from turtlebot_gym.values import Command, Fix, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, Senses, senses_of
 
 DT, DEPTH = 0.1, 5
 KINDS = ("matched", "gated", "mixture", "slip", "scale")
 CASES = [*((kind, "rough") for kind in KINDS), ("matched", "wheel"), ("tutorial", "tutorial")]
 POSITION = (0.02, 0.03, math.inf)
 POSE = (0.02, 0.03, 0.05)
+SENSES = senses_of(("odometry", "fix"))
 
 
 def senses(k):
     """Return what the odometry says at a step of some drive."""
     v, omega = 0.2, 0.5 * math.sin(0.3 * k)
     z = Pose(0.02 * k + 0.03 * math.sin(7.0 * k), 0.05 * math.cos(3.0 * k), 0.4 * math.sin(0.2 * k))
-    return Senses(z, Command(v, omega), k % 7 != 3)
+    return Senses(Odometry(z, Command(v, omega), k % 7 != 3))
 
 
 def fix_at(k, R=POSE):
@@ -42,10 +43,10 @@ def fix_at(k, R=POSE):
 
 def told(filter, tuning, fixes, steps=20):
     """Drive a filter that is told fixes in some steps; return its estimates."""
-    before = FixedSenses(*senses(0), no_fix())
-    log = [filter.start(before.odometry, tuning)]
+    before = SENSES(*senses(0), no_fix())
+    log = [filter.start(before, tuning)]
     for k in range(1, steps + 1):
-        now = FixedSenses(*senses(k), fixes.get(k, no_fix()))
+        now = SENSES(*senses(k), fixes.get(k, no_fix()))
         log.append(filter.step(log[-1], before, now, tuning, DT, 0.5))
         before = now
     return log
@@ -53,7 +54,7 @@ def told(filter, tuning, fixes, steps=20):
 
 def by_hand(filter, tuning, fixes, steps=20):
     """Drive a bare filter, and take each fix in the step in which it was measured; return its estimates."""
-    log = [filter.start(senses(0).odometry, tuning)]
+    log = [filter.start(senses(0), tuning)]
     for k in range(1, steps + 1):
         now = filter.step(log[-1], senses(k - 1), senses(k), tuning, DT, 0.5)
         log.append(filter.fix(now, fixes[k].pose, fixes[k].R) if k in fixes else now)
@@ -166,7 +167,7 @@ def test_a_fix_weighs_the_hypotheses_by_how_likely_each_makes_it(kind, R):
 def test_a_heading_is_fixed_across_pi():
     tuning = make_filter("matched", make_noise("wheel"))
     filter = filter_of(tuning)
-    start = filter.start(Pose(0.0, 0.0, 3.1), tuning)
+    start = filter.start(Senses(Odometry(Pose(0.0, 0.0, 3.1), STOP, True)), tuning)
     fixed = filter.fix(start, Pose(0.0, 0.0, -3.1), (1.0, 1.0, 1e-12))
     assert fixed.belief.mean.theta == pytest.approx(-3.1, abs=1e-3)
 
@@ -212,7 +213,7 @@ def test_a_fix_is_the_pose_of_its_stamp_with_white_noise(drive):
 def test_fixes_draw_numbers_of_their_own():
     def odometry(fix):
         episode = Episode(make_parameters(noise="rough", fix=fix), seed=3)
-        return [(episode.act((0.5, 0.2)), episode.world.senses.odometry)[1] for _ in range(20)]
+        return [(episode.act((0.5, 0.2)), episode.world.senses.odometry.pose)[1] for _ in range(20)]
 
     assert odometry("markers") == odometry(None)
 
@@ -233,13 +234,12 @@ def test_a_seeds_fixes_stay_what_they_are():
 
 def naive(system):
     """Return a system whose late fixes are taken for ones of now."""
-    sense = system.sense
+    late = system.sensors[-1]
 
     def sense_now(*arguments):
-        told = sense(*arguments)
-        return told._replace(fix=told.fix._replace(age=0.0))
+        return late.sense(*arguments)._replace(age=0.0)
 
-    return system._replace(sense=sense_now)
+    return system.with_sensor(late._replace(sense=sense_now))
 
 
 @pytest.fixture(scope="module")

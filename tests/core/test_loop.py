@@ -59,13 +59,13 @@ def test_parameters_may_be_changed_on_the_way():
     batch = started(3, calm)
     actions = np.zeros((3, 2), np.float32)
     batch.step(actions)
-    assert np.abs(batch.numbers("senses.odometry")).max() == 0.0
+    assert np.abs(batch.numbers("senses.odometry.pose")).max() == 0.0
     batch.set_parameters(shaky)
     batch.step(actions)
-    assert np.abs(batch.numbers("senses.odometry")).min() > 0.0
+    assert np.abs(batch.numbers("senses.odometry.pose")).min() > 0.0
     batch.set_parameters([calm, calm, shaky])
     batch.step(actions)
-    assert (np.abs(batch.numbers("senses.odometry")).max(axis=1) > 0.0).tolist() == [False, False, True]
+    assert (np.abs(batch.numbers("senses.odometry.pose")).max(axis=1) > 0.0).tolist() == [False, False, True]
     with pytest.raises(ValueError, match="parameters must be one or 3, got 2"):
         batch.set_parameters([calm, calm])
     with pytest.raises(ValueError, match="the kind of filter must be the same in all"):
@@ -77,7 +77,7 @@ def test_parameters_may_be_changed_on_the_way():
 def test_what_is_read_is_a_copy(num_envs):
     batch = started(num_envs, make_parameters(SQUARE))
     before = [batch.world(i) for i in range(num_envs)]
-    for path in ("body.true_state", "senses.odometry", "estimate.belief.covariance", "course.reference", "body.command"):
+    for path in ("body.true_state", "senses.odometry.pose", "estimate.belief.covariance", "course.reference", "body.command"):
         batch.numbers(path)[...] = 7.0
     for array in (*batch.last(), batch.first_world()):
         array[...] = 7.0

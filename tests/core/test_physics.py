@@ -71,7 +71,7 @@ def test_the_environments_are_the_episode(options):
         ):
             np.testing.assert_array_equal(seen, np.array(episode.observe(), np.float32))
             np.testing.assert_array_equal(told["true_state"], world.body.true_state)
-            np.testing.assert_array_equal(told["odometry"], world.senses.odometry)
+            np.testing.assert_array_equal(told["odometry"], world.senses.odometry.pose)
             np.testing.assert_array_equal(told["estimate"], world.estimate.belief.mean)
             assert gained == outcome.reward
 
@@ -82,9 +82,9 @@ def test_without_noise_the_odometry_is_the_truth_and_on_wheels_what_they_have_ro
         episode = Episode(p, waypoints, seed=1)
         for _ in range(50):
             episode.act((1.0, 0.1))
-        body, senses = episode.world.body, episode.world.senses
-        assert senses.odometry == (body.wheels if noise == "wheel" else body.true_state[:3])
-        assert senses.twist == body.twist == pytest.approx(body.command, rel=0.03)
+        body, odometry = episode.world.body, episode.world.senses.odometry
+        assert odometry.pose == (body.wheels if noise == "wheel" else body.true_state[:3])
+        assert odometry.twist == body.twist == pytest.approx(body.command, rel=0.03)
         assert np.hypot(body.wheels.x - body.true_state.x, body.wheels.y - body.true_state.y) > 0.05
 
 

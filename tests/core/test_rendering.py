@@ -12,7 +12,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Body, Course, World
 from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS
-from turtlebot_gym.values import STOP, Belief, Covariance, Pose, Senses, State
+from turtlebot_gym.values import STOP, Belief, Covariance, Odometry, Pose, Senses, State
 
 PALE_GREEN = (153, 216, 199)
 BODY, GREEN, BLACK, VERMILLION, SKY_BLUE = (200, 200, 200), (0, 158, 115), (0, 0, 0), (213, 94, 0), (86, 180, 233)
@@ -25,7 +25,7 @@ def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.0
     covariance = Covariance(variance, 0.0, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
     return World(
         Body(State(*truth, 0.0, 0.0), STOP, (STOP, STOP, STOP), Pose(*truth), False),
-        Senses(odometry, STOP, True),
+        Senses(Odometry(odometry, STOP, True)),
         Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),
         Course(reference, reference, 0.0),
         steps,

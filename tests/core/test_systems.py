@@ -16,25 +16,15 @@ from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import DEAD_RECKONING, EXTENDED_KALMAN
 from turtlebot_gym.estimation.update import Projection, update
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models import odometry
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Body, Episode, make_parameters, open_ground, system_of
+from turtlebot_gym.systems import Body, Episode, Sensor, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due, make_task
-from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 BASE = open_ground(EXTENDED_KALMAN)
 BEACONS = ((2.0, 2.0), (-2.0, 2.0), (0.0, -3.0))
-
-
-class Ranged(NamedTuple):
-    """Odometry, and a range to each beacon."""
-
-    odometry: Pose
-    twist: Command
-    measured: bool
-    ranges: tuple[float, float, float]
 
 
 class Seen(NamedTuple):
@@ -46,7 +36,7 @@ class Seen(NamedTuple):
 
 
 @kernel
-def ranges_of(body, key, at):
+def sense_ranges(body, before, key, at, p):
     x, y = body.true_state.x, body.true_state.y
     noise, _ = normals(key, at, 9)
     return (
@@ -57,17 +47,8 @@ def ranges_of(body, key, at):
 
 
 @kernel
-def sense_ranges(body, before, key, at, p):
-    truth = body.true_state
-    last = Senses(before.odometry, before.twist, before.measured)
-    pose = Pose(truth.x, truth.y, truth.theta)
-    now = odometry.sense(pose, body.wheels, body.command, last, p.noise.odometry, key, at)
-    return Ranged(now.odometry, now.twist, now.measured, ranges_of(body, key, at))
-
-
-@kernel
 def first_ranges(body, key, p):
-    return sense_ranges(body, Ranged(body.wheels, body.command, True, (0.0, 0.0, 0.0)), key, 0, p)
+    return sense_ranges(body, (), key, 0, p)
 
 
 @kernel
@@ -97,7 +78,7 @@ def estimate_with_ranges(estimate, before, senses, p):
 def see(world, p):
     near = min(min(world.senses.ranges[0], world.senses.ranges[1]), world.senses.ranges[2])
     x, y = world.course.reference.x - world.estimate.belief.mean.x, world.course.reference.y - world.estimate.belief.mean.y
-    return Seen(sqrt(x * x + y * y), near, world.senses.twist.v)
+    return Seen(sqrt(x * x + y * y), near, world.senses.odometry.twist.v)
 
 
 @kernel
@@ -108,8 +89,8 @@ def slide(body, command, key, at, p):
     return Body(truth, command, (command, body.asked[0], body.asked[1]), body.wheels, False)
 
 
-RANGES = BASE._replace(
-    sense=sense_ranges, first_sense=first_ranges, estimate=estimate_with_ranges, observe=see, layout=99,
+RANGES = BASE.with_sensor(Sensor("ranges", first_ranges, sense_ranges))._replace(
+    estimate=estimate_with_ranges, observe=see, layout=99,
     low=Seen(0.0, 0.0, -1.0), high=Seen(20.0, 20.0, 1.0),
 )  # fmt: skip
 SYSTEMS = {
@@ -182,7 +163,7 @@ def test_an_episode_takes_another_plant_that_is_no_kernel():
     reached = []
     for k in range(1, 8):
         reached.append(episode.step(STOP).reached)
-        assert episode.world.senses.odometry == (0.25 * k, 0.0, 0.0)
+        assert episode.world.senses.odometry.pose == (0.25 * k, 0.0, 0.0)
     assert reached == [False] * 6 + [True]  # at 1.75 m, within 0.3 m of the first waypoint
 
 
@@ -204,7 +185,7 @@ def test_a_command_comes_as_many_steps_late_as_asked_for(delay):
     for k in range(1, 9):
         episode.step(Command(0.01 * k, 0.0))
         assert episode.world.body.command.v == (0.01 * (k - delay) if k > delay else 0.0)
-        assert episode.world.senses.twist == episode.world.body.command
+        assert episode.world.senses.odometry.twist == episode.world.body.command
 
 
 def test_the_pose_moves_with_the_twist_of_the_step_before():
@@ -228,7 +209,7 @@ def test_the_scale_acts_on_the_robot_and_neither_on_its_wheels_nor_on_the_filter
     assert world.body.true_state.v == pytest.approx(0.1 * scale, abs=1e-15)
     assert world.body.true_state.theta == pytest.approx(0.5 * scale, abs=1e-12)  # ten steps of 0.1 s at 0.5 rad/s
     assert world.body.wheels.theta == pytest.approx(0.5, abs=1e-12)
-    assert world.senses.twist == (0.1, 0.5)
+    assert world.senses.odometry.twist == (0.1, 0.5)
     assert world.estimate.belief.mean.theta == pytest.approx(0.5, abs=1e-12)
 
 
@@ -236,13 +217,12 @@ def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts(
     noise = turtlebot_gym.Noise(odometry=turtlebot_gym.OdometryNoise(dropout_probability=1.0, R=(0.01, 0.01, 0.01)))
     p = make_parameters(SQUARE, noise=noise)
     episode = Episode(p, SQUARE_WAYPOINTS, seed=3)
-    first = episode.world.senses
+    first = episode.world.senses.odometry
     assert first.measured  # the first one always arrives
     estimate = episode.world.estimate
     for _ in range(30):
         episode.step(Command(0.2, 0.7))
-        assert episode.world.senses == (first.odometry, (0.2, 0.7), False) or not episode.world.senses.measured
-        assert episode.world.senses.odometry == first.odometry
+        assert episode.world.senses.odometry == (first.pose, episode.world.body.command, False)
         estimate = estimate._replace(belief=ekf.predict(estimate.belief, episode.world.body.command, p.tuning, 0.1, 0.0))
         assert episode.world.estimate == estimate
 
@@ -250,14 +230,14 @@ def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts(
 def test_a_measurement_that_arrives_takes_the_place_of_all_of_the_last_pose():
     noise = turtlebot_gym.Noise(odometry=turtlebot_gym.OdometryNoise(dropout_probability=0.5, R=(0.01, 0.01, 0.01)))
     episode, kinds = Episode(make_parameters(SQUARE, noise=noise), SQUARE_WAYPOINTS, seed=3), set()
-    before = episode.world.senses.odometry
+    before = episode.world.senses.odometry.pose
     for _ in range(50):
         episode.step(STOP)
-        now = episode.world.senses
-        same = [a == b for a, b in zip(now.odometry, before, strict=True)]
+        now = episode.world.senses.odometry
+        same = [a == b for a, b in zip(now.pose, before, strict=True)]
         assert same == [not now.measured] * 3
         kinds.add(now.measured)
-        before = now.odometry
+        before = now.pose
     assert kinds == {True, False}
 
 
@@ -271,7 +251,7 @@ def shown_after(observation, **changes):
     covariance = Covariance(0.09, 0.0, 0.0, 0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
     believed = ekf.Estimate(Belief(State(1.0, 0.0, 0.0, 0.1054, 0.0), covariance), 4.0, 0.0)
     body = episode.world.body._replace(true_state=State(0.0, 0.0, 0.0, 0.0, 1.3175))
-    senses = Senses(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True)
+    senses = Senses(Odometry(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True))
     episode.world = episode.world._replace(body=body, senses=senses, estimate=believed)
     return episode.observe()
 

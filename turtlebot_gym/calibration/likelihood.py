@@ -27,7 +27,7 @@ from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, State
 
 CERTAIN = 1.0 - 1e-13
 """Probability of a hypothesis above which the others are dropped."""
@@ -85,13 +85,13 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale
         z = _shifted(poses, row, bias)
         if running:
             dt = time[row] - time[row - 1]
-            senses = Senses(z, twist_then, due[row])
+            odometry = Odometry(z, twist_then, due[row])
             if alone:
-                now = track(belief, senses, tuning, dt, middle)
+                now = track(belief, odometry, tuning, dt, middle)
                 total += math.log(now.factor) - now.exponent if due[row] else 0.0
                 belief = now.belief
             else:
-                tracks = track_all(hypotheses, senses, tuning, dt, middle)
+                tracks = track_all(hypotheses, odometry, tuning, dt, middle)
                 least = least_exponent(tracks)
                 likely = weigh(weights, tracks, least)
                 amount = likely[0] + likely[1] + likely[2]
@@ -113,8 +113,8 @@ def _of_measurements(poses, truth, due, tuning, bias):
     for row in range(len(poses)):
         if due[row]:
             there = Belief(State(truth[row, 0], truth[row, 1], truth[row, 2], 0.0, 0.0), nothing)
-            senses = Senses(_shifted(poses, row, bias), Command(0.0, 0.0), True)
-            now = track(there, senses, tuning, REFERENCE_PERIOD, 0.0)  # at rest: nothing moves
+            odometry = Odometry(_shifted(poses, row, bias), Command(0.0, 0.0), True)
+            now = track(there, odometry, tuning, REFERENCE_PERIOD, 0.0)  # at rest: nothing moves
             total += math.log(now.factor) - now.exponent
     return total
 

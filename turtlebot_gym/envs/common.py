@@ -24,7 +24,7 @@ from turtlebot_gym.values import Pose
 
 PARTS = {
     "true_state": "body.true_state",
-    "odometry": "senses.odometry",
+    "odometry": "senses.odometry.pose",
     "estimate": "estimate.belief.mean",
     "covariance": "estimate.belief.covariance",
     "reference": "course.reference",
@@ -32,7 +32,7 @@ PARTS = {
 }
 """Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
 
-NUMBERS = {"nis": "estimate.nis", "measured": "senses.measured", "slipping": "body.slipping"}
+NUMBERS = {"nis": "estimate.nis", "measured": "senses.odometry.measured", "slipping": "body.slipping"}
 """Single numbers that the vector environment reports: the normalized innovation squared of the last measurement, which
 the policy sees clipped; whether a measurement arrived; and whether the wheels slip."""
 

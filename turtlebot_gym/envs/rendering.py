@@ -230,7 +230,7 @@ class Renderer:
 
     def _draw_trails(self, before: World, after: World) -> None:
         """Add a step to the paper."""
-        z, truth, mean = after.senses.odometry, after.body.true_state, after.estimate.belief.mean
+        z, truth, mean = after.senses.odometry.pose, after.body.true_state, after.estimate.belief.mean
         self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
         was, believed = before.body.true_state, before.estimate.belief.mean
         self._line(self._paper, BLACK, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
@@ -242,7 +242,7 @@ class Renderer:
         truth = world.body.true_state
         size = self._length(self._robot.radius)
         self._draw_robot(surface, self._at(truth.x, truth.y), truth.theta, size)
-        z = world.senses.odometry
+        z = world.senses.odometry.pose
         self._draw_measurement(surface, self._at(z.x, z.y), z.theta, size)
         self._draw_belief(surface, world.estimate.belief, size)
 

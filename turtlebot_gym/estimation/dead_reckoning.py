@@ -14,7 +14,7 @@ from turtlebot_gym.values import Belief, Pose, Senses, State
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
     """Move the belief as the odometry moved; its covariance grows with the distance. See `interface.Filter`."""
     x, y, theta, _, _ = estimate.belief.mean
-    twist = senses.twist
+    twist, z = senses.odometry.twist, senses.odometry.pose
     prior = predict(estimate.belief, twist, tuning, dt, middle)
-    pose = increment(Pose(x, y, theta), before.odometry, senses.odometry, sincos(theta - before.odometry.theta))
+    pose = increment(Pose(x, y, theta), before.odometry.pose, z, sincos(theta - before.odometry.pose.theta))
     return Estimate(Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), prior.covariance), 0.0, 0.0)

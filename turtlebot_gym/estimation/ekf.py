@@ -18,7 +18,7 @@ from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import execution_variances, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 
 class Estimate(NamedTuple):
@@ -40,6 +40,12 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
     vv, ww = (P0[3], P0[4]) if tuning.from_origin else (0.0, 0.0)
     covariance = Covariance(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, tt, 0.0, 0.0, vv, 0.0, ww)
     return Estimate(Belief(State(x, y, theta, 0.0, 0.0), covariance), 0.0, 0.0)
+
+
+@kernel
+def start(senses: Senses, tuning: FilterTuning) -> Estimate:
+    """Start from the first measurement; see `interface.Filter`."""
+    return initialize(senses.odometry.pose, tuning)
 
 
 @algebra
@@ -180,9 +186,10 @@ def innovation(mean: State, z: Pose, tuning: FilterTuning) -> Pose:
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
     """Predict with the executed twist, and correct by the measured pose if one arrived; see `interface.Filter`."""
-    prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
-    posterior, nis = correct(prior, senses.odometry, tuning)
-    return settle(estimate, prior, posterior, prior, nis, nis > tuning.gate, senses, tuning)
+    odometry = senses.odometry
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
+    posterior, nis = correct(prior, odometry.pose, tuning)
+    return settle(estimate, prior, posterior, prior, nis, nis > tuning.gate, odometry, tuning)
 
 
 @kernel
@@ -200,7 +207,7 @@ def settle(
     spared: Belief,
     nis: float,
     is_outlier: bool,
-    senses: Senses,
+    odometry: Odometry,
     tuning: FilterTuning,
 ) -> Estimate:
     """Return the estimate after a step whose measurement may be an outlier, or missing.
@@ -212,14 +219,14 @@ def settle(
         spared: Used instead of the posterior if the measurement is an outlier.
         nis: Normalized innovation squared of the measurement.
         is_outlier: Whether the measurement is refused.
-        senses: The odometry.
+        odometry: The measurement.
         tuning: Its ``max_rejections`` says after how many refusals in a row the filter is lost.
     """
-    measured = senses.measured
+    measured = odometry.measured
     refused = measured and is_outlier
     rejections = estimate.rejections + 1.0 if refused else (0.0 if measured else estimate.rejections)
     lost = rejections >= tuning.max_rejections
-    refused_belief = _restart(prior, senses.odometry, tuning) if lost else spared
+    refused_belief = _restart(prior, odometry.pose, tuning) if lost else spared
     belief = refused_belief if refused else (posterior if measured else prior)
     return Estimate(belief, nis if measured else estimate.nis, 0.0 if lost else rejections)
 

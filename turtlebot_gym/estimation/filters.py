@@ -17,7 +17,7 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 if TYPE_CHECKING:
     from filterpy.kalman import ExtendedKalmanFilter
@@ -89,7 +89,7 @@ class KalmanFilter:
         self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._filter = filter_of(tuning)
-        self._estimate: Any = self._filter.start(Pose(0.0, 0.0, 0.0), tuning)
+        self._estimate: Any = self._filter.start(_first(Pose(0.0, 0.0, 0.0)), tuning)
         self._is_simple = isinstance(self._estimate, Estimate)  # other kinds keep more than a belief
         if self._is_simple:
             self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
@@ -137,7 +137,7 @@ class KalmanFilter:
     def start(self, odometry: Pose) -> None:
         """Restart from a first measurement, as an episode does (or from the origin, if the tuning says so)."""
         self._odometry = Pose(*odometry)
-        self._estimate = self._filter.start(self._odometry, self.tuning)
+        self._estimate = self._filter.start(_first(self._odometry), self.tuning)
 
     def predict(self, command: Command) -> None:
         """Move the belief by one control interval, with the command that holds from now on.
@@ -169,7 +169,7 @@ class KalmanFilter:
         z = Pose(*odometry) if measured else (self._odometry or Pose(mean.x, mean.y, mean.theta))
         if measured and not self.tuning.odometry_input:
             self._note(ekf.predict(self.belief, command, self.tuning, self.dt, self._middle), z)
-        before, senses = Senses(self._odometry or z, command, True), Senses(z, command, measured)
+        before, senses = Senses(Odometry(self._odometry or z, command, True)), Senses(Odometry(z, command, measured))
         self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._middle)
         self._odometry = z
 
@@ -183,6 +183,11 @@ class KalmanFilter:
         """Store the innovation nu of a measurement against the prior, and S = H P H' + R."""
         self._innovation = np.array(ekf.innovation(prior.mean, z, self.tuning))
         self._innovation_covariance = matrix(prior.covariance)[:3, :3] + np.diag(self.tuning.R)
+
+
+def _first(pose: Pose) -> Senses:
+    """Return the senses at the start, at rest in a measured pose."""
+    return Senses(Odometry(pose, STOP, True))
 
 
 def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str = "euler") -> ExtendedKalmanFilter:

@@ -18,22 +18,14 @@ from typing import Any, NamedTuple
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import MAX_FIX_AGE
-from turtlebot_gym.values import Belief, Command, Fix, Pose, Senses
-
-
-class FixedSenses(NamedTuple):
-    """The robot's odometry, and a fix if one has arrived."""
-
-    odometry: Pose
-    twist: Command
-    measured: bool
-    fix: Fix
+from turtlebot_gym.values import Belief, Fix, Pose, senses_of
 
 
 class Told(NamedTuple):
     """Inputs of a filter in one step."""
 
-    senses: Senses
+    senses: Any
+    """Values of the sensors that the filter reads."""
     fix: Fix
     """Fix that was measured at the end of the step, whenever it arrived."""
     dt: float
@@ -80,6 +72,14 @@ def filled(count: int) -> Callable[[Any], Any]:
     return kernel(lambda value: (value,) + rest(value))  # noqa: RUF005  # compiled code has no star expressions
 
 
+def _values_of(names: tuple[str, ...]) -> Callable[[Any], Any]:
+    """Return the kernel that takes the values of some sensors, as a tuple."""
+    name, rest = names[0], _values_of(names[1:]) if names[1:] else None
+    if rest is None:
+        return kernel(lambda senses: (getattr(senses, name),))
+    return kernel(lambda senses: (getattr(senses, name),) + rest(senses))  # noqa: RUF005
+
+
 def _put(count: int) -> Callable[[Any, int, Fix], Any]:
     """Return the kernel that puts a fix into one of ``count`` steps."""
     if count == 1:
@@ -102,13 +102,14 @@ def _step_at(told: Any, count: float, age: float) -> int:
 
 @cache
 def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that also takes fixes, in its senses; see `FixedSenses`.
+    """Return a filter that also takes fixes, from the sensor "fix"; the filter goes on reading what it has read.
 
     Args:
         filter: Any filter.
         depth: Number of stored steps.
     """
-    begin, step, fix_in = filter
+    begin, step, fix_in, reads = filter
+    Read, values_of = senses_of(reads), _values_of(reads)  # only these are stored, for as many steps as a fix may be late
     fill, put, last = filled(depth + 1), _put(depth + 1), depth
 
     @kernel
@@ -120,27 +121,27 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         return step(fixed(estimate, before), before.senses, now.senses, tuning, now.dt, middle)
 
     @kernel
-    def start(odometry, tuning):
-        first = begin(odometry, tuning)
-        told = Told(Senses(odometry, Command(0.0, 0.0), True), no_fix(), 0.0)
+    def start(senses, tuning):
+        first = begin(senses, tuning)
+        told = Told(Read(*values_of(senses)), no_fix(), 0.0)
         return Remembered(first.belief, first.nis, first, first, fill(told), 0.0)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, middle):
-        plain = Senses(senses.odometry, senses.twist, senses.measured)
         oldest, old = estimate.oldest, estimate.told
         if estimate.steps >= last:
             oldest = advance(oldest, old[last], old[last - 1], tuning, middle)
         count = min(estimate.steps + 1.0, 1.0 * last)
-        told = (Told(plain, no_fix(), dt),) + old[:-1]  # noqa: RUF005
-        newest = step(estimate.newest, Senses(before.odometry, before.twist, before.measured), plain, tuning, dt, middle)
-        if senses.fix.arrived:
-            at = _step_at(told, count, senses.fix.age)
-            told = put(told, at, senses.fix)
+        told = (Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
+        newest = step(estimate.newest, before, senses, tuning, dt, middle)
+        now = senses.fix
+        if now.arrived:
+            fix = Fix(now.pose, now.R, now.age, now.arrived)  # without what a simulated sensor keeps beside it
+            told = put(told, _step_at(told, count, fix.age), fix)
             newest = oldest
             for ago in range(int(count), 0, -1):
                 newest = advance(newest, told[ago], told[ago - 1], tuning, middle)
             newest = fixed(newest, told[0])
         return Remembered(newest.belief, newest.nis, newest, oldest, told, count)
 
-    return Filter(start, step_on, fix_in)
+    return Filter(start, step_on, fix_in, (*reads, "fix"))

@@ -12,9 +12,10 @@ from turtlebot_gym.values import Senses
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
     """Predict, and correct by the position, and by the heading if it is plausible; see `interface.Filter`."""
-    prior = predict(estimate.belief, senses.twist, tuning, dt, middle)
-    turn = innovation(prior.mean, senses.odometry, tuning).theta
-    placed, nis, _, turn = correct_position(prior, senses.odometry, tuning.R, turn)
+    odometry = senses.odometry
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
+    turn = innovation(prior.mean, odometry.pose, tuning).theta
+    placed, nis, _, turn = correct_position(prior, odometry.pose, tuning.R, turn)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
     is_outlier = nis_theta > tuning.heading_gate
-    return settle(estimate, prior, wrapped(turned), wrapped(placed), nis + nis_theta, is_outlier, senses, tuning)
+    return settle(estimate, prior, wrapped(turned), wrapped(placed), nis + nis_theta, is_outlier, odometry, tuning)

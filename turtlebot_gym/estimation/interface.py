@@ -13,32 +13,34 @@ from turtlebot_gym.values import Pose
 class Filter(NamedTuple):
     """A filter as kernels, which run in plain Python and inside a compiled loop."""
 
-    start: Callable[[Pose, FilterTuning], Any]
-    """``start(odometry, tuning)`` returns the estimate at the first measurement: the filter's whole state, a NamedTuple that
+    start: Callable[[Any, FilterTuning], Any]
+    """``start(senses, tuning)`` returns the estimate at the first measurement: the filter's whole state, a NamedTuple that
     includes the belief and the NIS of the last measurement."""
     step: Callable[[Any, Any, Any, FilterTuning, float, float], Any]
     """``step(estimate, before, senses, tuning, dt, middle)`` returns the estimate after a control interval of dt, s.
 
-    ``before`` and ``senses`` are the odometry at the start and at the end of the interval, `values.Senses`; ``middle`` is the
-    integrator, a value of `models.unicycle.INTEGRATORS`.
+    ``before`` and ``senses`` are the sensors' values at the start and at the end of the interval, `values.Senses`; ``middle``
+    is the integrator, a value of `models.unicycle.INTEGRATORS`.
     """
     fix: Callable[[Any, Pose, tuple[float, ...]], Any]
     """``fix(estimate, z, R)`` returns the estimate after an external pose measurement of the same time.
 
     R holds the variances of x, y and heading; m^2, m^2, rad^2; infinite for a heading that was not measured.
     """
+    reads: tuple[str, ...] = ("odometry",)
+    """Names of the sensors that ``step`` reads."""
 
 
-EXTENDED_KALMAN = Filter(ekf.initialize, ekf.step, ekf.fix)
+EXTENDED_KALMAN = Filter(ekf.start, ekf.step, ekf.fix)
 """Predicts with the executed twist and corrects by the measured pose."""
-DEAD_RECKONING = Filter(ekf.initialize, dead_reckoning.step, ekf.fix)
+DEAD_RECKONING = Filter(ekf.start, dead_reckoning.step, ekf.fix)
 """Moves as the wheel odometry moves."""
 FILTERS = {
     KALMAN: EXTENDED_KALMAN,
-    GATED: Filter(ekf.initialize, gated.step, ekf.fix),
-    MIXTURE: Filter(mixture.initialize, mixture.step, mixture.fix),
-    SLIP: Filter(slip.initialize, slip.step, slip.fix),
-    SCALE: Filter(scale.initialize, scale.step, scale.fix),
+    GATED: Filter(ekf.start, gated.step, ekf.fix),
+    MIXTURE: Filter(mixture.start, mixture.step, mixture.fix),
+    SLIP: Filter(slip.start, slip.step, slip.fix),
+    SCALE: Filter(scale.start, scale.step, scale.fix),
 }
 """Filters that correct by a measured pose, by kind."""
 

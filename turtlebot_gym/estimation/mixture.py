@@ -19,7 +19,7 @@ from turtlebot_gym.estimation.update import Variances, absorb, innovation_varian
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
+from turtlebot_gym.values import Belief, Covariance, Odometry, Pose, Senses, State
 
 _LEAST = 1e-100
 """Least density of a measurement, without its exponent, so that one that was certain beforehand does not count as
@@ -131,28 +131,28 @@ def _turned(belief: Belief, turn: float) -> Belief:
 
 
 @kernel
-def begin(odometry: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
+def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
     """Return a belief for each explanation of the first heading, and their probabilities."""
-    belief = ekf.initialize(odometry, tuning).belief
+    belief = ekf.initialize(z, tuning).belief
     spike = 0.0 if tuning.from_origin else tuning.spike
     half = 0.5 * tuning.spike_probability
     return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike)), (1.0 - tuning.spike_probability, half, half)
 
 
 @kernel
-def initialize(odometry: Pose, tuning: FilterTuning) -> MixtureEstimate:
+def start(senses: Senses, tuning: FilterTuning) -> MixtureEstimate:
     """Start from the first measurement; see `interface.Filter`."""
-    hypotheses, weights = begin(odometry, tuning)
+    hypotheses, weights = begin(senses.odometry.pose, tuning)
     return MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
 
 
 @kernel
-def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Tracked:
+def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> Tracked:
     """Predict a hypothesis, and correct it by a measurement that arrived, weighed by its three explanations."""
-    R, share, spike, measured = tuning.R, tuning.spike_probability, tuning.spike, senses.measured
-    prior = predict(belief, senses.twist, tuning, dt, middle)
-    turn = innovation(prior.mean, senses.odometry, tuning).theta
-    placed, nis, precision, turn = correct_position(prior, senses.odometry, R, turn)
+    R, share, spike, measured = tuning.R, tuning.spike_probability, tuning.spike, odometry.measured
+    prior = predict(belief, odometry.twist, tuning, dt, middle)
+    turn = innovation(prior.mean, odometry.pose, tuning).theta
+    placed, nis, precision, turn = correct_position(prior, odometry.pose, R, turn)
     h = of_heading(placed.covariance)
     inverse = inverse_of(innovation_variance(h, R[2]))
     high, low = turn - spike, turn + spike
@@ -178,12 +178,12 @@ def track(belief: Belief, senses: Senses, tuning: FilterTuning, dt: float, middl
 
 
 @kernel
-def track_all(hypotheses: Hypotheses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Tracks:
+def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> Tracks:
     """Predict and correct all hypotheses."""
     return Tracks(
-        track(hypotheses.true, senses, tuning, dt, middle),
-        track(hypotheses.high, senses, tuning, dt, middle),
-        track(hypotheses.low, senses, tuning, dt, middle),
+        track(hypotheses.true, odometry, tuning, dt, middle),
+        track(hypotheses.high, odometry, tuning, dt, middle),
+        track(hypotheses.low, odometry, tuning, dt, middle),
     )
 
 
@@ -234,13 +234,13 @@ def step(
     estimate: MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> MixtureEstimate:
     """Predict and correct all hypotheses, and weigh them by the measurement's likelihoods; see `interface.Filter`."""
-    tracks = track_all(estimate.hypotheses, senses, tuning, dt, middle)
+    tracks = track_all(estimate.hypotheses, senses.odometry, tuning, dt, middle)
     true, high, low = tracks
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
     hypotheses = beliefs(tracks)
-    return MixtureEstimate(merged(hypotheses, weights), nis if senses.measured else estimate.nis, hypotheses, weights)
+    return MixtureEstimate(merged(hypotheses, weights), nis if senses.odometry.measured else estimate.nis, hypotheses, weights)
 
 
 @kernel

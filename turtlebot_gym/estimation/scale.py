@@ -41,9 +41,9 @@ class ScaleEstimate(NamedTuple):
 
 
 @kernel
-def initialize(odometry: Pose, tuning: FilterTuning) -> ScaleEstimate:
+def start(senses: Senses, tuning: FilterTuning) -> ScaleEstimate:
     """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
-    belief = ekf.initialize(odometry, tuning).belief
+    belief = ekf.initialize(senses.odometry.pose, tuning).belief
     deviation = tuning.scale_deviation
     return ScaleEstimate(belief, 0.0, 1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
 
@@ -98,9 +98,10 @@ def step(
     estimate: ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> ScaleEstimate:
     """Predict with the executed share of the twist, and correct by the measured pose; see `interface.Filter`."""
-    prior = _predict(estimate, senses.twist, tuning, dt, middle)
-    now = _correct(prior, senses.odometry, tuning.R, innovation(prior.belief.mean, senses.odometry, tuning).theta)
-    return now if senses.measured else prior
+    z = senses.odometry.pose
+    prior = _predict(estimate, senses.odometry.twist, tuning, dt, middle)
+    now = _correct(prior, z, tuning.R, innovation(prior.belief.mean, z, tuning).theta)
+    return now if senses.odometry.measured else prior
 
 
 @kernel

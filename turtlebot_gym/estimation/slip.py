@@ -58,9 +58,9 @@ def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -
 
 
 @kernel
-def initialize(odometry: Pose, tuning: FilterTuning) -> SlipEstimate:
+def start(senses: Senses, tuning: FilterTuning) -> SlipEstimate:
     """Start from the first measurement, with wheels that grip; see `interface.Filter`."""
-    hypotheses, weights = begin(odometry, tuning)
+    hypotheses, weights = begin(senses.odometry.pose, tuning)
     none = (0.0, 0.0, 0.0)
     return SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
 
@@ -108,9 +108,9 @@ def step(
     estimate: SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> SlipEstimate:
     """Predict and correct all hypotheses in both modes, weigh them, and mix the modes; see `interface.Filter`."""
-    twist = senses.twist
-    gripped = track_all(estimate.gripping, senses, tuning, dt, middle)
-    slipped = track_all(estimate.slipping, senses, tuning, dt, middle)
+    odometry, twist = senses.odometry, senses.odometry.twist
+    gripped = track_all(estimate.gripping, odometry, tuning, dt, middle)
+    slipped = track_all(estimate.slipping, odometry, tuning, dt, middle)
     grip, slip = _weigh(estimate, gripped, slipped)
     nis = (
         grip[0] * gripped.true.nis + grip[1] * gripped.high.nis + grip[2] * gripped.low.nis
@@ -122,4 +122,4 @@ def step(
     gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
     grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
     belief = _all(gripping, slipping, grip, slip)
-    return SlipEstimate(belief, nis if senses.measured else estimate.nis, gripping, slipping, grip, slip)
+    return SlipEstimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)

@@ -8,7 +8,7 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.random import EVENTS, HEADING, POSITION, normals, uniforms
 from turtlebot_gym.parameters import OdometryNoise
-from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym.values import Command, Odometry, Pose
 
 
 @kernel
@@ -48,7 +48,7 @@ def measure(
 
 
 @kernel
-def sense(pose: Pose, wheels: Pose, twist: Command, before: Senses, noise: OdometryNoise, key: int, at: int) -> Senses:
+def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: OdometryNoise, key: int, at: int) -> Odometry:
     """Return the odometry at a step; if a measurement is lost, the last pose that arrived is kept.
 
     Args:
@@ -64,9 +64,9 @@ def sense(pose: Pose, wheels: Pose, twist: Command, before: Senses, noise: Odome
     event, dropout = uniforms(key, at, EVENTS)
     z = measure(pose, wheels, noise, normals(key, at, POSITION), heading, event)
     measured = (dropout >= noise.dropout_probability) | (at == 0)  # without the branch of an `or`
-    last = before.odometry
-    odometry = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
-    return Senses(odometry, twist, measured)
+    last = before.pose
+    newest = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
+    return Odometry(newest, twist, measured)
 
 
 @kernel

@@ -4,12 +4,14 @@ from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, make_parameters
 from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, RoomParameters, furnish, make_room, rooms, system_of
+from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
 from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
 from turtlebot_gym.systems.world import Body, Course, Outcome, World
 
 __all__ = [
     "MAX_DELAY",
     "OBSERVED",
+    "ODOMETRY",
     "ROOM_LAYOUT",
     "SIZES",
     "Around",
@@ -19,6 +21,7 @@ __all__ = [
     "Outcome",
     "Parameters",
     "RoomParameters",
+    "Sensor",
     "Step",
     "Surroundings",
     "System",

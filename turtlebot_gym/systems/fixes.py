@@ -1,6 +1,6 @@
-"""Fixes: any system with an additional external pose sensor that is infrequent, noisy and late.
+"""Fixes: an external pose sensor that is infrequent, noisy and late.
 
-A fix that arrives now was measured some steps ago, so the senses include the robot's poses of the last steps.
+A fix that arrives now was measured some steps ago, so the sensor remembers the robot's poses of the last steps.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.random import EVENTS, FIX, HEADING, POSITION, normals, sub_key, uniforms
 from turtlebot_gym.parameters import FixNoise
-from turtlebot_gym.systems.system import System
-from turtlebot_gym.values import Command, Fix, Pose
+from turtlebot_gym.systems.sensors import Sensor
+from turtlebot_gym.values import Pose
 
 
-class TrackedSenses(NamedTuple):
-    """The sensors' values, `estimation.fixes.FixedSenses`, and the history that later fixes need."""
+class TrackedFix(NamedTuple):
+    """A `values.Fix`, and what the sensor remembers for later ones, which no filter may read."""
 
-    odometry: Pose
-    twist: Command
-    measured: bool
-    fix: Fix
+    pose: Pose
+    R: tuple[float, float, float]
+    age: float
+    arrived: bool
     passed: tuple[Pose, ...]
     """The robot's poses in the last steps, newest first."""
 
 
 @kernel
-def measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> Fix:
+def measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> TrackedFix:
     """Return the fix that arrives in a step, if any.
 
     Args:
@@ -49,7 +49,7 @@ def measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> Fix:
     theta = wrap(was.theta + sqrt(R[2] if sees_heading else 0.0) * turn) if sees_heading else 0.0
     arrived = (stamp > 0) & (stamp % every == 0) & (event >= noise.dropout_probability)
     pose = Pose(was.x + sqrt(R[0]) * one, was.y + sqrt(R[1]) * other, theta)
-    return Fix(pose, (R[0], R[1], R[2]), late * dt, arrived)
+    return TrackedFix(pose, (R[0], R[1], R[2]), late * dt, arrived, passed)
 
 
 @kernel
@@ -59,21 +59,18 @@ def _pose(body):
 
 
 @cache
-def seeing_fixes(system: System, depth: int) -> System:
-    """Return a system with fixes up to ``depth`` steps late; its filter must accept them."""
-    sense, first_sense, fill = system.sense, system.first_sense, filled(depth + 1)
+def fix_sensor(depth: int) -> Sensor:
+    """Return the sensor of fixes up to ``depth`` steps late."""
+    fill = filled(depth + 1)
 
     @kernel
-    def sense_more(body, before, key, at, p):
-        senses = sense(body, before, key, at, p)
+    def first(body, key, p):
+        fix = no_fix()
+        return TrackedFix(fix.pose, fix.R, fix.age, fix.arrived, fill(_pose(body)))
+
+    @kernel
+    def sense(body, before, key, at, p):
         passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
-        fix = measure(passed, p.fix, key, at, p.dt)
-        return TrackedSenses(senses.odometry, senses.twist, senses.measured, fix, passed)
+        return measure(passed, p.fix, key, at, p.dt)
 
-    @kernel
-    def first_sense_more(body, key, p):
-        senses = first_sense(body, key, p)
-        return TrackedSenses(senses.odometry, senses.twist, senses.measured, no_fix(), fill(_pose(body)))
-
-    example = system.example._replace(fix=FixNoise(R=(0.01, 0.01)))
-    return system._replace(sense=sense_more, first_sense=first_sense_more, example=example)
+    return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))

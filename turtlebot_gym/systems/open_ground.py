@@ -9,10 +9,10 @@ from functools import cache
 
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models import odometry
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
 from turtlebot_gym.systems.parameters import BELIEVED, MEASURED, make_parameters
+from turtlebot_gym.systems.sensors import ODOMETRY
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.systems.world import Body, Outcome
 from turtlebot_gym.tasks import (
@@ -31,7 +31,7 @@ from turtlebot_gym.tasks import (
     start_pose,
     stated_deviations,
 )
-from turtlebot_gym.values import Command, Pose, Senses, State
+from turtlebot_gym.values import Command, Pose, State
 
 
 @kernel
@@ -76,23 +76,9 @@ def move(body, command, key, at, p):
 
 
 @kernel
-def sense(body, before, key, at, p):
-    """Return the odometry: a measured pose, unless it is lost, and the twist that the wheels were set to."""
-    truth = body.true_state
-    pose = Pose(truth.x, truth.y, truth.theta)
-    return odometry.sense(pose, body.wheels, body.command, before, p.noise.odometry, key, at)
-
-
-@kernel
-def first_sense(body, key, p):
-    """Return the odometry at the start, where a measurement always arrives."""
-    return sense(body, Senses(body.wheels, body.command, True), key, 0, p)
-
-
-@kernel
 def shown(body, senses, estimate, p):
     """Return the state that the policy observes: the estimated, the measured or the true one."""
-    mean, z, u, truth = estimate.belief.mean, senses.odometry, senses.twist, body.true_state
+    mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
     believed, measured = p.observed == BELIEVED, p.observed == MEASURED
     return State(
         mean.x if believed else (z.x if measured else truth.x),
@@ -144,7 +130,7 @@ def open_ground(filter: Filter) -> System:
 
     @kernel
     def first_estimate(senses, p):
-        return begin(senses.odometry, p.tuning)
+        return begin(senses, p.tuning)
 
     @kernel
     def estimate(estimate, before, senses, p):
@@ -154,8 +140,7 @@ def open_ground(filter: Filter) -> System:
         lay_out=lay_out,
         start=start,
         move=move,
-        sense=sense,
-        first_sense=first_sense,
+        sensors=(ODOMETRY,),
         first_estimate=first_estimate,
         estimate=estimate,
         judge=judge,

@@ -14,8 +14,9 @@ from turtlebot_gym.models import odometry
 from turtlebot_gym.plants.burger import MujocoBurger
 from turtlebot_gym.plants.engine import engine_of
 from turtlebot_gym.systems.open_ground import obey
+from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import System
-from turtlebot_gym.values import STOP, Command, Pose, Senses, State
+from turtlebot_gym.values import STOP, Command, Odometry, Pose, State
 
 
 class PhysicalBody(NamedTuple):
@@ -35,7 +36,7 @@ class PhysicalBody(NamedTuple):
 
 
 def sense(body, before, key, at, p):
-    """Return the odometry as `open_ground.sense` does, with the twist from the wheel angles."""
+    """Return the odometry as `sensors.sense_odometry` does, with the twist from the wheel angles."""
     truth = body.true_state
     pose = Pose(truth.x, truth.y, truth.theta)
     return odometry.sense(pose, body.wheels, body.twist, before, p.noise.odometry, key, at)
@@ -43,7 +44,7 @@ def sense(body, before, key, at, p):
 
 def first_sense(body, key, p):
     """Return the odometry at the start, where a measurement always arrives."""
-    return sense(body, Senses(body.wheels, body.twist, True), key, 0, p)
+    return sense(body, Odometry(body.wheels, body.twist, True), key, 0, p)
 
 
 @cache
@@ -67,11 +68,5 @@ def physical(system: System, burger: MujocoBurger) -> System:
         asked = (command, *body.asked[:2])
         return PhysicalBody(driven.truth, now, asked, driven.wheels, False, driven.twist, driven.physics)
 
-    return system._replace(
-        start=start,
-        move=move,
-        sense=sense,
-        first_sense=first_sense,
-        example=system.example._replace(plant=burger),
-        compiled=False,
-    )
+    system = system.with_sensor(Sensor("odometry", first_sense, sense))
+    return system._replace(start=start, move=move, example=system.example._replace(plant=burger), compiled=False)

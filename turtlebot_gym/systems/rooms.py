@@ -21,7 +21,7 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
-from turtlebot_gym.systems.fixes import seeing_fixes
+from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import Parameters, make_parameters
 from turtlebot_gym.systems.physics import physical
@@ -205,4 +205,4 @@ def system_of(parameters: Parameters) -> System:
     filter = with_fixes(filter, depth) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
-    return seeing_fixes(system, depth) if fix else system
+    return system.with_sensor(fix_sensor(depth)) if fix else system

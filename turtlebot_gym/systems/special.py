@@ -59,14 +59,14 @@ QUIET = Special(
     ),
     world=(
         ("body.slipping", 0.0),
-        ("senses.measured", 1.0),
+        ("senses.odometry.measured", 1.0),
         ("estimate.rejections", 0.0),
         *((f"{_P}.{entry}", 0.0) for entry in _WITH_TWIST),
     ),
     same=(
         *((f"body.wheels.{name}", f"body.true_state.{name}") for name in ("x", "y", "theta")),
         *((f"{part}.{name}", f"body.true_state.{name}")
-          for part in ("body.command", "senses.twist", "estimate.belief.mean") for name in ("v", "omega")),
+          for part in ("body.command", "senses.odometry.twist", "estimate.belief.mean") for name in ("v", "omega")),
         *((f"course.following.{name}", f"course.reference.{name}") for name in ("x", "y", "theta")),
     ),
     waypoints=1,

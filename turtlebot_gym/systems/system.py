@@ -15,6 +15,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.systems.sensors import Sensor, sensing
 from turtlebot_gym.systems.world import Course, Outcome, World
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Pose
@@ -49,10 +50,8 @@ class System(NamedTuple):
     """``start(pose)`` returns the body at the start of an episode."""
     move: Callable[..., Any]
     """``move(body, command, key, at, p)`` returns the body after a control interval: action, limits, delay, plant, slip."""
-    sense: Callable[..., Any]
-    """``sense(body, before, key, at, p)`` returns the sensors' values; ``before`` holds those of the previous step."""
-    first_sense: Callable[..., Any]
-    """``first_sense(body, key, p)`` returns the sensors' values at the start."""
+    sensors: tuple[Sensor, ...]
+    """The robot's sensors; their values are the senses, a NamedTuple with a field for each."""
     first_estimate: Callable[..., Any]
     """``first_estimate(senses, p)`` returns the filter's estimate at the start."""
     estimate: Callable[..., Any]
@@ -74,6 +73,13 @@ class System(NamedTuple):
     """Surroundings of the robot; None on open ground, where a scene is an empty tuple."""
     compiled: bool = True
     """Whether all parts are kernels; if one is not, such as a physics engine, the loop runs as plain Python too."""
+
+    def with_sensor(self, sensor: Sensor) -> System:
+        """Return the system with a further sensor, or with this one in place of that of its name."""
+        others = tuple(other for other in self.sensors if other.name != sensor.name)
+        at = [other.name for other in self.sensors].index(sensor.name) if len(others) < len(self.sensors) else len(others)
+        example = self.example if sensor.noise is None else self.example._replace(**{sensor.name: sensor.noise})
+        return self._replace(sensors=(*others[:at], sensor, *others[at:]), example=example)
 
 
 class Step(NamedTuple):
@@ -120,8 +126,9 @@ def _look_at_nothing(world: World, outcome: Outcome, key: int, p: Any, scene: tu
 @cache
 def step_of(system: System) -> Step:
     """Return the step of a system."""
-    start, move, sense, judge = system.start, system.move, system.sense, system.judge
-    first_sense, first_estimate, estimate_of = system.first_sense, system.first_estimate, system.estimate
+    start, move, judge = system.start, system.move, system.judge
+    first_estimate, estimate_of = system.first_estimate, system.estimate
+    first_sense, sense = sensing(system.sensors)
     around = system.surroundings
     first_look = around.first_look if around else _see_nothing
     look_round = around.look_round if around else _look_at_nothing

@@ -36,7 +36,7 @@ class World(NamedTuple):
 
     body: Body
     senses: Any
-    """The sensors' values: `values.Senses`, or with fixes `systems.fixes.TrackedSenses`."""
+    """The sensors' values, a field for each sensor: `values.Senses`, or a type from `values.senses_of`."""
     estimate: Any
     """State of the filter: `estimation.ekf.Estimate`, or another filter's."""
     course: Course

@@ -30,7 +30,7 @@ from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose, whole
-from turtlebot_gym.values import Belief, Command, Pose, Senses
+from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 from turtlebot_gym_agents.evaluation.columns import Columns
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
@@ -179,19 +179,18 @@ def replay(
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
     due = np.diff(ticks, prepend=-1.0) > 0.0
 
-    filter_start, filter_step, _ = filter_of(tuning)
-    senses = sense(true[0], wheels[0], commands[0], Senses(true[0], commands[0], True), in_force.odometry, key, 0)
-    estimate = filter_start(senses.odometry, tuning)
+    filter_start, filter_step, *_ = filter_of(tuning)
+    now = sense(true[0], wheels[0], commands[0], Odometry(true[0], commands[0], True), in_force.odometry, key, 0)
+    estimate = filter_start(Senses(now), tuning)
     estimate = _moving(estimate, commands[0])
-    odometry, beliefs = [senses.odometry], [estimate.belief]
+    odometry, beliefs = [now.pose], [estimate.belief]
     for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
-        before = senses
-        senses = Senses(before.odometry, commands[row], False)
+        before, now = now, Odometry(now.pose, commands[row], False)
         if due[row]:
-            senses = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
-            due[row] = senses.measured
-        estimate = filter_step(estimate, before, senses, tuning, dt, middle)
-        odometry.append(senses.odometry)
+            now = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
+            due[row] = now.measured
+        estimate = filter_step(estimate, Senses(before), Senses(now), tuning, dt, middle)
+        odometry.append(now.pose)
         beliefs.append(estimate.belief)
 
     unknown = np.full((elapsed.size, 3), np.nan)

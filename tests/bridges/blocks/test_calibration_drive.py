@@ -10,7 +10,7 @@ from turtlebot_gym import write_parameters
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.values import STOP, Pose, Senses
+from turtlebot_gym.values import STOP, Odometry, Pose
 from turtlebot_gym_ros.blocks import CalibrationDrive, TurtlebotSimulator
 from turtlebot_gym_ros.blocks.calibration_drive import LEVELS, script
 
@@ -26,13 +26,13 @@ def driven(drive, noise, *, seed=0, duration=320.0):
     plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=seed))
     commands, far, command = [], [], None
     for k in range(round(duration / DT)):
-        senses = plant.step(DT, command)["odometry"]
-        answer = drive.step(DT * (k > 0), senses)
+        odometry = plant.step(DT, command)["odometry"]
+        answer = drive.step(DT * (k > 0), odometry)
         if not answer:
             break
         command = answer["command"]
         commands.append(command)
-        far.append(math.hypot(senses.odometry.x, senses.odometry.y))
+        far.append(math.hypot(odometry.pose.x, odometry.pose.y))
     return commands, far
 
 
@@ -95,20 +95,20 @@ def test_it_ends_after_its_time_and_a_reset_begins_again():
     drive = make(duration=30.0)
     commands, _ = driven(drive, "clean")
     assert len(commands) == 300
-    senses = Senses(Pose(0.0, 0.0, 0.0), STOP, True)
-    assert drive.step(DT, senses) == {}
+    odometry = Odometry(Pose(0.0, 0.0, 0.0), STOP, True)
+    assert drive.step(DT, odometry) == {}
     drive.reset()
-    assert drive.step(0.0, senses) == {"command": commands[0]}
+    assert drive.step(0.0, odometry) == {"command": commands[0]}
 
 
 def test_a_gap_does_not_move_the_circle_but_a_robot_that_was_carried_away_has_another():
     drive = make(radius=1.0)
     for start in (Pose(5.0, 3.0, 0.4), Pose(5.9, 3.0, 0.0)):  # the second one after a gap, at the edge, looking outwards
         drive.reset()
-        first = drive.step(0.0, Senses(start, STOP, True))["command"]
+        first = drive.step(0.0, Odometry(start, STOP, True))["command"]
     assert first.v == 0.0 != first.omega  # it turns back to the first start
     drive.reset()
-    assert drive.step(0.0, Senses(Pose(7.0, 3.0, 0.0), STOP, True))["command"].v > 0.0
+    assert drive.step(0.0, Odometry(Pose(7.0, 3.0, 0.0), STOP, True))["command"].v > 0.0
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_a_gap_does_not_move_the_circle_but_a_robot_that_was_carried_away_has_an
 )
 def test_it_turns_to_the_centre_before_it_drives_there(pose, v, omega):
     drive = make(speed=0.2, turning=1.5)
-    drive.step(0.0, Senses(Pose(5.0, 3.0, 0.0), STOP, True))
+    drive.step(0.0, Odometry(Pose(5.0, 3.0, 0.0), STOP, True))
     command = drive._homeward(pose, Pose(5.0, 3.0, 0.0))
     assert command == pytest.approx((v, omega))
 
@@ -151,10 +151,10 @@ def test_what_it_cannot_drive_is_refused(given, said):
 def test_it_comes_home_from_any_side():
     for bearing in np.linspace(-math.pi, math.pi, 9, endpoint=False):
         drive = make(radius=1.0)
-        drive.step(0.0, Senses(Pose(0.0, 0.0, 0.0), STOP, True))
+        drive.step(0.0, Odometry(Pose(0.0, 0.0, 0.0), STOP, True))
         x, y, theta = 0.9 * math.cos(bearing), 0.9 * math.sin(bearing), bearing + 0.3
         for _ in range(400):
-            v, omega = drive.step(DT, Senses(Pose(x, y, theta), STOP, True))["command"]
+            v, omega = drive.step(DT, Odometry(Pose(x, y, theta), STOP, True))["command"]
             x, y, theta = x + DT * v * math.cos(theta), y + DT * v * math.sin(theta), theta + DT * omega
             if math.hypot(x, y) < 0.25:
                 break

@@ -12,7 +12,7 @@ from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES, make_filter
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node.block import Aged
 
@@ -24,7 +24,7 @@ def estimator(**parameters):
 
 
 def seen(x, y, theta, twist=STOP, measured=True):
-    return Senses(Pose(x, y, theta), twist, measured)
+    return Odometry(Pose(x, y, theta), twist, measured)
 
 
 @pytest.mark.parametrize("noise", NOISES)
@@ -116,7 +116,7 @@ def test_the_noise_of_a_robots_measured_twist_costs_little():
         for k in range(600):
             measured = Pose(*(pose + rng.normal(size=3) * (0.2236, 0.2236, 0.316)))
             v, omega = (0.1, 0.2) + rng.normal(size=2) * std
-            mean = node.step(0.1 * (k > 0), Senses(measured, Command(v, omega), True))["estimate"].belief.mean
+            mean = node.step(0.1 * (k > 0), Odometry(measured, Command(v, omega), True))["estimate"].belief.mean
             missed.append(math.hypot(mean.x - pose.x, mean.y - pose.y))
             pose = advance(pose, 0.1, 0.2, 0.1, 0.0)
         errors[name] = np.mean(missed[100:])

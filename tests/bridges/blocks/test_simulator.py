@@ -11,7 +11,7 @@ from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 
 COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]
@@ -28,14 +28,17 @@ def test_its_steps_are_the_environments_to_the_bit(noise, robot):
     plant.reset()  # the second episode
     episode = Episode(make_parameters(replace(NAV, random=False), noise=noise, robot=robot), [Pose(0.0, 0.0, 0.0)], seed=7)
     world, lost = episode.reset(), 0
-    assert plant.step(0.1, None) == {"truth": world.body.true_state, "odometry": Senses(world.senses.odometry, STOP, True)}
+    assert plant.step(0.1, None) == {
+        "truth": world.body.true_state,
+        "odometry": Odometry(world.senses.odometry.pose, STOP, True),
+    }
     for command in COMMANDS:
-        before = episode.world.senses.odometry
+        before = episode.world.senses.odometry.pose
         episode.step(command)
         world, out = episode.world, plant.step(0.1, command)
         assert out["truth"] == world.body.true_state
-        measured = noise not in ("rough",) or world.senses.odometry != before  # its white noise never repeats a number
-        assert out["odometry"] == Senses(world.senses.odometry, world.body.command, measured)
+        measured = noise not in ("rough",) or world.senses.odometry.pose != before  # its white noise never repeats a number
+        assert out["odometry"] == Odometry(world.senses.odometry.pose, world.body.command, measured)
         lost += not measured
     assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.0)
 
@@ -60,8 +63,8 @@ def test_where_a_measurement_is_lost_the_pose_is_the_last_one_and_the_twist_is_n
     for k in range(300):
         odometry = plant.step(0.1, Command(0.1, 0.001 * k))["odometry"]
         assert odometry.twist == ((0.0, 0.0) if k == 0 else (0.1, pytest.approx(0.001 * k)))
-        assert odometry.measured or odometry.odometry == before
-        lost, before = lost + (not odometry.measured), odometry.odometry
+        assert odometry.measured or odometry.pose == before
+        lost, before = lost + (not odometry.measured), odometry.pose
     assert lost > 0
 
 
@@ -101,8 +104,8 @@ def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
     for command in COMMANDS[:50]:
         episode.step(command)
         world, out = episode.world, plant.step(0.1, command)
-        assert out == {"truth": world.body.true_state, "odometry": world.senses}
-    assert world.senses.twist != world.body.command  # it is what the wheels tell
+        assert out == {"truth": world.body.true_state, "odometry": world.senses.odometry}
+    assert world.senses.odometry.twist != world.body.command  # it is what the wheels tell
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from scipy import stats
 
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.presets import NOISES
-from turtlebot_gym.values import Command, Pose, Senses
+from turtlebot_gym.values import Command, Odometry, Pose
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 
@@ -23,7 +23,7 @@ def error_and_covariance(plant, command):
     """Return the error of the pose after a drive, shape (3,), and its stated covariance, shape (3, 3)."""
     for _ in range(STEPS):
         said = plant.step(0.1, command)
-    truth, pose = said["truth"], said["odometry"].odometry
+    truth, pose = said["truth"], said["odometry"].pose
     P = plant.outputs["odometry"].covariance()
     stated = np.array([[P.xx, P.xy, P.xt], [P.xy, P.yy, P.yt], [P.xt, P.yt, P.tt]])
     return np.array([pose.x - truth.x, pose.y - truth.y, wrap(pose.theta - truth.theta)]), stated
@@ -86,7 +86,7 @@ def test_a_drift_grows_and_an_episode_begins_without_it():
 def test_white_noise_by_hand(dt):
     """What a wheel's error leaves below the filter's floors, 5 mm/s and 0.01 rad/s a step of 0.1 s, is stated as those."""
     uncertainty = OdometryUncertainty(NOISES["clean"], dt=dt, middle=False)
-    uncertainty.hear(Senses(Pose(1.0, 2.0, 0.3), Command(0.1, 0.5), True))
+    uncertainty.hear(Odometry(Pose(1.0, 2.0, 0.3), Command(0.1, 0.5), True))
     P = uncertainty.covariance()
     assert (P.vv, P.ww) == pytest.approx((2.5e-5 * dt / 0.1, 1e-4 * dt / 0.1))
     assert [P.xy, P.xt, P.xv, P.xw, P.yt, P.yv, P.yw, P.tv, P.tw, P.vw] == [0.0] * 10

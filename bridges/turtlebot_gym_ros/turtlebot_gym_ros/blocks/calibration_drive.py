@@ -11,7 +11,7 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.values import STOP, Command, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.node.block import Input, On, Output, ranged
 
 LEVELS = (1.0, 0.5, 0.75, 0.25)
@@ -75,7 +75,7 @@ class CalibrationDrive:
     A reset restarts the script. The centre stays, unless the robot was carried out of the circle, so a gap in the odometry does
     not move the circle.
 
-    Inputs: ``odometry`` (`Senses`, on ``odom``, every message).
+    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message).
     Outputs: ``command`` (`Command`, on ``cmd_vel``).
     Parameters: those of `Params`.
     """
@@ -103,7 +103,7 @@ class CalibrationDrive:
             if not 0.6 <= self.radius <= 100.0:
                 raise ValueError(f"radius must be in [0.6, 100] m, got {self.radius!r}.")
 
-    inputs = {"odometry": Input(topic="odom", type=Senses, reliable=False)}
+    inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
     trigger = On("odometry")
 
@@ -119,9 +119,9 @@ class CalibrationDrive:
         self._elapsed, self._at, self._left = 0.0, 0, self._legs[0].duration
         self._returns, self._is_first = False, True
 
-    def step(self, dt: float, odometry: Senses) -> dict[str, Command]:
+    def step(self, dt: float, odometry: Odometry) -> dict[str, Command]:
         """Return the command for the current time; nothing after the end."""
-        pose = odometry.odometry
+        pose = odometry.pose
         if self._center is None or (self._is_first and self._distance(pose, self._center) > self._p.radius):
             self._center = pose
         self._is_first = False

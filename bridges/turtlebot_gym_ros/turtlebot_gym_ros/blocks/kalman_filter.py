@@ -6,18 +6,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.estimation.fixes import FixedSenses, depth_of, no_fix, with_fixes
+from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import choose
-from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses
+from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, senses_of
 from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
 from turtlebot_gym_ros.node.values import Nis
 
 REMEMBERED = depth_of(0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
+_SENSES = senses_of(("odometry", "fix"))
 
 
 class KalmanFilter:
@@ -30,7 +31,7 @@ class KalmanFilter:
 
     With ``takes_fixes`` it also uses external pose measurements, each at its own stamp, up to 0.5 s late.
 
-    Inputs: ``odometry`` (`Senses`, on ``odom``, every message); with ``twist`` "commanded", ``command`` (`Command`, on
+    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); with ``twist`` "commanded", ``command`` (`Command`, on
     ``cmd_vel``; optional, the last value holds); and with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional).
     Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp and in its frame.
@@ -71,7 +72,7 @@ class KalmanFilter:
                     f"period and max_gap must satisfy 0 < period <= max_gap < 60, got {self.period!r} and {self.max_gap!r}."
                 )
 
-    inputs = {"odometry": Input(topic="odom", type=Senses, reliable=False)}
+    inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
     outputs = {"nis": Output(topic="nis", type=Nis), "estimate": Output(topic="estimate", type=Estimate)}
 
     def __init__(self, params: Params) -> None:
@@ -96,28 +97,28 @@ class KalmanFilter:
         self.reset()
 
     @staticmethod
-    def _executed(odometry: Senses, command: Command | None) -> Command:
+    def _executed(odometry: Odometry, command: Command | None) -> Command:
         """Return the twist to predict with."""
         return odometry.twist
 
     def reset(self) -> None:
         """Restart with the next odometry."""
         self._estimate: Estimate | None = None
-        self._senses = FixedSenses(Pose(0.0, 0.0, 0.0), STOP, False, no_fix())
+        self._senses = _SENSES(Odometry(Pose(0.0, 0.0, 0.0), STOP, False), no_fix())
         self._time = 0.0
         self._last_fix: tuple[Fix, float] | None = None
         self.notice = None
 
-    def step(self, dt: float, odometry: Senses, command: Command | None = None, fix: Aged | None = None) -> dict[str, Any]:
+    def step(self, dt: float, odometry: Odometry, command: Command | None = None, fix: Aged | None = None) -> dict[str, Any]:
         """Return the estimate after an odometry message that is ``dt`` later than the one before."""
         self._time += dt
-        z, _, measured = odometry
-        senses = FixedSenses(z, self._executed(odometry, command), measured, self._new(fix))
+        now = odometry._replace(twist=self._executed(odometry, command))
+        senses = _SENSES(now, self._new(fix))
         if self._estimate is None or dt <= 0.0:  # the first message, or the first after a pause
-            estimate = self._filter.start(z, self._tuning)
+            estimate = self._filter.start(senses, self._tuning)
         else:
             estimate, before = self._estimate, self._senses
-            nothing = FixedSenses(before.odometry, senses.twist, False, no_fix())
+            nothing = _SENSES(Odometry(before.odometry.pose, now.twist, False), no_fix())
             n = max(1, round(dt / self._period))
             share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
             for _ in range(n - 1):

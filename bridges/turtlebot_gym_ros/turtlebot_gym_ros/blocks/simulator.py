@@ -16,7 +16,7 @@ from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
 from turtlebot_gym.systems import Episode, furnish, make_parameters
 from turtlebot_gym.tasks import NAV, ROOM
-from turtlebot_gym.values import STOP, Command, Fix, Pose, Senses, State
+from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 from turtlebot_gym_ros.node.block import Aged, Every, Input, Mount, Output, ranged
 from turtlebot_gym_ros.node.values import Nis
@@ -54,8 +54,8 @@ class TurtlebotSimulator:
     LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot drives on.
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
-    ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Senses`, on ``odom``: the measured pose, marked if it dropped out,
-    with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
+    ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Odometry`, on ``odom``: the measured pose, marked if it dropped
+    out, with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
     stamped with the time of the measurement). In a room also ``scan`` (`Scan`, on ``scan``, each as soon as it is complete,
     with the LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
     ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and if the world
@@ -127,7 +127,7 @@ class TurtlebotSimulator:
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
         "truth": Output(topic="true_state", type=State),
-        "odometry": Output(topic="odom", type=Senses),
+        "odometry": Output(topic="odom", type=Odometry),
     }
 
     def __init__(self, params: Params) -> None:
@@ -177,10 +177,11 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
-        odometry = Senses(world.senses.odometry, world.senses.twist, world.senses.measured)
+        odometry = world.senses.odometry
         said: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
         if self._sees_fixes and world.senses.fix.arrived:
-            said["fix"] = Aged(world.senses.fix, world.senses.fix.age)
+            now = world.senses.fix
+            said["fix"] = Aged(Fix(now.pose, now.R, now.age, now.arrived), now.age)
         self._uncertainty.hear(odometry)
         if self._map:
             said["map"], self._map = self._map, None

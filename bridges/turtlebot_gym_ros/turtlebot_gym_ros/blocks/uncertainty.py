@@ -7,7 +7,7 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import matched
-from turtlebot_gym.values import Covariance, Senses
+from turtlebot_gym.values import Covariance, Odometry, Senses
 
 
 class OdometryUncertainty:
@@ -34,11 +34,12 @@ class OdometryUncertainty:
         self._before: Senses | None = None
         self._estimate: Estimate | None = None
 
-    def hear(self, senses: Senses) -> None:
+    def hear(self, odometry: Odometry) -> None:
         """Take the odometry after a control interval, or at the start."""
+        senses = Senses(odometry)
         if self._tuning.odometry_input:
             self._estimate = (
-                self._filter.start(senses.odometry, self._tuning)
+                self._filter.start(senses, self._tuning)
                 if self._estimate is None or self._before is None
                 else self._filter.step(self._estimate, self._before, senses, self._tuning, self._dt, self._middle)
             )
@@ -48,7 +49,7 @@ class OdometryUncertainty:
         """Return the covariance of the last measurement; m, rad, m/s and rad/s."""
         assert self._before is not None
         R, Q, share = self._tuning.R, self._tuning.Q, self._dt / REFERENCE_PERIOD
-        var_v, var_omega = execution_variances(self._before.twist, self._tuning.process, self._dt)
+        var_v, var_omega = execution_variances(self._before.odometry.twist, self._tuning.process, self._dt)
         vv, ww = max(var_v, Q[3] * share), max(var_omega, Q[4] * share)
         if self._estimate is not None:
             return self._estimate.belief.covariance._replace(vv=vv, ww=ww)

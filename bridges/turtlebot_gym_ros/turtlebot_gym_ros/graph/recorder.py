@@ -27,7 +27,7 @@ from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.trajectory import Trajectory
-from turtlebot_gym.values import Command, Pose, Senses, State
+from turtlebot_gym.values import Command, Odometry, Pose, State
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
@@ -36,7 +36,7 @@ from turtlebot_gym_ros.node.triggers import SECOND
 
 TOPICS: dict[str, type] = {
     "true_state": State,
-    "odom": Senses,
+    "odom": Odometry,
     "estimate": Estimate,
     "reference": Pose,
     "cmd_vel": Command,
@@ -218,11 +218,11 @@ class Recorder:
         return Trajectory(
             time=self._time_of([stamp for stamp, _ in rows]),
             true_state=column("true_state", 5),
-            odometry=column("odom", 3, lambda senses: senses.odometry),
+            odometry=column("odom", 3, lambda odometry: odometry.pose),
             estimate=column("estimate", 5, lambda estimate: estimate.belief.mean),
             covariance=covariance,
             reference=column("reference", 3),
-            command=column("odom", 2, lambda senses: senses.twist),
+            command=column("odom", 2, lambda odometry: odometry.twist),
         )
 
     def _time_of(self, stamps: list[int]) -> Any:

@@ -26,14 +26,14 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, mounted
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.trajectory import Trajectory
-from turtlebot_gym.values import Pose, Senses, State
+from turtlebot_gym.values import Odometry, Pose, State
 from turtlebot_gym_agents.watch import Growing, Seen, Surroundings, Track, of_trajectory
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.qos import LATCHED, STREAM
 from turtlebot_gym_ros.node.values import Nis
 
 HEARD: dict[str, type] = {
-    "odom": Senses,
+    "odom": Odometry,
     "true_state": State,
     "estimate": Estimate,
     "reference": Pose,
@@ -168,18 +168,18 @@ class Watcher:
         self._rows += 1
 
     def _row(self, time: float, latest: dict[str, Any], step: dict[str, Any]) -> Track:
-        senses: Senses = latest["odom"]
+        odometry: Odometry = latest["odom"]
         estimate, truth = step.get("estimate"), step.get("true_state", State(*_UNKNOWN))
         state = estimate.belief.mean if estimate else State(*_UNKNOWN)
         covariance = matrix(estimate.belief.covariance) if estimate else np.full((5, 5), np.nan)
         columns = {
             "time": time,
             "true_state": truth,
-            "odometry": senses.odometry if senses.measured else _UNKNOWN[:3],
+            "odometry": odometry.pose if odometry.measured else _UNKNOWN[:3],
             "estimate": state,
             "covariance": covariance,
             "reference": latest.get("reference", _UNKNOWN[:3]),
-            "command": senses.twist,
+            "command": odometry.twist,
         }
         room = latest.get("obstacles")
         still = self._room.circles if self._room else ()

@@ -3,7 +3,7 @@
 The shell checks world frames. Values that are not finite and quaternions that are not rotations are refused here, in both
 directions, with a ``ValueError`` that gives the reason.
 
-`Senses`, a robot's odometry, are sent on ``/odom``. If no pose arrived in this step, the message repeats the last one and marks
+`values.Odometry` is sent on ``/odom``. If no pose arrived in this step, the message repeats the last one and marks
 it by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for unknown values. The twist is valid in either case.
 A robot's own odometry, with zeros or variances in the covariance, counts as measured.
 
@@ -34,10 +34,11 @@ from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
-from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.geometry import finite, read_pose, read_twist, write_pose, write_twist
 from turtlebot_gym_ros.node.innovation import read_nis, write_nis
 from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
@@ -119,14 +120,14 @@ def _state_to_message(state: State, header: Header) -> Odometry:
     return message
 
 
-def _senses_of(message: Odometry) -> Senses:
+def _odometry_of(message: Odometry) -> values.Odometry:
     measured = float(message.pose.covariance[0]) >= 0.0
-    return Senses(read_pose(message.pose.pose), read_twist(message.twist.twist), measured)
+    return values.Odometry(read_pose(message.pose.pose), read_twist(message.twist.twist), measured)
 
 
-def _senses_to_message(senses: Senses, header: Header) -> Odometry:
-    message = _state_to_message(State(*senses.odometry, *senses.twist), header)
-    if not senses.measured:
+def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
+    message = _state_to_message(State(*odometry.pose, *odometry.twist), header)
+    if not odometry.measured:
         message.pose.covariance[0] = _NOT_KNOWN
     return message
 
@@ -229,7 +230,7 @@ _UNSTAMPED = Conversion(Twist, read_twist, _command_to_message, False)
 register(Command, TwistStamped, lambda message: read_twist(message.twist), _command_to_stamped)
 register(Pose, PoseStamped, lambda message: read_pose(message.pose), _pose_to_message, in_world=True)
 register(State, Odometry, _state_of, _state_to_message, in_world=True)
-register(Senses, Odometry, _senses_of, _senses_to_message, in_world=True)
+register(values.Odometry, Odometry, _odometry_of, _odometry_to_message, in_world=True)
 register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
 register(
     Belief,

@@ -1,0 +1,79 @@
+"""Sensors of a step: small values, put together to the senses, each with its own value in the field of its name.
+
+So a sensor knows nothing of the others, and wrapping a system or a filter keeps what it wraps, in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models import odometry
+from turtlebot_gym.values import Odometry, Pose, senses_of
+
+
+class Sensor(NamedTuple):
+    """A sensor of the robot."""
+
+    name: str
+    """Its field in the senses."""
+    first: Callable[..., Any]
+    """``first(body, key, p)`` returns its value at the start."""
+    sense: Callable[..., Any]
+    """``sense(body, before, key, at, p)`` returns its value after step ``at``; ``before`` is its own value one step
+    earlier, which may hold what the sensor must remember."""
+    noise: Any = None
+    """Example of its parameters, which are the field of its name in `systems.parameters.Parameters`; None if it has none."""
+
+
+@kernel
+def sense_odometry(body, before, key, at, p):
+    """Return a measured pose, unless it is lost, and the twist that the wheels were set to."""
+    truth = body.true_state
+    pose = Pose(truth.x, truth.y, truth.theta)
+    return odometry.sense(pose, body.wheels, body.command, before, p.noise.odometry, key, at)
+
+
+@kernel
+def first_odometry(body, key, p):
+    """Return the odometry at the start, where a measurement always arrives."""
+    return sense_odometry(body, Odometry(body.wheels, body.command, True), key, 0, p)
+
+
+ODOMETRY = Sensor("odometry", first_odometry, sense_odometry)
+
+
+def _all_first(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
+    """Return the kernel of all sensors' first values, as a tuple."""
+    first, rest = sensors[0].first, _all_first(sensors[1:]) if sensors[1:] else None
+    if rest is None:
+        return kernel(lambda body, key, p: (first(body, key, p),))
+    return kernel(lambda body, key, p: (first(body, key, p),) + rest(body, key, p))  # noqa: RUF005  # no star in compiled code
+
+
+def _all_sense(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
+    """Return the kernel of all sensors' values after a step, as a tuple."""
+    (name, _, sense, _), rest = sensors[0], _all_sense(sensors[1:]) if sensors[1:] else None
+    if rest is None:
+        return kernel(lambda body, before, key, at, p: (sense(body, getattr(before, name), key, at, p),))
+    return kernel(
+        lambda body, before, key, at, p: (sense(body, getattr(before, name), key, at, p),) + rest(body, before, key, at, p)  # noqa: RUF005
+    )
+
+
+@cache
+def sensing(sensors: tuple[Sensor, ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return the kernels ``first(body, key, p)`` and ``sense(body, before, key, at, p)`` of a set of sensors."""
+    Senses, all_first, all_sense = senses_of(tuple(sensor.name for sensor in sensors)), _all_first(sensors), _all_sense(sensors)
+
+    @kernel
+    def first(body, key, p):
+        return Senses(*all_first(body, key, p))
+
+    @kernel
+    def sense(body, before, key, at, p):
+        return Senses(*all_sense(body, before, key, at, p))
+
+    return first, sense
