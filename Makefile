@@ -109,6 +109,11 @@ bench-peers: $(READY)  ## the same, beside gymnax and EnvPool in environments of
 bench-check: $(READY)  ## whether a ratio has lost more than a quarter against benchmarks/speed.json (a minute)
 	$(RUN)turtlebot-gym benchmark --check benchmarks/speed.json --seconds 0.15
 
+AGAINST ?= ../before
+
+bench-pairs: $(READY)  ## whether the step has lost more than 3 % against another clone, AGAINST=../before, in pairs of turns (2 minutes)
+	$(RUN)turtlebot-gym benchmark --against $(AGAINST) --rounds 21
+
 bench-train: $(READY)  ## from command to policy: what train takes beside the learning, alone and beside busy processes (10 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/command_to_policy.py --busy 4 --json $(OUT)/command_to_policy.json

@@ -26,8 +26,8 @@ import gymnasium as gym
 import numpy as np
 import tyro
 from rich.table import Table
-from scenarios import kept, name_of, results_folder, run_all, slug
 
+from scenarios import kept, name_of, results_folder, run_all, slug
 from turtlebot_gym.rooms.gazebo import enclosed
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from faults_kinds import FAULTS, WITH_BUTTONS
-from faults_robot import Robot
-from parts import busy
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from faults_kinds import FAULTS, WITH_BUTTONS
+from faults_robot import Robot
+from parts import busy
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 AGE = 0.45

@@ -18,6 +18,8 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from rich.console import Console
+
 from lockstep_drives import (
     DT,
     Drive,
@@ -31,8 +33,6 @@ from lockstep_drives import (
     room_live,
 )
 from parts import busy, cores, measured
-from rich.console import Console
-
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros import Graph

@@ -28,11 +28,11 @@ from typing import Annotated, Any, NamedTuple
 
 import tomllib
 import tyro
-from mutation import Mutant, draw
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from mutation import Mutant, draw
 from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.provenance import write_json
 

@@ -16,6 +16,7 @@ from shutil import copyfile
 from typing import Any, Literal
 
 import tyro
+
 from scenarios import (
     BASELINES,
     NAV,
@@ -30,7 +31,6 @@ from scenarios import (
     trained,
     tuned,
 )
-
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
 from turtlebot_gym_agents.evaluation.metrics import mean, paired_share_difference, share, side
 from turtlebot_gym_agents.policies.bundle import BundlePolicy

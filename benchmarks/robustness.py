@@ -17,9 +17,9 @@ from typing import Any
 import tyro
 from rich.console import Console
 from rich.table import Table
+
 from robustness_figure import draw
 from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, trained, tuned
-
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.evaluation.comparison import compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import tyro
-from irsim_peer import by_peer, start_peer
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from irsim_peer import by_peer, start_peer
 from turtlebot_gym.compiled.cache import njit
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.models.angles import sincos

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import tyro
 from rich.table import Table
+
 from rooms import hall
 from scenarios import best_of_trainings, kept, name_of, results_folder, run_all, short, slug, trained
-
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS

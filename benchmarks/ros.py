@@ -20,12 +20,12 @@ import tyro
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from parts import Figure, cores, measured
 from rich.console import Console
 from rich.table import Table
+
+from parts import Figure, cores, measured
 from ros_faults import MOVERS, faults
 from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
-
 from turtlebot_gym import values
 from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.provenance import write_json

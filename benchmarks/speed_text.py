@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from turtlebot_gym_agents.speed.peer import SCANNED
-from turtlebot_gym_agents.speed.report import beside
+from harness.peer import SCANNED
+from harness.report import beside
 
 LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import tyro
 from rich.table import Table
+
 from scenarios import NAV, POSE, SQUARE, kept, results_folder, run_all, slug, trained
 from transfer_filters import Drive, compared, drift
-
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.plants import make_plant
 from turtlebot_gym.systems import Episode, make_parameters

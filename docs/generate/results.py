@@ -9,7 +9,6 @@ import mkdocs_gen_files
 sys.path.insert(0, "benchmarks")
 import speed_text
 from robustness_text import conditions, summary
-
 from turtlebot_gym_agents.policies.named import SAFETY
 
 

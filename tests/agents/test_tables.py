@@ -12,13 +12,13 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
+from harness.report import tables as speed_tables
 from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.commands.learning_report import Trained, search_table, training_table
 from turtlebot_gym_agents.commands.study import table as study_table
 from turtlebot_gym_agents.commands.tables import Need, _groups, _widths, fitted
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.speed.report import tables as speed_tables
 
 ROOT = Path(__file__).parents[2]
 WIDTH = 80

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from turtlebot_gym_agents.speed import check
+from harness import check
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
+from harness.environments import GYMNASIUM, OURS
 from turtlebot_gym.plotting import BLACK, BLUE, GREEN, ORANGE, VERMILLION
-from turtlebot_gym_agents.speed.environments import GYMNASIUM, OURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,9 +12,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from turtlebot_gym_agents.speed import peer
-from turtlebot_gym_agents.speed.environments import CARTPOLE, base_of, name_of
-from turtlebot_gym_agents.speed.turns import Contender, Turn
+from harness import peer
+from harness.environments import CARTPOLE, base_of, name_of
+from harness.turns import Contender, Turn
 
 PENDULUM = "Pendulum-v1"
 
@@ -27,7 +27,7 @@ class Entry(NamedTuple):
     size: int
     """Number of environments stepped together."""
     form: str
-    """Form of a call, see `turtlebot_gym_agents.speed.peer`."""
+    """Form of a call, see `harness.peer`."""
 
 
 class Peer(NamedTuple):
@@ -93,16 +93,17 @@ class Process:
     Args:
         command: Command that starts the process.
         log: File for its standard error.
+        options: Passed on to `subprocess.Popen`.
 
     Raises:
         ChildProcessError: If the process ends before it is ready.
     """
 
-    def __init__(self, command: Sequence[str], log: Path) -> None:
+    def __init__(self, command: Sequence[str], log: Path, **options: Any) -> None:
         self._log = log
         with log.open("w", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, **options
             )  # fmt: skip
         try:
             self.versions: dict[str, str] = self._read("ready")

@@ -12,7 +12,7 @@ from typing import Any
 import gymnasium as gym
 import numba
 
-from turtlebot_gym_agents.speed.turns import Contender, timed
+from harness.turns import Contender, timed
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"

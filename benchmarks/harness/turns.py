@@ -12,7 +12,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from turtlebot_gym_agents.speed.machine import Watch
+from harness.machine import Watch
 
 
 class Turn(NamedTuple):

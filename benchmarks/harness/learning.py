@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
+from harness.environments import NAV
 from turtlebot_gym.compiled.threads import limited
-from turtlebot_gym_agents.speed.environments import NAV
 
 
 class Trained(NamedTuple):

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from turtlebot_gym_agents.speed import peer, peers
-from turtlebot_gym_agents.speed.peers import Entry, Process
+from harness import peer, peers
+from harness.peers import Entry, Process
 
 STAND_IN = """
 import json, sys

@@ -1,4 +1,4 @@
-"""Program of a peer, which runs in its own virtual environment without this package.
+"""Program of a peer, which runs in its own process: another library in its virtual environment, or a clone of this repository.
 
 ``python peer.py NAME ENV SIZE FORM`` prints ``ready`` with the versions. For each number that it reads, it makes that many
 calls and prints ``turn`` with their wall time and the CPU seconds of all threads.
@@ -86,7 +86,45 @@ def envpool_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
     return lambda k: envs.step(actions[k % 16])
 
 
-CALLS = {"gymnax": (gymnax_calls, ("gymnax", "jax", "jaxlib", "numpy")), "envpool": (envpool_calls, ("envpool", "numpy"))}
+def clone_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
+    """Return a function that makes the k-th call, one step of all environments.
+
+    Args:
+        env_id: Environment of `turtlebot_gym`, whichever clone that is.
+        size: Number of environments stepped together.
+        form: "scalar", "vector", or "rough" for a vector with that noise.
+    """
+    import gymnasium as gym
+
+    import turtlebot_gym  # noqa: F401
+
+    options: dict[str, Any] = {"noise": "rough"} if form == "rough" else {}
+    scalar = form == "scalar"
+    env: Any = gym.make(env_id) if scalar else gym.make_vec(env_id, size, "vector_entry_point", **options)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(64)]
+
+    def call(k: int) -> None:
+        _, _, terminated, truncated, _ = env.step(actions[k % 64])
+        if scalar and (terminated or truncated):
+            env.reset()
+
+    return call
+
+
+def versions_of(packages: tuple[str, ...]) -> dict[str, str]:
+    """Return the versions of packages, and the file from which ``turtlebot_gym`` was imported, if it was."""
+    found = {"python": platform.python_version(), **{package: version(package) for package in packages}}
+    clone = sys.modules.get("turtlebot_gym")
+    return found | ({"file": str(clone.__file__)} if clone else {})
+
+
+CALLS = {
+    "gymnax": (gymnax_calls, ("gymnax", "jax", "jaxlib", "numpy")),
+    "envpool": (envpool_calls, ("envpool", "numpy")),
+    "turtlebot_gym": (clone_calls, ("gymnasium", "numba", "numpy")),
+}
 """Function that makes the calls of each peer, and packages whose versions are reported."""
 
 
@@ -96,8 +134,7 @@ def main(name: str, env_id: str, size: str, form: str) -> None:
     make, packages = CALLS[name]
     call = make(env_id, int(size), form)
     call(0)  # compile
-    versions = {"python": platform.python_version(), **{package: version(package) for package in packages}}
-    print("ready", json.dumps(versions), flush=True)
+    print("ready", json.dumps(versions_of(packages)), flush=True)
     for line in sys.stdin:
         wall, cpu = time.perf_counter(), time.process_time()
         for k in range(int(line)):

@@ -6,15 +6,18 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numba
 import pytest
 
+from harness import environments, machine, report
+from harness.environments import contenders, one_thread
+from harness.turns import Contender, Turn, calls_for, grouped, rows_of, take_turns, timed
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.provenance import plain
-from turtlebot_gym_agents.speed import environments, machine, report
-from turtlebot_gym_agents.speed.environments import contenders, one_thread
-from turtlebot_gym_agents.speed.turns import Contender, Turn, calls_for, grouped, rows_of, take_turns, timed
+
+BENCHMARKS = str(Path(machine.__file__).parents[1])
 
 
 def made_up(base="slow", *, size=1, by="turtlebot_gym", run=lambda calls: Turn(1.0, 1.0), **options):
@@ -197,7 +200,7 @@ def test_busy_processes_run_and_are_ended(monkeypatch):
 
 def test_busy_processes_end_with_a_benchmark_that_was_killed():
     script = (
-        "import os, subprocess, sys, time\nfrom turtlebot_gym_agents.speed import machine\n"
+        f"import os, subprocess, sys, time\nsys.path.append({BENCHMARKS!r})\nfrom harness import machine\n"
         "child = subprocess.Popen([sys.executable, '-I', '-c', machine._BUSY, str(os.getpid())])\n"
         "print(child.pid, flush=True)\ntime.sleep(600)"
     )
@@ -307,10 +310,13 @@ def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
         (["--seconds", "nan"], "seconds must be positive and below 60, got nan."),
         (["--busy", "-1"], "busy must not be negative, got -1."),
         (["--num-envs", "64", "64"], "num_envs must be different numbers from 2 on, got (64, 64)."),
+        (["--tolerance", "1.0"], "tolerance must be in [0, 1), got 1.0."),
+        (["--tolerance", "nan"], "tolerance must be in [0, 1), got nan."),
         (["--check", "no/such.json"], "no/such.json"),
+        (["--check", "a.json", "--against", "."], "check and against exclude each other."),
     ],
 )
-def test_what_cannot_be_measured_is_refused_in_one_line(arguments, said, capsys):
+def test_invalid_options_are_refused_in_one_line(arguments, said, capsys):
     assert main(["benchmark", *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert said in line

@@ -1,0 +1,126 @@
+"""The sittings of `turtlebot-gym benchmark`: all contenders, the check against a file, and pairs with another clone."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness import check, environments, learning, pairs, report
+from harness.machine import busy, cores, machine
+from harness.peers import peers
+from harness.turns import Contender, grouped, take_turns
+from turtlebot_gym_agents.commands.console import print_tables, progress, save_figure
+from turtlebot_gym_agents.provenance import plain, settings_of, write_json
+
+if TYPE_CHECKING:
+    from turtlebot_gym_agents.commands.benchmark import Benchmark
+
+TRAININGS = 3
+"""Most rounds of training in each sitting."""
+
+
+def run(config: Benchmark) -> None:
+    """Measure, print tables, and write the requested files.
+
+    Raises:
+        SystemExit: With status 1 if a speed is compared and has got worse.
+    """
+    if config.check is not None:
+        _check(config, config.check)
+        return
+    if config.against is not None:
+        _pair(config, config.against)
+        return
+    result = plain(_measure(config))
+    print_tables(*report.tables(result))
+    if config.json is not None:
+        write_json(config.json, result, config=settings_of(config))
+    if config.plot is not None:
+        save_figure(report.figure(result), config.plot)
+
+
+def _measure(config: Benchmark) -> dict[str, Any]:
+    """Return the results of all sittings."""
+    result: dict[str, Any] = {"machine": machine()}
+    with ExitStack() as stack:
+        contenders = environments.contenders(config.num_envs)
+        if config.peers is not None:
+            present = stack.enter_context(peers(config.peers, config.num_envs))
+            contenders = grouped(contenders | present.contenders)
+            result["peers"] = present.versions
+        key = {name: contender for name, contender in contenders.items() if contender.key}
+        trainings = min(TRAININGS, config.rounds) * config.training
+        sittings = [len(contenders) * config.rounds + trainings]
+        if config.busy:
+            sittings.append(len(key) * config.rounds + trainings)
+        advance_to = stack.enter_context(progress(sum(sittings)))
+        result |= _sitting(config, contenders, advance_to, usual=True)
+        if config.busy:
+            with busy(config.busy):
+                beside = _sitting(config, key, lambda done: advance_to(sittings[0] + done), usual=False)
+            result["busy"] = {"processes": config.busy, **beside}
+    return result
+
+
+def _sitting(
+    config: Benchmark, contenders: Mapping[str, Contender], advance_to: Callable[[int], None], *, usual: bool
+) -> dict[str, Any]:
+    """Return the results of one sitting, optionally with the usual route of training."""
+    sitting = take_turns(contenders, rounds=config.rounds, seconds=config.seconds, progress=advance_to)
+    result: dict[str, Any] = sitting._asdict()
+    if config.training:
+        done = len(contenders) * config.rounds
+        if usual:
+            result["adapter_ns"] = learning.adapter(rounds=config.rounds)
+        result["training"] = learning.training(
+            rounds=min(TRAININGS, config.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
+        )
+    return result
+
+
+def _check(config: Benchmark, path: Path) -> None:
+    """Print a verdict on each ratio, after measuring worse ones a second time."""
+    before = check.read(path)
+    rows = before["environments"]
+    sizes = [row["size"] for name, row in rows.items() if name == row["base"] and row["size"] > 1]
+    contenders = {name: contender for name, contender in environments.contenders(sizes).items() if name in rows}
+    tolerance = check.TOLERANCE if config.tolerance is None else config.tolerance
+
+    def judged(names: Mapping[str, Contender], rounds: int) -> list[check.Verdict]:
+        with progress(len(names) * rounds) as advance_to:
+            sitting = take_turns(names, rounds=rounds, seconds=config.seconds, progress=advance_to)
+        quiet = check.free(sitting.used_by_others, cores())
+        return check.judge(rows, sitting.environments, quiet=quiet, tolerance=tolerance)
+
+    verdicts = judged(contenders, config.rounds)
+    if again := {*check.lost(verdicts)} & {*contenders}:
+        wanted = again | {contenders[name].base for name in again}
+        second = {verdict.name: verdict for verdict in judged({name: contenders[name] for name in wanted}, 2 * config.rounds)}
+        verdicts = [second[verdict.name] if verdict.name in again else verdict for verdict in verdicts]
+    for verdict in verdicts:
+        print(verdict)
+    if note := check.elsewhere(before["machine"], machine()):
+        print(note, file=sys.stderr)
+    if lost := check.lost(verdicts):
+        print(f"{len(lost)} of {len(verdicts)} ratios have lost more than {tolerance:.0%}.", file=sys.stderr)
+        raise SystemExit(1)
+
+
+def _pair(config: Benchmark, folder: Path) -> None:
+    """Print the speed of this clone over another one's, after measuring worse ones a second time."""
+    tolerance = pairs.TOLERANCE if config.tolerance is None else config.tolerance
+    with progress(len(pairs.ENTRIES) * config.rounds) as advance_to:
+        rows = pairs.compare(folder, rounds=config.rounds, seconds=config.seconds, progress=advance_to)
+    if slower := [name for name, row in rows.items() if row.ratio < 1.0 - tolerance]:
+        rows |= pairs.compare(folder, slower, rounds=2 * config.rounds, seconds=config.seconds)
+    for name, row in rows.items():
+        low, high = row.ratio_range
+        print(f"{name}: {row.ratio:.3f} times the speed of {folder} ({low:.3f} to {high:.3f}, CPU seconds)")
+    if config.json is not None:
+        write_json(config.json, {"machine": machine(), "pairs": rows}, config=settings_of(config))
+    if slower := [name for name, row in rows.items() if row.ratio < 1.0 - tolerance]:
+        print(f"{len(slower)} of {len(rows)} have lost more than {tolerance:.0%}.", file=sys.stderr)
+        raise SystemExit(1)
