@@ -22,8 +22,7 @@ from scenarios import NAV, POSE, SQUARE, kept, results_folder, run_all, slug, tr
 from transfer_filters import Drive, compared, drift
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.plants import make_plant
-from turtlebot_gym.systems import Episode, make_parameters
-from turtlebot_gym.tasks import make_task
+from turtlebot_gym.systems import Episode, Options, make_parameters
 from turtlebot_gym.values import STOP
 from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
@@ -85,7 +84,7 @@ def driven(env: str, policy: str, noise: str, floor: str, config: Config) -> Eva
 
 def record(noise: str, floor: str, config: Config) -> list[Drive]:
     """Drive with random commands, each held for a second, as `turtlebot-gym estimate` does."""
-    task, waypoints = make_task("square", switch="time")
+    task, waypoints = Options(task="square", switch="time").course()
     p = make_parameters(task, noise=noise, plant=FLOORS[floor] or "unicycle")
     steps, random, drives = round(config.seconds / p.dt), np.random.default_rng(config.first_seed), []
     for number in range(config.drives):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
     from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
     from turtlebot_gym.robots import ROBOTS, Robot
-    from turtlebot_gym.systems import Episode, Parameters, System, World, make_parameters
+    from turtlebot_gym.systems import Episode, Options, Parameters, System, World, make_parameters
     from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
     from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 else:  # import names at first use: the compiler alone takes half a second
@@ -25,7 +25,7 @@ else:  # import names at first use: the compiler alone takes half a second
         "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise", "Reward"),
         "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
         "robots": ("ROBOTS", "Robot"),
-        "systems": ("Episode", "Parameters", "System", "World", "make_parameters"),
+        "systems": ("Episode", "Options", "Parameters", "System", "World", "make_parameters"),
         "tasks": ("NAV", "OBSERVATION_LAYOUT", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Observation", "Task"),
         "values": ("STOP", "Belief", "Command", "Covariance", "Pose", "State"),
     }
@@ -52,6 +52,7 @@ __all__ = [
     "Noise",
     "Observation",
     "OdometryNoise",
+    "Options",
     "Parameters",
     "Pose",
     "ProcessNoise",
@@ -74,20 +75,14 @@ __all__ = [
 def _register_environments() -> None:
     from gymnasium.envs.registration import register
 
-    for name, steps in (("Nav", 300), ("Pose", 300), ("Square", 600)):
+    for name, task, steps in (("Nav", "nav", 300), ("Pose", "pose", 300), ("Square", "square", 600), ("Rooms", "room", 600)):
         register(
             id=f"turtlebot_gym/TurtleBot{name}-v0",
             entry_point="turtlebot_gym.envs.navigation:NavigationEnv",
             vector_entry_point="turtlebot_gym.envs.navigation_vector:NavigationVectorEnv",
             max_episode_steps=steps,
-            kwargs={"task": name.lower()},
+            kwargs={"task": task},
         )
-    register(
-        id="turtlebot_gym/TurtleBotRooms-v0",
-        entry_point="turtlebot_gym.envs.rooms:RoomsEnv",
-        vector_entry_point="turtlebot_gym.envs.rooms_vector:RoomsVectorEnv",
-        max_episode_steps=600,
-    )
 
 
 if find_spec("gymnasium") is not None:

@@ -140,7 +140,7 @@ def _found(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapp
     return read_parameters(kind, given) if is_file(given) else choose(KINDS[kind], given, known)
 
 
-def make_robot(robot: str | Path | Robot) -> Robot:
+def make_robot(robot: str | Path | Mapping[str, Any] | Robot) -> Robot:
     """Return a robot, given as such, by a name in `turtlebot_gym.robots.ROBOTS`, or by a file (see `turtlebot_gym.files`).
 
     Raises:
@@ -149,7 +149,7 @@ def make_robot(robot: str | Path | Robot) -> Robot:
     return _found(Robot, robot, ROBOTS)
 
 
-def make_noise(noise: str | Path | Noise) -> Noise:
+def make_noise(noise: str | Path | Mapping[str, Any] | Noise) -> Noise:
     """Return a noise model, given as such, by a name in `NOISES`, or by a file (see `turtlebot_gym.files`).
 
     Raises:
@@ -158,7 +158,7 @@ def make_noise(noise: str | Path | Noise) -> Noise:
     return _found(Noise, noise, NOISES)
 
 
-def make_fix(fix: str | Path | FixNoise) -> FixNoise:
+def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
     """Return an external pose sensor, given as such, by a name in `FIXES`, or by a file.
 
     Raises:
@@ -167,7 +167,7 @@ def make_fix(fix: str | Path | FixNoise) -> FixNoise:
     return _found(FixNoise, fix, FIXES)
 
 
-def make_filter(tuning: str | FilterTuning, noise: Noise) -> FilterTuning:
+def make_filter(tuning: str | Mapping[str, Any] | FilterTuning, noise: Noise) -> FilterTuning:
     """Return a filter tuning, given as such, or by a name in `FILTERS` for the noise in use.
 
     Raises:

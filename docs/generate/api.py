@@ -10,9 +10,8 @@ from layout import PACKAGES, headline, pages
 
 ELSEWHERE = {
     "turtlebot_gym.envs.navigation": "environments.md",
-    "turtlebot_gym.envs.rooms": "environments.md",
     "turtlebot_gym.envs.navigation_vector": "vector_environments.md",
-    "turtlebot_gym.envs.rooms_vector": "vector_environments.md",
+    "turtlebot_gym.systems.options": "environments.md",
 }
 """Modules that are described on the pages of the environments."""
 

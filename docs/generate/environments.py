@@ -62,10 +62,9 @@ with mkdocs_gen_files.open("reference/environments.md", "w") as page:
         print(f'![{words}]({spec.name}.png "{spec.name}-v0, policy {shown.policy}, seed {shown.seed}")\n', file=page)
     print("</div>\n\nWith `gym.make` each is a scalar environment:\n", file=page)
     print("::: turtlebot_gym.envs.navigation.NavigationEnv\n", file=page)
-    print("::: turtlebot_gym.envs.rooms.RoomsEnv\n", file=page)
+    print("::: turtlebot_gym.systems.options.Options\n", file=page)
 with mkdocs_gen_files.open("reference/vector_environments.md", "w") as page:
     print(
         "# Vector environments\n\nThe same ids through `gym.make_vec(ID, num_envs=N)`, compiled and with N rows.\n", file=page
     )
     print("::: turtlebot_gym.envs.navigation_vector.NavigationVectorEnv\n", file=page)
-    print("::: turtlebot_gym.envs.rooms_vector.RoomsVectorEnv\n", file=page)

@@ -4,6 +4,7 @@ import itertools
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from std_msgs.msg import Header
 
 from turtlebot_gym import values
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import Observation, make_task
+from turtlebot_gym.systems import Options, make_parameters
+from turtlebot_gym.tasks import SQUARE, Observation
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
@@ -65,7 +66,7 @@ def drive(noise, robot, filter, carry=lambda value: value):
 def test_the_blocks_are_the_compiled_environment(environment):
     """Estimates to 1e-9, and observations to the last bit of float32, over the environment's own steps and drop-outs."""
     noise, robot, filter = environment
-    task, waypoints = make_task("square", waypoints=[GOAL], max_steps=10**6)
+    task, waypoints = Options(task=replace(SQUARE, max_steps=1e6), waypoints=[GOAL]).course()
     batch = Batch(1, make_parameters(task, noise=noise, robot=robot, filter=filter), waypoints)
     batch.seeds[0] = SEED
     observation, outcome = batch.empty()

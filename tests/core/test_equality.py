@@ -6,6 +6,8 @@ it agrees with a row of every batch and with the scalar environment, all of them
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numba
 import numpy as np
@@ -13,8 +15,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym
-from turtlebot_gym.systems import Episode, make_parameters
-from turtlebot_gym.tasks import make_task
+from turtlebot_gym.systems import Episode, Options
 
 STEPS, SEED, LIMIT = 1000, 7, 150
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
@@ -59,10 +60,10 @@ IDS = {
 }
 
 
-def plain_episode(*, limit, seed, task, arrival=None, switch=None, laps=None, **options):
+def plain_episode(*, limit, seed, **options):
     """Return the case as an environment in plain Python: no arrays, no compiled code."""
-    task, waypoints = make_task(task, arrival=arrival, switch=switch, laps=laps, max_steps=limit)
-    return Episode(make_parameters(task, **options), waypoints, seed=seed)
+    parameters, waypoints, _ = Options(**options).setup()
+    return Episode(parameters._replace(task=replace(parameters.task, max_steps=limit)), waypoints, seed=seed)
 
 
 def row_of(episode):

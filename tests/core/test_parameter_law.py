@@ -5,7 +5,6 @@ A parameter that nothing read once passed every test of its own, was randomized 
 
 from __future__ import annotations
 
-import inspect
 import math
 from dataclasses import fields, replace
 
@@ -19,7 +18,7 @@ from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, FilterTuning, FixNoise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import Episode, Parameters, make_parameters
+from turtlebot_gym.systems import Episode, Options, Parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.values import Pose
 
@@ -207,19 +206,10 @@ ARGUMENTS = {
     "delay": ({}, {"delay": 1}),
     "fix": ({}, {"fix": "beacons"}),
     "plant": ({}, {"plant": "mujoco"}),
+    "world": ({"task": "room"}, {"task": "room", "world": "office"}),
+    "lidar": ({"task": "room"}, {"task": "room", "lidar": "a1"}),
     "max_episode_steps": ({}, {"max_episode_steps": 20}),
 }
-NO_ROLLOUT = {
-    "num_envs": "how many there are",
-    "render_mode": "how it is drawn",
-    "render_rows": "how many are drawn",
-    "info": "what is told beside the rollout",
-    "autoreset_mode": "what follows after the end: the checker's rules test it",
-}
-
-
-def arguments_of(kind):
-    return [name for name in inspect.signature(kind).parameters if name not in NO_ROLLOUT]
 
 
 def environment_rollout(make, **options):
@@ -252,22 +242,13 @@ def vector(**options):
     return NavigationVectorEnv(2, **options)
 
 
-@pytest.mark.parametrize("name", arguments_of(NavigationEnv))
-def test_each_argument_of_the_scalar_environment_changes_a_rollout(name):
+@pytest.mark.parametrize("name", ARGUMENTS)
+@pytest.mark.parametrize("make", [scalar, vector])
+def test_each_option_changes_a_rollout_of_either_environment(make, name):
     need_engine(name)
     before, after = ARGUMENTS[name]
-    assert environment_rollout(scalar, **before) != environment_rollout(scalar, **after)
+    assert environment_rollout(make, **before) != environment_rollout(make, **after)
 
 
-@pytest.mark.parametrize("name", arguments_of(NavigationVectorEnv))
-def test_each_argument_of_the_vector_environment_changes_a_rollout(name):
-    need_engine(name)
-    before, after = ARGUMENTS[name]
-    assert environment_rollout(vector, **before) != environment_rollout(vector, **after)
-
-
-def test_both_environments_have_the_arguments_of_the_table():
-    assert set(arguments_of(NavigationVectorEnv)) == set(ARGUMENTS)
-    assert set(arguments_of(NavigationEnv)) == set(ARGUMENTS) - {"max_episode_steps"}
-    parameters = set(inspect.signature(make_parameters).parameters)
-    assert parameters <= set(ARGUMENTS)
+def test_each_option_is_in_the_table():
+    assert set(ARGUMENTS) == {item.name for item in fields(Options)} | {"max_episode_steps"}

@@ -14,7 +14,7 @@ from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, Process
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import Task, make_task
+from turtlebot_gym.tasks import Task
 
 NAN, INF = math.nan, math.inf
 NAV, SQUARE = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotSquare-v0"
@@ -109,7 +109,7 @@ def test_covariances(cls, name, size):
         ("integrator", ["euler", "midpoint"]),
         ("observation", ["ekf", "odometry", "truth"]),
         ("arrival", ["truth", "belief"]),
-        ("task", ["nav", "pose", "square"]),
+        ("task", ["nav", "pose", "square", "room"]),
     ],
 )
 def test_unknown_names_are_answered_with_the_known_ones(maker, name, known):
@@ -165,5 +165,5 @@ def test_parameters_cannot_be_changed(value):
 
 def test_infinite_limits_where_they_mean_none():
     assert Robot(max_linear=0.2, max_angular=1.0).max_wheel == INF
-    assert make_task("square", max_steps=INF)[0].max_steps == INF
+    assert Task(max_steps=INF).max_steps == INF
     assert FilterTuning(Q=Q, R=R).gate == INF

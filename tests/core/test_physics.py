@@ -8,8 +8,8 @@ import pytest
 
 import turtlebot_gym
 from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.systems import Episode, make_parameters, system_of
-from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS, make_task
+from turtlebot_gym.systems import Episode, Options, make_parameters, system_of
+from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import Command, Pose
 
 pytest.importorskip("mujoco")
@@ -20,7 +20,7 @@ ACTIONS = np.random.default_rng(0).uniform([0.0, -0.4], [1.0, 0.4], (60, 2)).ast
 
 
 def parameters(**options):
-    task, waypoints = make_task("nav")
+    task, waypoints = Options(task="nav").course()
     return make_parameters(task, **{"plant": "mujoco", **options}), waypoints
 
 

@@ -19,8 +19,8 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Body, Episode, Sensor, make_parameters, open_ground, system_of
-from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due, make_task
+from turtlebot_gym.systems import Body, Episode, Options, Sensor, make_parameters, open_ground, system_of
+from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 BASE = open_ground(EXTENDED_KALMAN)
@@ -102,7 +102,7 @@ SYSTEMS = {
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_every_system_is_the_same_compiled_and_in_plain_python(name):
-    task, waypoints = make_task(replace(SQUARE, radius=1.5))
+    task, waypoints = Options(task=replace(SQUARE, radius=1.5)).course()
     noise = "wheel" if name == "dead reckoning" else "rough"
     p = make_parameters(task, noise=noise, integrator="midpoint", delay=1)
     batch = Batch(35, p, waypoints, system=SYSTEMS[name])
@@ -125,7 +125,7 @@ def test_every_system_is_the_same_compiled_and_in_plain_python(name):
 
 
 def test_ranges_make_the_filter_better_and_its_update_is_the_textbooks():
-    task, waypoints = make_task("nav")
+    task, waypoints = Options(task="nav").course()
     p = make_parameters(task, noise="tutorial")
     errors = []
     for system in (BASE, RANGES):
@@ -244,7 +244,7 @@ def test_a_measurement_that_arrives_takes_the_place_of_all_of_the_last_pose():
 def shown_after(observation, **changes):
     """Return what a robot sees that believes, measures and is in three different places: belief (1, 0), odometry (0, 1), truth
     at the origin, all heading along x; the goal is at (2, 0)."""
-    task, waypoints = make_task("square", waypoints=[Pose(2.0, 0.0, 0.0)])
+    task, waypoints = Options(task="square", waypoints=[Pose(2.0, 0.0, 0.0)]).course()
     p = make_parameters(task, noise="clean", observation=observation)
     p = p._replace(tuning=replace(p.tuning, R=(0.03, 0.01, 0.25)))
     episode = Episode(p, waypoints)
@@ -286,7 +286,7 @@ def test_an_episode_begins_with_seed_0_and_nothing_told():
 
 
 def test_an_episode_that_is_stepped_beyond_its_end_stays_at_its_end():
-    task, waypoints = make_task("square", waypoints=[Pose(0.2, 0.0, 0.0)])
+    task, waypoints = Options(task="square", waypoints=[Pose(0.2, 0.0, 0.0)]).course()
     episode = Episode(make_parameters(task, noise="clean"), waypoints)
     ends = [episode.step(Command(0.2, 0.0)).terminated for _ in range(5)]
     assert ends == [True] * 5  # within 0.3 m from the beginning

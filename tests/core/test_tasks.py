@@ -13,7 +13,7 @@ from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Episode, make_parameters, step_of
+from turtlebot_gym.systems import Episode, Options, make_parameters, step_of
 from turtlebot_gym.tasks import (
     NAV,
     OBSERVATION_HIGH,
@@ -24,7 +24,6 @@ from turtlebot_gym.tasks import (
     arrived,
     believed_to_arrive,
     draw_goal,
-    make_task,
     observe,
     remaining,
     reward_of,
@@ -76,8 +75,8 @@ def test_starts_and_goals_of_a_seed_stay_what_they_are():
 
 def test_the_square_is_the_tutorials():
     square = [(2, 0, 0), (2, 2, math.pi / 2), (0, 2, -math.pi), (0, 0, -math.pi / 2)]
-    np.testing.assert_allclose(make_task("square")[1], square, atol=1e-15)
-    task = make_task("square")[0]
+    np.testing.assert_allclose(Options(task="square").course()[1], square, atol=1e-15)
+    task = Options(task="square").course()[0]
     assert (task.radius, task.max_steps, task.random, task.laps) == (0.3, 600.0, False, 1.0)
 
 
@@ -205,7 +204,7 @@ def placed(world, truth):
 
 def walk(task, steps, teleport=None, **options):
     """Drive a robot that `teleport` puts where it should be; return the outcomes and references."""
-    task, waypoints = make_task(task, **options)
+    task, waypoints = Options(task=task, **options).course()
     p = make_parameters(task, noise="clean")
     episode = Episode(p, waypoints)
     log = []
@@ -245,12 +244,12 @@ def test_waypoints_of_ones_own():
     log = walk("square", 10, lambda world: True, waypoints=[(1.0, 0.0, 7.0), (2.0, 0.0, 0.0)])
     assert len(log) == 2
     assert log[0][1].course.reference == (2.0, 0.0, 0.0)
-    assert make_task("square", waypoints=[(1.0, 0.0, 7.0)])[1][0].theta == pytest.approx(7.0 - 2.0 * math.pi)
+    assert Options(task="square", waypoints=[(1.0, 0.0, 7.0)]).course()[1][0].theta == pytest.approx(7.0 - 2.0 * math.pi)
 
 
 @pytest.mark.parametrize("arrival", ["truth", "belief"])
 def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
-    task, waypoints = make_task("square", arrival=arrival, waypoints=[Pose(1.0, 0.0, 0.0)])
+    task, waypoints = Options(task="square", arrival=arrival, waypoints=[Pose(1.0, 0.0, 0.0)]).course()
     p = make_parameters(task, noise="clean", filter=replace(make_parameters(noise="clean").tuning, R=(100.0,) * 3))
     episode = Episode(p, waypoints)
     world, key, transition = episode.world, episode.key, step_of(episode.system).transition
@@ -264,7 +263,7 @@ def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
 
 
 def test_names_give_the_tasks_with_what_was_asked_for():
-    assert make_task("nav")[0] == NAV
-    assert make_task("pose", arrival="belief", max_steps=50)[0] == replace(POSE, on_belief=True, max_steps=50.0)
+    assert Options(task="nav").course()[0] == NAV
+    assert Options(task="pose", arrival="belief").course()[0] == replace(POSE, on_belief=True)
     own = Task(radius=0.5)
-    assert make_task(own)[0] == own
+    assert Options(task=own).course()[0] == own

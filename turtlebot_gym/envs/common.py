@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import registry
+from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.rooms.lidar import Lidar
-from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.rules import RoomRules
+from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
-from turtlebot_gym.systems import System, furnish, make_parameters
-from turtlebot_gym.tasks import Task, make_task
+from turtlebot_gym.systems import Options, Parameters, Setup, System
+from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import number, shown, whole
-from turtlebot_gym.values import Pose
 
 PARTS = {
     "true_state": "body.true_state",
@@ -45,13 +44,6 @@ ROOM_PARTS = {
 """Further ones in a room."""
 
 
-class Room(NamedTuple):
-    """Arguments of environments with rooms, beyond those of the others."""
-
-    world: RoomRules | FloorPlan
-    lidar: Lidar
-
-
 FLAGS = ("measured", "slipping", "collision")
 """Single numbers that are booleans."""
 
@@ -71,49 +63,42 @@ def observation_space(system: System) -> spaces.Space[NDArray[np.float32]]:
     return spaces.Box(np.array(system.low, np.float32), np.array(system.high, np.float32))
 
 
-def make_batch(
-    num_envs: int,
-    task: str | Task,
-    *,
-    waypoints: Sequence[Pose] | None = None,
-    arrival: str | None = None,
-    switch: str | None = None,
-    laps: int | None = None,
-    max_steps: float | None = None,
-    room: Room | None = None,
-    **options: Any,
-) -> Batch:
-    """Make the batch for an environment's keyword arguments.
-
-    Args:
-        num_envs: Number of environments.
-        task: Passed to `turtlebot_gym.tasks.make_task`, as are waypoints, arrival, switch, laps and max_steps.
-        waypoints: See there.
-        arrival: See there.
-        switch: See there.
-        laps: See there.
-        max_steps: See there.
-        room: The world and the LiDAR; None on open ground.
-        **options: Passed to `turtlebot_gym.systems.make_parameters`.
+def make_batch(setup: Setup, num_envs: int) -> Batch:
+    """Make the batch of an environment.
 
     Raises:
-        ValueError: If a task of the caller's own has another limit of steps than ``max_steps``.
+        ValueError: If a given room has no path from start to goal.
     """
-    own = task.max_steps if isinstance(task, Task) and not room else math.inf
-    if max_steps is not None and own < math.inf and number("max_episode_steps", max_steps) != own:
+    parameters, waypoints, plan = setup
+    if plan:
+        first = Batch(1, parameters, waypoints, plan=plan)
+        first.reset(np.ones(1, np.bool_), *first.empty())
+        require_a_way(plan, parameters.robot.radius, float(first.numbers("room.way")[0]))
+    return Batch(num_envs, parameters, waypoints, plan=plan)
+
+
+def with_limit(options: Options, steps: float | None) -> Setup:
+    """Return what options stand for, with a limit of steps instead of the task's own; None for the task's own.
+
+    Raises:
+        ValueError: If a task of the caller's own has another limit.
+    """
+    setup = options.setup()
+    own, task = setup.parameters.task.max_steps, options.task
+    if steps is None:
+        return setup
+    if isinstance(task, Task) and own < math.inf and number("max_episode_steps", steps) != own:
         raise ValueError(
-            f"task ends episodes after {own:g} steps (Task.max_steps), max_episode_steps after {max_steps:g}: make them equal, "
+            f"task ends episodes after {own:g} steps (Task.max_steps), max_episode_steps after {steps:g}: make them equal, "
             "or Task.max_steps infinite."
         )
-    chosen, poses = make_task(task, waypoints=waypoints, arrival=arrival, switch=switch, laps=laps, max_steps=max_steps)
-    parameters, plan = make_parameters(chosen, **options), None
-    if room:
-        parameters, plan = furnish(parameters, *room)
-        if plan:
-            first = Batch(1, parameters, poses, plan=plan)
-            first.reset(np.ones(1, np.bool_), *first.empty())
-            require_a_way(plan, parameters.robot.radius, float(first.numbers("room.way")[0]))
-    return Batch(num_envs, parameters, poses, plan=plan)
+    return setup._replace(parameters=setup.parameters._replace(task=replace(setup.parameters.task, max_steps=steps)))
+
+
+def no_way(parameters: Parameters) -> str:
+    """Return why a robot cannot reach its goal."""
+    radius = parameters.robot.radius
+    return f"No way leads from start to goal for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
 
 
 def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -137,6 +122,23 @@ def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
     if len(seed) != num_envs:
         raise ValueError(f"seed must hold {num_envs} seeds, got {len(seed)}.")
     return [None if one is None else whole(f"seed[{row}]", one) for row, one in enumerate(seed)]
+
+
+def read_actions(actions: Any) -> NDArray[np.float32]:
+    """Return actions as an array of their shape.
+
+    Raises:
+        InvalidAction: If they hold something else than real numbers.
+    """
+    if type(actions) is np.ndarray and actions.dtype == np.float32:
+        return actions
+    try:
+        values = np.asarray(actions)
+    except ValueError:  # rows of different lengths
+        values = np.asarray(None)
+    if values.dtype.kind not in "biuf":
+        raise InvalidAction(f"An action must hold real numbers, got {shown(actions)}.")
+    return np.asarray(values, np.float32)
 
 
 def warn_of_a_limit(id: str, steps: float, own: float) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -16,31 +15,36 @@ from turtlebot_gym.envs.common import (
     PARTS,
     ROOM_PARTS,
     SYMMETRIC,
-    Room,
     action_space,
     make_batch,
+    no_way,
     observation_space,
+    read_actions,
     read_options,
     warn_of_a_limit,
+    with_limit,
 )
 from turtlebot_gym.envs.pictures import make_renderer
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
-from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import Parameters
+from turtlebot_gym.rooms.geodesic import UNKNOWN
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import RoomRules
+from turtlebot_gym.rooms.worlds import with_options
+from turtlebot_gym.systems import Options, Parameters, make_room
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import choose, whole
-from turtlebot_gym.values import Pose
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A differential-drive robot that navigates on the estimate of an extended Kalman filter.
+    """A differential-drive robot that navigates on the estimate of a Kalman filter, on open ground or in rooms.
 
     ## Description
 
     A unicycle executes velocity commands with slip and process noise; its odometry is noisy, spiky, biased or drifting;
     a Kalman filter estimates its state. The policy sees the filter's estimate and drives to a goal.
+
+    In rooms there are walls and obstacles, which differ from episode to episode; a path to the goal always exists. The robot
+    knows its goal only in the frame of its odometry, and the room only through a LiDAR that turns as the robot drives.
 
     ## Action Space
 
@@ -49,8 +53,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Observation Space
 
-    ``Box((13,), float32)`` with finite bounds, to which observations are clipped. All entries follow from the estimated
-    pose (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true one).
+    ``Box((13,), float32)``, layout 1, on open ground, and ``Box((50,), float32)``, layout 2, in rooms, with finite bounds, to
+    which observations are clipped. Entries 0 to 12 follow from the estimated pose (with ``observation="odometry"`` from the
+    measured one, with ``"truth"`` from the true one).
 
     | # | Observation | Unit | Min | Max |
     |---|---|---|---|---|
@@ -64,6 +69,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
     | 10 | distance to the waypoint after this one; to this one again if there is none | m | 0 | 20 |
     | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
+    | 13 to 48 | in rooms: shortest range of the newest scan in 36 sectors, from ahead to the left, / 3.5 m | | 0 | 1 |
+    | 49 | in rooms: age of that scan, by its stamp | s | 0 | 1 |
 
     ## Rewards
 
@@ -72,108 +79,65 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     progress over a course is its length, whichever way it is driven. Distances are true ones. The weights are
     `turtlebot_gym.Reward`.
 
+    In rooms, progress is that along the *shortest path* through the room instead of the straight line. A collision costs 50,
+    and each step 0.5 times the share of 0.15 m that the clearance lacks.
+
     ## Starting State
 
     The robot is at rest. Nav and Pose: start pose and goal are drawn in a square of 4 m, at least 0.5 m apart. Square:
-    the start is the origin. The initial belief is the first measurement with its variances; with ``filter="tutorial"``
-    it is the origin with the tutorial's P0.
+    the start is the origin. Rooms: room, start and goal are drawn, start and goal at least 1.5 m apart, and the first scan is
+    complete. The initial belief is the first measurement with its variances; with ``filter="tutorial"`` it is the origin with
+    the tutorial's P0.
 
     ## Episode End
 
-    Termination: the last waypoint is reached, within 0.15 m (Nav), within 0.15 m, 0.2 rad and at most 0.5 rad/s (Pose), or
-    within 0.3 m (Square); by the true pose, or by the observed one with ``arrival="belief"``. With ``switch="time"`` there
-    is no termination. Truncation: after 300 steps (Square: 600), by Gymnasium's ``TimeLimit``.
+    Termination: the last waypoint is reached, within 0.15 m (Nav), within 0.15 m, 0.2 rad and at most 0.5 rad/s (Pose),
+    within 0.3 m (Square), or within 0.2 m (Rooms); by the true pose, or by the observed one with ``arrival="belief"``. With
+    ``switch="time"`` there is no termination. In rooms an episode also terminates when the robot's footprint touches something.
+    Truncation: after 300 steps (Square and Rooms: 600), by Gymnasium's ``TimeLimit``.
 
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
     ``command`` (2,), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
 
+    In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
+    ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
+
     ## Arguments
 
     Args:
-        task: "nav", "pose", "square" or a `turtlebot_gym.Task`; the registered ids set it. A finite ``max_steps`` of a Task
-            truncates too; Gymnasium's own limit is ``gym.make(..., max_episode_steps=...)``.
-        robot: "burger", "waffle", "turtlebot4", "tutorial", a file (FILE.yaml), or a `turtlebot_gym.Robot`.
-        noise: "clean", "tutorial", "documented", "wheel", "rough", a file (FILE.yaml), or a `turtlebot_gym.Noise`.
-        filter: "matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`.
-        integrator: "euler" or "midpoint".
-        observation: "ekf", "odometry" or "truth".
-        reward: Weights, a `turtlebot_gym.Reward`.
-        arrival: "truth" or "belief".
-        switch: "arrival" or "time"; like the next two arguments, for tasks with given waypoints.
-        laps: Number of rounds through the waypoints.
-        waypoints: Poses to visit instead of the square.
-        dt: Control interval, s.
-        delay: Delay of commands in steps, 0 to 3.
-        fix: An external pose sensor that gives the filter a measurement now and then: "beacons", "late",
-            "localization", "markers", "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for
-            none.
-        plant: Model of the motion: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels creep
-            and slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the
-            extra [mujoco], and a step takes a hundred times as long.
         render_mode: None, "human" or "rgb_array".
+        **options: The fields of `turtlebot_gym.Options`: task, robot, noise, filter, observation, and so on. The registered ids
+            set ``task``. Gymnasium's own limit of steps is ``gym.make(..., max_episode_steps=...)``.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range.
+        ValueError: If an argument is out of its range, or a given world has no path from start to goal.
+        TypeError: If an argument is unknown.
         ImportError: If the plant needs an engine that is not installed.
 
     ## Version History
 
-    * v0: first version, observation layout 1.
+    * v0: first version, observation layouts 1 and 2.
     """
 
-    _room: Room | None = None
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # as Gymnasium declares it
 
-    def __init__(
-        self,
-        *,
-        task: str | Task = "nav",
-        robot: str | Robot = "burger",
-        noise: str | Noise = "tutorial",
-        filter: str | FilterTuning = "matched",
-        integrator: str = "euler",
-        observation: str = "ekf",
-        reward: Reward | None = None,
-        arrival: str = "truth",
-        switch: str | None = None,
-        laps: int | None = None,
-        waypoints: Sequence[Pose] | None = None,
-        dt: float = 0.1,
-        delay: int = 0,
-        fix: str | FixNoise | None = None,
-        plant: str | MujocoBurger = "unicycle",
-        render_mode: str | None = None,
-    ) -> None:
-        self._batch = make_batch(
-            1,
-            task,
-            waypoints=waypoints,
-            arrival=arrival,
-            switch=switch,
-            laps=laps,
-            max_steps=None if isinstance(task, Task) and not self._room else math.inf,  # else TimeLimit's work alone
-            robot=robot,
-            noise=noise,
-            filter=filter,
-            integrator=integrator,
-            observation=observation,
-            reward=reward,
-            dt=dt,
-            delay=delay,
-            fix=fix,
-            plant=plant,
-            room=self._room,
-        )
+    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
+        chosen = Options.of(options)
+        # A limit of steps is TimeLimit's work alone, but for that of a task of the caller's own.
+        setup = with_limit(chosen, None if isinstance(chosen.task, Task) else math.inf)
+        self._batch = make_batch(setup, 1)
+        p = self.parameters
+        self._own = self._world = (setup.plan or p.room.rules) if p.room else None
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
         self.action_space = action_space()
         self.observation_space = observation_space(self._batch.system)
         slices = self._batch.layout.world.slices
         self._slices = [(key, slices[path]) for key, path in PARTS.items() if key != "covariance"]
-        names, told = self._batch.layout.world.names, ROOM_PARTS if self.parameters.room else {}
-        self._numbers = {key: (names.index(path), bool if key in FLAGS else float) for key, path in told.items()}
+        names, parts = self._batch.layout.world.names, ROOM_PARTS if p.room else {}
+        self._numbers = {key: (names.index(path), bool if key in FLAGS else float) for key, path in parts.items()}
         self._covariance = SYMMETRIC + slices[PARTS["covariance"]].start
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
@@ -195,14 +159,16 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Args:
             seed: Seed of the episodes; None begins the next episode of the seed in use.
-            options: Ignored; there are none.
+            options: In rooms, for this episode only: ``world``, as the environment takes it; ``start`` and ``goal``, poses
+                (x, y, theta). On open ground there are none.
 
         Raises:
-            ValueError: If the seed is no whole number, or negative, or there is an option.
+            ValueError: If the seed or an option is invalid, or no path leads from start to goal.
         """
-        if not self._room:
-            read_options(options, ())
+        asked = read_options(options, ("world", "start", "goal") if self._own else ())
         seed = None if seed is None else whole("seed", seed)
+        if self._own:
+            self._enter(with_options(self._own, asked))
         super().reset(seed=seed)
         batch = self._batch
         if self._started and self.spec is not None and self.parameters.task.max_steps < math.inf:
@@ -215,12 +181,24 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._seeded = True
         observations, outcomes = batch.empty()
         batch.reset(self._everything, observations, outcomes)
-        self._started = True
+        info = self._info(outcomes[1, 0], False)
+        self._started = info.get("way_left") != UNKNOWN
+        if not self._started:
+            raise ValueError(no_way(self.parameters))
         if self.render_mode == "human":
             self._draw(anew=True)
         elif self._renderer is not None:
             self._renderer.reset()
-        return observations[0], self._info(outcomes[1, 0], False)
+        return observations[0], info
+
+    def _enter(self, world: RoomRules | FloorPlan) -> None:
+        """Use a world from the next reset on."""
+        if world is not self._world:
+            p = self.parameters
+            room = make_room(world, p.room.lidar, p.dt)
+            self._batch.set_world(p._replace(room=room), world if isinstance(world, FloorPlan) else None)
+            self._world = world
+            self.close()  # the renderer holds the arrays of the old world
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by one control interval.
@@ -234,7 +212,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if not self._started:
             raise ResetNeeded("Call reset() before step().")
-        values = np.asarray(action, np.float32)
+        values = read_actions(action)
         if values.shape != (2,):
             raise InvalidAction(f"Environment 0: an action has shape (2,), got {values.shape}.")
         self._action[0] = values

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -17,24 +18,24 @@ from turtlebot_gym.envs.common import (
     NUMBERS,
     PARTS,
     ROOM_PARTS,
-    Room,
     action_space,
     make_batch,
     matrices,
+    no_way,
     observation_space,
     of_rows,
+    read_actions,
     read_seeds,
     reset_mask,
+    with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
+from turtlebot_gym.envs.poses import GivenPoses
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, Reward
-from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import Outcome, Parameters
-from turtlebot_gym.tasks import Task
+from turtlebot_gym.rooms.geodesic import UNKNOWN
+from turtlebot_gym.rooms.scene import Scene
+from turtlebot_gym.systems import Options, Outcome, Parameters
 from turtlebot_gym.validation import choose, whole
-from turtlebot_gym.values import Pose
 
 MOST = 2**24
 """Most environments in one."""
@@ -57,6 +58,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     `SyncVectorEnv`: an observation, or None where no episode ended) and ``final_info`` hold the last observation and
     info of the finished episodes.
 
+    In rooms, ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision`` too, shape (N,).
+
     Args:
         num_envs: Number of environments.
         max_episode_steps: Steps after which an episode is truncated; None for the task's own. A `turtlebot_gym.Task` with a
@@ -67,29 +70,14 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         info: "default" or "full".
         render_mode: None or "rgb_array".
         render_rows: Number of environments to draw, from the first.
-        task: See `NavigationEnv`, as for all further arguments.
-        robot: See there.
-        noise: See there.
-        filter: See there.
-        integrator: See there.
-        observation: See there.
-        reward: See there.
-        arrival: See there.
-        switch: See there.
-        laps: See there.
-        waypoints: See there.
-        dt: See there.
-        delay: See there.
-        fix: See there.
-        plant: See there. With "mujoco" the rows advance one after the other, in plain Python.
+        **options: See `NavigationEnv`. With ``plant="mujoco"`` the rows advance one after the other, in plain Python.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range.
+        ValueError: If an argument is out of its range, or a given world has no path from start to goal.
+        TypeError: If an argument is unknown.
         ImportError: If the plant needs an engine that is not installed.
     """
 
-    _room: Room | None = None
-    _options: tuple[str, ...] = ()
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
     def __init__(
@@ -101,56 +89,26 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         info: str = "default",
         render_mode: str | None = None,
         render_rows: int = 9,
-        task: str | Task = "nav",
-        robot: str | Robot = "burger",
-        noise: str | Noise = "tutorial",
-        filter: str | FilterTuning = "matched",
-        integrator: str = "euler",
-        observation: str = "ekf",
-        reward: Reward | None = None,
-        arrival: str = "truth",
-        switch: str | None = None,
-        laps: int | None = None,
-        waypoints: Sequence[Pose] | None = None,
-        dt: float = 0.1,
-        delay: int = 0,
-        fix: str | FixNoise | None = None,
-        plant: str | MujocoBurger = "unicycle",
+        **options: Any,
     ) -> None:
         num_envs, render_rows = whole("num_envs", num_envs, 1, MOST), whole("render_rows", render_rows, 1, MOST)
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
         self._full = choose("info", info, {"default": False, "full": True})
-        self._batch = make_batch(
-            num_envs,
-            task,
-            waypoints=waypoints,
-            arrival=arrival,
-            switch=switch,
-            laps=laps,
-            max_steps=max_episode_steps,
-            robot=robot,
-            noise=noise,
-            filter=filter,
-            integrator=integrator,
-            observation=observation,
-            reward=reward,
-            dt=dt,
-            delay=delay,
-            fix=fix,
-            plant=plant,
-            room=self._room,
-        )
-        self._told = (ROOM_PARTS if self._batch.system.surroundings else {}) | (PARTS | NUMBERS if self._full else {})
+        setup = with_limit(Options.of(options), max_episode_steps)
+        self._batch = make_batch(setup, num_envs)
+        self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
+        self._told = (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if self._full else {})
         self.num_envs = num_envs
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": max(1, round(1.0 / dt))}
-        self._pictures = Pictures(self._batch, rows=min(render_rows, self.num_envs), fps=self.metadata["render_fps"])
+        fps = max(1, round(1.0 / setup.parameters.dt))
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": fps}
+        self._pictures = Pictures(self._batch, rows=min(render_rows, num_envs), fps=fps)
         self.single_action_space = action_space()
         self.single_observation_space = observation_space(self._batch.system)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self._done = np.zeros(self.num_envs, np.bool_)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._done = np.zeros(num_envs, np.bool_)
         self._begun = False
 
     @property
@@ -166,6 +124,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each."""
         self._batch.set_parameters(parameters)
+        if self._poses:
+            self._poses.forget()
         self._pictures.close()  # they show the old robots and rooms
 
     def reset(
@@ -180,15 +140,18 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             seed: An int gives environment *i* the seed ``seed + i``; a list has one seed for each; None, also in the
                 list, begins the next episode of the seed in use.
             options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state and have no infos.
+                In rooms also ``start`` and ``goal``, for the episodes that begin now only: a pose (x, y, theta) for all
+                environments, or one for each, shape (N, 3).
 
         Returns:
             Observations of all environments, and infos.
 
         Raises:
-            ValueError: If the seed or an option is none that there is.
+            ValueError: If a seed or an option is invalid, or no path leads from start to goal.
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
         mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
+        asked = self._poses.read(options or {}, mask) if self._poses else {}
         super().reset(seed=next((one for one in seeds if one is not None), None))
         if not self._begun:
             seeds = [self._entropy() + i if one is None else one for i, one in enumerate(seeds)]
@@ -197,7 +160,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         batch.episodes[mask] += 1
         batch.episodes[given] = 0
         observations, outcomes = batch.last()
-        self._begin(mask, observations, outcomes)
+        self._begin(mask, observations, outcomes, asked)
         self._begun = True
         self._done[mask] = False
         return observations, self._info(outcomes, mask)
@@ -208,7 +171,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         """Return which environments to reset."""
-        mask = reset_mask(options, self.num_envs, others=self._options)
+        if self._poses and isinstance(options, Mapping) and "world" in options:
+            raise ValueError("world must be the same in all episodes of a vector environment: make another one with world=...")
+        mask = reset_mask(options, self.num_envs, others=("start", "goal") if self._poses else ())
         if not self._begun and not mask.all():
             raise ResetNeeded(f"Environment {np.argmin(mask)}: call reset() for all before a reset_mask leaves it out.")
         return mask
@@ -227,7 +192,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             Error: In the mode DISABLED, if an environment's episode has ended and it was not reset.
         """
         batch = self._batch
-        values = np.asarray(actions, np.float32)
+        values = read_actions(actions)
         if values.shape != (self.num_envs, 2):
             raise InvalidAction(f"Actions have shape ({self.num_envs}, 2), got {values.shape}.")
         if not np.isfinite(values).all():
@@ -260,9 +225,23 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._batch.episodes[mask] += 1
         self._begin(mask, observations, outcomes)
 
-    def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
-        """Begin the episodes of some environments; their episode numbers are already set."""
+    def _begin(
+        self,
+        mask: NDArray[np.bool_],
+        observations: NDArray[np.float32],
+        outcomes: NDArray[np.float64],
+        asked: Mapping[int, Parameters] = MappingProxyType({}),
+    ) -> None:
+        """Begin the episodes of some environments, with the parameters asked for; their episode numbers are already set."""
+        if self._poses:
+            self._poses.begin(mask, asked)
         self._batch.reset(mask, observations, outcomes)
+        if self._poses and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
+            self._begun, row = False, int(np.argmax(lost))
+            parameters = self.parameters
+            raise ValueError(
+                f"Environment {row}: {no_way(parameters if isinstance(parameters, Parameters) else parameters[row])}"
+            )
         self._pictures.begin(mask)
 
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
@@ -293,3 +272,13 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def close_extras(self, **kwargs: Any) -> None:
         """Release the renderers."""
         self._pictures.close()
+
+    def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:
+        """Return the ground truth in rooms: the rooms, the true states (N, 5), and the goals' poses (N, 3).
+
+        Raises:
+            ValueError: On open ground.
+        """
+        if not self._poses:
+            raise ValueError("truth is of rooms: there is none on open ground.")
+        return self._batch.scenes, self._batch.numbers(PARTS["true_state"]), self._batch.numbers(PARTS["reference"])

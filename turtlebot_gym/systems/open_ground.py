@@ -11,7 +11,8 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
-from turtlebot_gym.systems.parameters import BELIEVED, MEASURED, make_parameters
+from turtlebot_gym.systems.options import make_parameters
+from turtlebot_gym.systems.parameters import BELIEVED, MEASURED
 from turtlebot_gym.systems.sensors import ODOMETRY
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.systems.world import Body, Outcome

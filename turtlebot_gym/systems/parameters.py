@@ -1,18 +1,15 @@
-"""All parameters of a step, gathered from names of presets or values."""
+"""All parameters of a step."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from turtlebot_gym.estimation.fixes import depth_of
-from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
-from turtlebot_gym.plants import MujocoBurger, make_plant
-from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
+from turtlebot_gym.parameters import FilterTuning, Noise, Reward
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.tasks import NAV, Task
-from turtlebot_gym.validation import choose, made, number, whole
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import RoomRules
+from turtlebot_gym.tasks import Task
 
 BELIEVED, MEASURED, TRUE = 0.0, 1.0, 2.0
 OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
@@ -20,10 +17,6 @@ OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
-MAX_DEPTH = 25
-"""Greatest delay of a fix in steps; each step is stored and compiled."""
-MIN_DT, MAX_DT = 1e-4, 10.0
-"""Shortest and longest control interval, s."""
 
 
 class Parameters(NamedTuple):
@@ -43,70 +36,33 @@ class Parameters(NamedTuple):
     delay: float
     """Delay of commands in steps, a whole number from 0 to `MAX_DELAY`."""
     room: Any = ()
-    """Parameters of a room, `systems.rooms.RoomParameters`; an empty tuple on open ground."""
+    """Parameters of a room, `RoomParameters`; an empty tuple on open ground."""
     fix: Any = ()
     """External pose sensor, a `FixNoise`; an empty tuple if there is none."""
     plant: Any = ()
     """Plant: an empty tuple for the unicycle, a `turtlebot_gym.plants.MujocoBurger` for MuJoCo."""
 
 
-def make_parameters(
-    task: Task = NAV,
-    *,
-    robot: str | Robot = "burger",
-    noise: str | Noise = "tutorial",
-    filter: str | FilterTuning = "matched",
-    integrator: str = "euler",
-    observation: str = "ekf",
-    reward: Reward | Mapping[str, float] | None = None,
-    dt: float = REFERENCE_PERIOD,
-    delay: int = 0,
-    fix: str | FixNoise | None = None,
-    plant: str | MujocoBurger = "unicycle",
-) -> Parameters:
-    """Return the checked parameters of an environment from names of presets or values.
+class RoomParameters(NamedTuple):
+    """Parameters of a step in a room, beyond those of open ground."""
+
+    rules: RoomRules
+    """Rules by which the room is drawn."""
+    lidar: Lidar
+    """The robot's LiDAR."""
+
+
+def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomParameters:
+    """Return the parameters of a room.
 
     Args:
-        task: When waypoints count as reached, and when an episode ends.
-        robot: A name in `robots.ROBOTS`, or a robot.
-        noise: A name in `presets.NOISES`, or a noise model.
-        filter: A name in `presets.FILTERS`, or a tuning.
-        integrator: "euler" or "midpoint".
-        observation: The robot's pose that the policy observes: "ekf", "odometry" or "truth".
-        reward: Weights, or a mapping of some of them; None for the default ones.
+        world: The rules by which it is drawn, or its plan.
+        lidar: The robot's LiDAR.
         dt: Control interval, s.
-        delay: Delay of commands in steps, 0 to 3.
-        fix: External pose sensor: a name in `presets.FIXES`, or its noise; None for none.
-        plant: A name in `turtlebot_gym.plants.PLANTS`, or a Burger for MuJoCo.
 
     Raises:
-        ValueError: If a name is unknown, dt is not positive, the delay is out of its range, or the plant is another robot or dt
-            is not a multiple of its step.
+        ValueError: If the LiDAR turns more than once per interval.
     """
-    late, interval = whole("delay", delay, 0, MAX_DELAY), number("dt", dt)
-    if not MIN_DT <= interval <= MAX_DT:
-        raise ValueError(f"dt must be positive, from {MIN_DT:g} to {MAX_DT:g} s, got {dt!r}.")
-    late_fix = () if fix is None else make_fix(fix)
-    if late_fix and depth_of(interval, late_fix.delay) > MAX_DEPTH:
-        raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {late_fix.delay!r} s with dt {interval!r} s.")
-    model, body, physics = make_noise(noise), make_robot(robot), make_plant(plant)
-    if physics:
-        physics.steps(interval)
-        if body.wheel_separation != physics.wheel_separation:
-            raise ValueError(
-                f"plant is a robot with a track of {physics.wheel_separation:g} m, so robot must be 'burger', 'tutorial' or "
-                f"another one with that track, got {body.wheel_separation:g} m."
-            )
-    return Parameters(
-        body,
-        model,
-        make_filter(filter, model),
-        task,
-        Reward() if reward is None else made(Reward, reward, "reward"),
-        interval,
-        choose("integrator", integrator, INTEGRATORS),
-        choose("observation", observation, OBSERVED),
-        float(late),
-        fix=late_fix,
-        plant=physics,
-    )
+    if lidar.rate * dt > 1.0 + 1e-9:
+        raise ValueError(f"Lidar.rate must be at most one scan in a control interval of {dt:g} s, got {lidar.rate:g} Hz.")
+    return RoomParameters(world.rules() if isinstance(world, FloorPlan) else world, lidar)

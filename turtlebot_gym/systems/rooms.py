@@ -16,14 +16,14 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
-from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, Lidar, age_of_scan, aim, beams_by, divide
-from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide
+from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.open_ground import look, open_ground
-from turtlebot_gym.systems.parameters import Parameters, make_parameters
+from turtlebot_gym.systems.options import make_parameters
+from turtlebot_gym.systems.parameters import Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Outcome, World
@@ -36,15 +36,6 @@ ROOM_LAYOUT = 2
 
 SIZES = {OBSERVATION_LAYOUT: len(OBSERVATION_LOW), ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1}
 """Size of the observation, by layout."""
-
-
-class RoomParameters(NamedTuple):
-    """Parameters of a step in a room, beyond those of open ground."""
-
-    rules: RoomRules
-    """Rules by which the room is drawn."""
-    lidar: Lidar
-    """The robot's LiDAR."""
 
 
 class Around(NamedTuple):
@@ -147,37 +138,6 @@ def make(parameters: Sequence[Parameters]) -> Scene:
         width=max(2.0 * rule.half_width for rule in rules),
         beams=max(row.room.lidar.beams for row in parameters),
     )
-
-
-def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomParameters:
-    """Return the parameters of a room.
-
-    Args:
-        world: The rules by which it is drawn, or its plan.
-        lidar: The robot's LiDAR.
-        dt: Control interval, s.
-
-    Raises:
-        ValueError: If the LiDAR turns more than once per interval.
-    """
-    if lidar.rate * dt > 1.0 + 1e-9:
-        raise ValueError(f"Lidar.rate must be at most one scan in a control interval of {dt:g} s, got {lidar.rate:g} Hz.")
-    return RoomParameters(world.rules() if isinstance(world, FloorPlan) else world, lidar)
-
-
-def furnish(parameters: Parameters, world: RoomRules | FloorPlan, lidar: Lidar) -> tuple[Parameters, FloorPlan | None]:
-    """Return parameters with a room, and its floor plan if it is given.
-
-    Args:
-        parameters: Parameters of open ground.
-        world: See `make_room`.
-        lidar: See there.
-
-    Raises:
-        ValueError: As `make_room`.
-    """
-    plan = world if isinstance(world, FloorPlan) else None
-    return parameters._replace(room=make_room(world, lidar, parameters.dt)), plan
 
 
 @cache

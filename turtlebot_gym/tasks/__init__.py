@@ -19,7 +19,6 @@ from turtlebot_gym.tasks.task import (
     SQUARE_WAYPOINTS,
     TASKS,
     Task,
-    make_task,
 )
 
 __all__ = [
@@ -41,7 +40,6 @@ __all__ = [
     "distance_to",
     "draw_goal",
     "due",
-    "make_task",
     "observe",
     "remaining",
     "reward_of",

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 from turtlebot_gym.models.angles import PI, wrap
-from turtlebot_gym.validation import LARGEST, choose, require, shown, typed, whole
+from turtlebot_gym.validation import require, typed
 from turtlebot_gym.values import Pose
 
 
@@ -71,51 +69,5 @@ SQUARE_PERIOD = 15.0
 """The tutorial's time for each of its waypoints, s."""
 
 
-TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE}
+TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE, "room": ROOM}
 """Tasks by name."""
-
-
-def make_task(
-    task: str | Task,
-    *,
-    waypoints: Sequence[Pose] | None = None,
-    arrival: str | None = None,
-    switch: str | None = None,
-    laps: int | None = None,
-    max_steps: float | None = None,
-) -> tuple[Task, tuple[Pose, ...]]:
-    """Return a task and its waypoints, changed as asked.
-
-    Args:
-        task: A name in `TASKS`, or a task.
-        waypoints: The poses to visit; None for the tutorial's square, or for the goal that the task draws.
-        arrival: Pose that decides on it: "truth", or "belief", the pose that the policy observes.
-        switch: When the next waypoint becomes current: on "arrival", or after a "time" of 15 s, reached or not.
-        laps: Number of rounds through the waypoints.
-        max_steps: Steps after which an episode is truncated.
-
-    Raises:
-        ValueError: If a name is unknown, or waypoints, ``switch`` or ``laps`` are given for a task that draws its goal.
-    """
-    chosen = task if isinstance(task, Task) else choose("task", task, TASKS)
-    if chosen.random and (waypoints is not None or switch == "time" or laps not in (None, 1)):
-        raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
-    changes: dict[str, Any] = {}
-    if arrival is not None:
-        changes["on_belief"] = choose("arrival", arrival, {"truth": False, "belief": True})
-    if switch is not None:
-        changes["switch_period"] = choose("switch", switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
-    if laps is not None:
-        changes["laps"] = float(whole("laps", laps, 1))
-    if max_steps is not None:
-        changes["max_steps"] = max_steps
-    try:
-        given = tuple(Pose(*map(float, waypoint)) for waypoint in (SQUARE_WAYPOINTS if waypoints is None else waypoints))
-    except (TypeError, ValueError):
-        given = ()
-    if not given or not all(abs(number) <= LARGEST for waypoint in given for number in waypoint):
-        raise ValueError(
-            f"waypoints must be one or more finite poses (x, y, theta), at most {LARGEST:g} m away, got {shown(waypoints)}."
-        )
-    poses = tuple(Pose(waypoint.x, waypoint.y, wrap(waypoint.theta)) for waypoint in given)
-    return replace(chosen, **changes), poses[:1] if chosen.random else poses

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.rooms_vector import RoomsVectorEnv
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.kernel import sqrt
 from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent
 from turtlebot_gym.rooms.scene import RESOLUTION, scene_at
@@ -35,11 +35,11 @@ class Oracle:
 
     def __init__(self, envs: Any) -> None:
         bare = envs.unwrapped
-        if not isinstance(bare, RoomsVectorEnv):
+        p: Any = getattr(bare, "parameters", None)
+        self._p: Parameters = p if isinstance(p, Parameters) or not p else p[0]
+        if not isinstance(bare, NavigationVectorEnv) or not self._p.room:
             raise ValueError(f"the oracle needs a room: there is no map of {bare.spec.id if bare.spec else bare}.")
         self._envs = bare
-        p: Any = bare.parameters
-        self._p: Parameters = p if isinstance(p, Parameters) else p[0]
         self._drive = BearingPolicy(self._p.robot, self._p.dt, tolerance=0.0)
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:

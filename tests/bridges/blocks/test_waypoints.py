@@ -5,8 +5,8 @@ import math
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.systems import Episode, make_parameters
-from turtlebot_gym.tasks import SQUARE_WAYPOINTS, make_task
+from turtlebot_gym.systems import Episode, Options, make_parameters
+from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.waypoints import load_waypoints
@@ -40,7 +40,7 @@ def test_waypoints_are_taken_in_order_on_arrival():
 
 
 def test_by_time_it_switches_at_the_environments_steps():
-    task, waypoints = make_task("square", switch="time")
+    task, waypoints = Options(task="square", switch="time").course()
     episode, node = Episode(make_parameters(task), waypoints), generator(switch="time")
     for _ in range(30):
         assert reference(node) == SQUARE_WAYPOINTS[0]  # the time does not run before there is a robot

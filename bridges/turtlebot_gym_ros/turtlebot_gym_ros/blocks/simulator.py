@@ -13,8 +13,8 @@ from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
-from turtlebot_gym.rooms.worlds import find_lidar, find_world, require_a_way
-from turtlebot_gym.systems import Episode, furnish, make_parameters
+from turtlebot_gym.rooms.worlds import require_a_way
+from turtlebot_gym.systems import Episode, Options
 from turtlebot_gym.tasks import NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
@@ -132,23 +132,23 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
-        p = make_parameters(
-            task,
+        p, _, plan = Options(
+            task=task,
             robot=params.robot,
             noise=params.noise,
             integrator=params.integrator,
             dt=params.period,
             fix=None if params.fix in NO_FIX else params.fix,
             plant=params.physics() or "unicycle",
-        )
+            world=params.world if params.in_room else None,
+            lidar=params.lidar if params.in_room else None,
+        ).setup()
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}
         self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
-        plan, self._lidar = None, None
-        if params.in_room:
-            self._lidar = find_lidar(params.lidar)
-            p, plan = furnish(p, find_world(params.world), self._lidar)
+        self._lidar: Lidar | None = p.room.lidar if p.room else None
+        if self._lidar:
             mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
             self.outputs = {**self.outputs, **ROOM_OUTPUTS, "scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
         self._map = plan.map if plan else None

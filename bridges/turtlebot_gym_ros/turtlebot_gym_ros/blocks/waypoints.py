@@ -12,7 +12,8 @@ from typing import Any
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import load_yaml
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due, make_task
+from turtlebot_gym.systems import Options
+from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
 from turtlebot_gym.validation import shown
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.node.block import Every, Input, Output, ranged
@@ -70,7 +71,7 @@ class WaypointGenerator:
             room_goal = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
             self.inputs = {**self.inputs, "room_goal": room_goal}
         given = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else load_waypoints(params.waypoints)
-        task, self._waypoints = make_task("square", waypoints=given, switch=params.switch, laps=params.laps)
+        task, self._waypoints = Options(task="square", waypoints=given, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
         self.trigger = Every(params.period, answers="estimate")

@@ -1,0 +1,225 @@
+"""What an environment is made from: names of presets, files or values, and the checked parameters that they stand for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from turtlebot_gym.estimation.fixes import depth_of
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
+from turtlebot_gym.plants import MujocoBurger, make_plant
+from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.lidar import Lidar
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
+from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, make_room
+from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
+from turtlebot_gym.validation import LARGEST, choose, made, number, shown, whole
+from turtlebot_gym.values import Pose
+
+MAX_DEPTH = 25
+"""Greatest delay of a fix in steps; each step is stored and compiled."""
+MIN_DT, MAX_DT = 1e-4, 10.0
+"""Shortest and longest control interval, s."""
+
+
+class Setup(NamedTuple):
+    """What `Options` stand for: the arguments of `turtlebot_gym.Episode`, and of a batch."""
+
+    parameters: Parameters
+    waypoints: tuple[Pose, ...]
+    """The poses to visit; a goal that the task draws replaces the first."""
+    plan: FloorPlan | None
+    """Floor plan of a given room."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Everything that an environment is made from.
+
+    They are the keyword arguments of the environments, of `make_parameters` and of evaluations; trainings and commands are made
+    from them. A value is a name, a file, a mapping of some fields, or the parameters themselves; `setup` checks them all.
+    """
+
+    task: str | Task | None = None
+    """"nav", "pose", "square", "room" or a `turtlebot_gym.Task`; None for "room" where `world` or `lidar` is given, otherwise
+    for "nav". Registered ids set it. A finite ``max_steps`` of a Task truncates too."""
+    robot: str | Path | Mapping[str, Any] | Robot = "burger"
+    """"burger", "waffle", "turtlebot4", "tutorial", a file (FILE.yaml), or a `turtlebot_gym.Robot`."""
+    noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
+    """"clean", "tutorial", "documented", "wheel", "rough", a file (FILE.yaml), or a `turtlebot_gym.Noise`."""
+    filter: str | Mapping[str, Any] | FilterTuning = "matched"
+    """"matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`."""
+    observation: str = "ekf"
+    """The robot's pose that the policy observes: "ekf" (the estimated one), "odometry" or "truth"."""
+    fix: str | Path | Mapping[str, Any] | FixNoise | None = None
+    """An external pose sensor that gives the filter a measurement now and then: "beacons", "late", "localization", "markers",
+    "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for none."""
+    world: World | None = None
+    """In rooms: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``,
+    ``.sdf``) or of a map (``.yaml``), a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`; None
+    for "dense"."""
+    lidar: str | Mapping[str, Any] | Lidar | None = None
+    """In rooms: "lds01", "lds02", "a1", "ideal", or a `turtlebot_gym.rooms.lidar.Lidar`; None for "lds01"."""
+    arrival: str | None = None
+    """Pose that decides on arrival: "truth", or "belief", the pose that the policy observes, as on a robot; None for the
+    task's own, which is "truth" unless it is a Task that says otherwise."""
+    switch: str | None = None
+    """When the next waypoint becomes current: on "arrival", or after a "time" of 15 s, reached or not; like the next two, for
+    tasks with given waypoints."""
+    laps: int | None = None
+    """Number of rounds through the waypoints."""
+    waypoints: Sequence[Sequence[float]] | None = None
+    """Poses to visit instead of the square: x, y and heading; m, rad."""
+    reward: Reward | Mapping[str, float] | None = None
+    """Weights, a `turtlebot_gym.Reward`, or a mapping of some of them."""
+    delay: int = 0
+    """Delay of commands in steps, 0 to 3."""
+    dt: float = REFERENCE_PERIOD
+    """Control interval, s."""
+    integrator: str = "euler"
+    """"euler" or "midpoint"."""
+    plant: str | MujocoBurger = "unicycle"
+    """Model of the motion, on open ground: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels
+    creep and slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the
+    extra [mujoco], and a step takes a hundred times as long."""
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Options:
+        """Return options from keyword arguments.
+
+        Raises:
+            TypeError: If one is unknown.
+        """
+        known = [item.name for item in fields(cls)]
+        for name in given:
+            if name not in known:
+                near = get_close_matches(name, known, 1)
+                hint = f": did you mean {near[0]!r}?" if near else "."
+                raise TypeError(f"There is no option {name!r}{hint} Options are {', '.join(known)}.")
+        return cls(**given)
+
+    def changed(self) -> dict[str, Any]:
+        """Return the options that differ from their defaults, as keyword arguments of an environment."""
+        values = ((item.name, getattr(self, item.name), item.default) for item in fields(self))
+        return {name: value for name, value, default in values if type(value) is not type(default) or value != default}
+
+    @property
+    def in_room(self) -> bool:
+        """Whether there is a room around the robot."""
+        return self.task == "room" or self.world is not None or self.lidar is not None
+
+    def course(self) -> tuple[Task, tuple[Pose, ...]]:
+        """Return the task and its waypoints.
+
+        Raises:
+            ValueError: If a name is unknown, or an option does not suit the task.
+        """
+        name = ("room" if self.in_room else "nav") if self.task is None else self.task
+        task = name if isinstance(name, Task) else choose("task", name, TASKS)
+        if task.random and (self.waypoints is not None or self.switch == "time" or self.laps not in (None, 1)):
+            raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
+        if self.in_room and (name in ("nav", "pose", "square") or not task.random):
+            raise ValueError(f"world and lidar are for the task 'room' or a Task that draws its goal, got {shown(name)}.")
+        changes: dict[str, Any] = {}
+        if self.arrival is not None:
+            changes["on_belief"] = choose("arrival", self.arrival, {"truth": False, "belief": True})
+        if self.switch is not None:
+            changes["switch_period"] = choose("switch", self.switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
+        if self.laps is not None:
+            changes["laps"] = float(whole("laps", self.laps, 1))
+        poses = _poses(SQUARE_WAYPOINTS if self.waypoints is None else self.waypoints)
+        return replace(task, **changes), poses[:1] if task.random else poses
+
+    def setup(self) -> Setup:
+        """Return the checked parameters, the waypoints and the floor plan.
+
+        Raises:
+            ValueError: If an option is unknown or out of its range, or two do not suit each other.
+            ImportError: If the plant needs an engine that is not installed.
+        """
+        task, waypoints = self.course()
+        late, dt = whole("delay", self.delay, 0, MAX_DELAY), number("dt", self.dt)
+        if not MIN_DT <= dt <= MAX_DT:
+            raise ValueError(f"dt must be positive, from {MIN_DT:g} to {MAX_DT:g} s, got {self.dt!r}.")
+        fix = () if self.fix is None else make_fix(self.fix)
+        if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
+            raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
+        noise, robot = make_noise(self.noise), make_robot(self.robot)
+        room, plan = self._room(dt)
+        return Setup(
+            Parameters(
+                robot,
+                noise,
+                make_filter(self.filter, noise),
+                task,
+                Reward() if self.reward is None else made(Reward, self.reward, "reward"),
+                dt,
+                choose("integrator", self.integrator, INTEGRATORS),
+                choose("observation", self.observation, OBSERVED),
+                float(late),
+                room=room,
+                fix=fix,
+                plant=self._plant(robot, dt),
+            ),
+            waypoints,
+            plan,
+        )
+
+    def _room(self, dt: float) -> tuple[Any, FloorPlan | None]:
+        """Return the parameters of the room, empty on open ground, and its plan if it is given."""
+        if not self.in_room:
+            return (), None
+        world = find_world("dense" if self.world is None else self.world)
+        lidar = find_lidar("lds01" if self.lidar is None else self.lidar)
+        return make_room(world, lidar, dt), world if isinstance(world, FloorPlan) else None
+
+    def _plant(self, robot: Robot, dt: float) -> MujocoBurger | tuple[()]:
+        """Return the plant, which must be the robot's."""
+        plant = make_plant(self.plant)
+        if plant:
+            if self.in_room:
+                raise ValueError(
+                    f"plant must be 'unicycle' in a room, got {shown(self.plant)}: MuJoCo supports open ground only."
+                )
+            plant.steps(dt)
+            if robot.wheel_separation != plant.wheel_separation:
+                raise ValueError(
+                    f"plant is a robot with a track of {plant.wheel_separation:g} m, so robot must be 'burger', 'tutorial' or "
+                    f"another one with that track, got {robot.wheel_separation:g} m."
+                )
+        return plant
+
+
+def _poses(waypoints: Any) -> tuple[Pose, ...]:
+    """Return waypoints with wrapped headings."""
+    try:
+        poses = tuple(Pose(*map(float, waypoint)) for waypoint in waypoints)
+    except (TypeError, ValueError):
+        poses = ()
+    if not poses or not all(abs(number) <= LARGEST for pose in poses for number in pose):
+        raise ValueError(
+            f"waypoints must be one or more finite poses (x, y, theta), at most {LARGEST:g} m away, got {shown(waypoints)}."
+        )
+    return tuple(Pose(pose.x, pose.y, wrap(pose.theta)) for pose in poses)
+
+
+def make_parameters(task: str | Task | None = None, **options: Any) -> Parameters:
+    """Return the checked parameters of an environment.
+
+    Args:
+        task: See `Options`.
+        **options: Further `Options`. A floor plan is no parameter: use `Options.setup`.
+
+    Raises:
+        ValueError: As `Options.setup`.
+        TypeError: If an option is unknown.
+    """
+    return Options.of({"task": task, **options}).setup().parameters
