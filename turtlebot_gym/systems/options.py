@@ -19,15 +19,13 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
-from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, make_room
+from turtlebot_gym.systems.parameters import MAX_DELAY, MAX_DT, MIN_DT, OBSERVED, Parameters, make_room
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.validation import LARGEST, choose, made, number, shown, whole
 from turtlebot_gym.values import Pose
 
 MAX_DEPTH = 25
 """Greatest delay of a fix in steps; each step is stored and compiled."""
-MIN_DT, MAX_DT = 1e-4, 10.0
-"""Shortest and longest control interval, s."""
 
 
 class Setup(NamedTuple):

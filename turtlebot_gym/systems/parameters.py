@@ -17,6 +17,8 @@ OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
+MIN_DT, MAX_DT = 1e-4, 10.0
+"""Shortest and longest control interval, s."""
 
 
 class Parameters(NamedTuple):
