@@ -5,10 +5,14 @@ import hashlib
 import json
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+import mutant_list
+import mutant_tests
+import mutants
+import mutation
 
 ROOT = Path(__file__).parents[2]
 CODE = '''"""A module."""
@@ -23,26 +27,14 @@ def area(width: float | None, height: float = 2.0) -> float:
 '''
 
 
-@pytest.fixture
-def mutation(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    return import_module("mutation")
+def test_a_seed_draws_the_same_mutants_and_another_seed_draws_others():
+    first, same, other = (mutation.draw("area.py", CODE, 8, seed=seed) for seed in (1, 1, 2))
+    assert first == same != other
+    assert len(first) == len({mutant.code for mutant in first}) == 8
+    assert mutation.draw("other.py", CODE, 8, seed=1) != first
 
 
-@pytest.fixture
-def mutants(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    return import_module("mutants")
-
-
-def test_a_seed_draws_the_same_mutants_and_another_seed_draws_others(mutation):
-    one, same, other = (mutation.draw("area.py", CODE, 8, seed=seed) for seed in (1, 1, 2))
-    assert one == same != other
-    assert len(one) == len({mutant.code for mutant in one}) == 8
-    assert mutation.draw("other.py", CODE, 8, seed=1) != one
-
-
-def test_every_mutant_is_another_program(mutation):
+def test_every_mutant_is_another_program():
     every = mutation.draw("area.py", CODE, 1000, seed=0)
     assert 15 < len(every) < 60
     for mutant in every:
@@ -58,14 +50,14 @@ def test_every_mutant_is_another_program(mutation):
     assert "def area(width: float | None, height: float = 4.0) -> float:" in changed
 
 
-def test_names_of_arguments_and_the_alphabet_make_no_mutants(mutation):
+def test_names_of_arguments_and_the_alphabet_make_no_mutants():
     code = "def drives(self, *, phase: str = 'silent') -> bool:\n    return phase == 'active'\n"
     changed = {mutant.now for mutant in mutation.draw("phase.py", code, 1000, seed=0)}
     assert "return phase != 'active'" in changed
     assert not any("/" in now or "<" in now or ">" in now.replace("->", "") for now in changed)
 
 
-def test_every_caught_exception_can_be_one_that_is_never_raised(mutation):
+def test_every_caught_exception_can_be_one_that_is_never_raised():
     code = """
 try:
     read()
@@ -89,7 +81,7 @@ except numpy.linalg.LinAlgError:
     } <= changed
 
 
-def test_every_module_of_the_table_and_all_its_tests_are_there(mutants):
+def test_every_module_of_the_table_and_all_its_tests_are_there():
     rows = mutants.table(mutants.Config())
     assert len({row.path for row in rows}) == len(rows)
     for row in rows:
@@ -100,16 +92,58 @@ def test_every_module_of_the_table_and_all_its_tests_are_there(mutants):
         mutants.table(mutants.Config(only=("no_such_module",)))
 
 
-def test_every_equivalent_mutant_says_why_and_was_drawn_from_code_that_is_there(mutants):
-    for (path, _, was, now), why in mutants.equivalents().items():
+def test_every_equivalent_mutant_says_why_and_was_drawn_from_code_that_is_there():
+    for (path, _, was, now), why in mutant_tests.equivalents().items():
         assert len(why) > 20, (path, was)
         assert now != was
         code = " ".join((ROOT / path).read_text(encoding="utf-8").split())
         assert " ".join(was.split()) in code, f"{path}: {was}"
 
 
+def entries_of(count=1000):
+    return [
+        mutant_list.Entry(mutant.path, mutant.function, mutant.operator, mutant.was, mutant.now)
+        for mutant in mutation.draw("area.py", CODE, count, seed=0)
+    ]
+
+
+def test_a_listed_mutant_is_found_again_in_unchanged_code():
+    by_text = {(mutant.was, mutant.now): mutant.code for mutant in mutation.draw("area.py", CODE, 1000, seed=0)}
+    for entry in entries_of():
+        found = mutant_list.find(entry, {"area.py": CODE})
+        assert ast.dump(ast.parse(found.code)) == ast.dump(ast.parse(by_text[entry.was, entry.now]))
+        assert (found.path, found.function) == ("area.py", "area")
+
+
+def test_a_listed_mutant_is_found_where_its_function_has_moved_to():
+    inside = "class Shape:\n" + "".join(f"    {line}\n" if line else "\n" for line in CODE.split("\n")[3:])
+    sources = {"other.py": "def area():\n    return 1\n", "shapes.py": f"import math\n\n\n{inside}"}
+    for entry in entries_of():
+        found = mutant_list.find(entry, sources)
+        assert (found.path, found.function) == ("shapes.py", "Shape.area")
+        assert found.code != sources["shapes.py"]
+        ast.parse(found.code)
+
+
+def test_a_listed_mutant_is_gone_where_its_code_has_changed_or_is_not_unique():
+    entry = mutant_list.Entry("area.py", "area", "", "return x * height", "return x / height")
+    assert mutant_list.find(entry, {"area.py": CODE.replace("* height", "* abs(height)")}) is None
+    assert mutant_list.find(entry, {"area.py": CODE.replace("def area", "def volume")}) is None
+    assert mutant_list.find(entry, {"a.py": CODE, "b.py": CODE}) is None
+
+
+def test_a_list_has_what_died_and_reads_back(tmp_path):
+    (tmp_path / "area.py").write_text(CODE)
+    everything = mutant_list.record(tmp_path, {"area.py": 9}, 3, ())
+    survived = everything[0]._asdict() | {"line": 7}
+    died = mutant_list.record(tmp_path, {"area.py": 9}, 3, [survived])
+    assert died == everything[1:]
+    mutant_list.write(tmp_path / "died.json", died)
+    assert mutant_list.read(tmp_path / "died.json") == died
+
+
 @pytest.mark.slow
-def test_a_run_lists_who_survived_and_leaves_the_project_as_it_is(mutants, tmp_path):
+def test_a_run_lists_who_survived_and_leaves_the_project_as_it_is(tmp_path):
     def state():
         listed = subprocess.run(["git", "-C", str(ROOT), "ls-files"], capture_output=True, text=True, check=True).stdout
         return {name: hashlib.sha256((ROOT / name).read_bytes()).hexdigest() for name in listed.split("\n") if name}
