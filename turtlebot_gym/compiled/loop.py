@@ -154,33 +154,18 @@ def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
     return look_tile
 
 
-def _do_nothing() -> None:
-    """Stand for `prefer_wide` in plain Python."""
-
-
-def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
-    """Return the kernel that advances a tile of environments."""
+def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
+    """Return the kernel of a tile's steps: in vectors up to looking, and one by one what is rare or has branches."""
     _, _, _, advance, retarget, _ = step_of(system)
-    around, look_tile = system.surroundings, _look_tile_of(system, special)
-    show, seen = (_show_later, around.seen) if around else (_show_of(system, special), 0)
-    parameters, world, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
+    show, look_tile = _show_later if system.surroundings else _show_of(system, special), _look_tile_of(system, special)
+    parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
     load_parameters, load_world, load_outcome = parameters.load, world.load, outcome.load
     store_world, store_outcome = world.store, outcome.store
-    n_outcome, n_observation = outcome.size, observation.size
     at_reached = at_outcome + outcome.names.index("reached") * TILE
-    is_compiled = HAS_NUMBA and system.compiled
-    widen, scratch_of = (prefer_wide, compiled_scratch) if is_compiled else (_do_nothing, scratch)
     own = 1 if special == GENERAL else 0  # in a special case all lanes share the first one's parameters
 
     @kernel
-    def step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes, scenes):
-        """Advance the ``count`` environments of a tile whose first environment is ``first``."""
-        widen()
-        scratch = scratch_of(size)
-        asked, shown = actions[first : first + count], observations[first : first + count]
-        for lane in range(count):
-            scratch[at_action + lane] = asked[lane, 0]
-            scratch[at_action + TILE + lane] = asked[lane, 1]
+    def advance_tile(first, count, tile, scratch, keys, row, waypoints, observations, scenes):
         for lane in range(count):
             p = load_parameters(row, own * lane)
             command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
@@ -197,6 +182,56 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
                 store_outcome(scratch, at_outcome + lane, outcome)
                 show(scratch, lane, world, p)
         look_tile(first, count, tile, scratch, keys, row, observations, scenes)
+
+    return advance_tile
+
+
+def _drive_tile_of(system: System, special: Special) -> Callable[..., None]:
+    """Return the kernel of a tile's steps, each as a whole: a filter that reads the scan needs the looking in the middle."""
+    transition, around = step_of(system).transition, system.surroundings
+    assert around is not None
+    scene_at, show, show_ranges = around.at, _show_of(system, special), _show_ranges_of(system)
+    parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
+    load_parameters, load_world, store_world, store_outcome = parameters.load, world.load, world.store, outcome.store
+
+    @kernel
+    def drive_tile(first, count, tile, scratch, keys, row, waypoints, observations, scenes):
+        for lane in range(count):
+            p, scene = load_parameters(row, lane), scene_at(scenes, first + lane)
+            command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
+            key, course = int(keys[lane]), waypoints[first + lane]
+            world, outcome = transition(load_world(tile, lane), command, key, course, p, scene)
+            store_world(tile, lane, world)
+            store_outcome(scratch, at_outcome + lane, outcome)
+            show(scratch, lane, world, p)
+            show_ranges(first + lane, scene, observations)
+
+    return drive_tile
+
+
+def _do_nothing() -> None:
+    """Stand for `prefer_wide` in plain Python."""
+
+
+def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
+    """Return the kernel that advances a tile of environments."""
+    _, _, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
+    work_tile = (_drive_tile_of if system.reads_scan else _advance_tile_of)(system, special)
+    seen = system.surroundings.seen if system.surroundings else 0
+    n_outcome, n_observation = outcome.size, observation.size
+    is_compiled = HAS_NUMBA and system.compiled
+    widen, scratch_of = (prefer_wide, compiled_scratch) if is_compiled else (_do_nothing, scratch)
+
+    @kernel
+    def step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes, scenes):
+        """Advance the ``count`` environments of a tile whose first environment is ``first``."""
+        widen()
+        scratch = scratch_of(size)
+        asked, shown = actions[first : first + count], observations[first : first + count]
+        for lane in range(count):
+            scratch[at_action + lane] = asked[lane, 0]
+            scratch[at_action + TILE + lane] = asked[lane, 1]
+        work_tile(first, count, tile, scratch, keys, row, waypoints, observations, scenes)
         for lane in range(count):
             for k in range(n_observation):
                 shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]

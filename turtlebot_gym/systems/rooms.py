@@ -26,7 +26,7 @@ from turtlebot_gym.systems.options import make_parameters
 from turtlebot_gym.systems.parameters import Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.system import Surroundings, System
-from turtlebot_gym.systems.world import Outcome, World
+from turtlebot_gym.systems.world import Outcome
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
 from turtlebot_gym.values import Pose
 
@@ -90,28 +90,32 @@ def first_look(world, key, p, scene):
 
 
 @kernel
-def look_round(world, outcome, key, p, scene):
-    """Move walkers, measure the beams of the interval, judge contact, and reward progress along the shortest path."""
-    before, pose, lidar, at, weights = world.room, _pose(world), p.room.lidar, int(world.steps), p.reward
+def look_round(world, key, p, scene):
+    """Move walkers, measure the beams of the interval, and return the robot's state in the room."""
+    before, pose, lidar, at = world.room, _pose(world), p.room.lidar, int(world.steps)
     walk(scene, before.pose, p.room.rules.courtesy, p.dt)
     first, last = beams_by(at - 1, lidar, p.dt), beams_by(at, lidar, p.dt)
     measure(scene, before.pose, pose, first, last, (at - 1) * p.dt, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
     dx, dy = pose.x - before.pose.x, pose.y - before.pose.y
     way = way_left(scene, pose.x, pose.y)
-    way = way if way >= 0.0 else before.way
-    collided = near < 0.0
-    success = outcome.is_success and not collided
-    reward = reward_of(before.way, way, world.body.command, success, weights, p.robot, p.dt)
-    reward -= weights.collision if collided else 0.0
-    reward -= weights.nearness * max(1.0 - near / weights.near, 0.0) if not collided else 0.0
-    room = Around(
-        pose, way, near, min(before.least, near), before.path_length + sqrt(dx * dx + dy * dy),
-        age_of_scan(at, lidar, p.dt), collided,
+    return Around(
+        pose, way if way >= 0.0 else before.way, near, min(before.least, near), before.path_length + sqrt(dx * dx + dy * dy),
+        age_of_scan(at, lidar, p.dt), near < 0.0,
     )  # fmt: skip
+
+
+@kernel
+def complete(world, room, outcome, p):
+    """Judge contact, and reward progress along the shortest path."""
+    weights, collided = p.reward, room.collided
+    success = outcome.is_success and not collided
+    reward = reward_of(world.room.way, room.way, world.body.command, success, weights, p.robot, p.dt)
+    reward -= weights.collision if collided else 0.0
+    reward -= weights.nearness * max(1.0 - room.clearance / weights.near, 0.0) if not collided else 0.0
     terminated = outcome.terminated or collided
-    told = Outcome(reward, outcome.distance, success, terminated, outcome.truncated and not terminated, outcome.reached)
-    return World(world.body, world.senses, world.estimate, world.course, world.steps, room), told
+    truncated = outcome.truncated and not terminated
+    return Outcome(reward, outcome.distance, success, terminated, truncated, outcome.reached)
 
 
 @kernel
@@ -150,7 +154,7 @@ def rooms(filter: Filter) -> System:
         low=(*OBSERVATION_LOW, *(0.0,) * SECTORS, 0.0),
         high=(*OBSERVATION_HIGH, *(1.0,) * SECTORS, MAX_AGE),
         example=make_parameters()._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
-        surroundings=Surroundings(make, scene_at, first_look, look_round, ranges, SECTORS),
+        surroundings=Surroundings(make, scene_at, first_look, look_round, complete, ranges, SECTORS),
     )
 
 
