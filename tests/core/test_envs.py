@@ -161,6 +161,19 @@ def test_actions_of_another_shape_are_refused(shape):
         many.step(np.zeros(shape, np.float32))
 
 
+@pytest.mark.parametrize(
+    "bad",
+    [{"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * STRAIGHT, STRAIGHT.astype("M8[s]")],
+    ids=str,
+)
+def test_actions_that_hold_no_real_numbers_are_refused(maker, bad):
+    env, _ = maker()
+    env.reset(seed=0)
+    with pytest.raises(InvalidAction, match=r"^An action must hold real numbers, got ") as caught:
+        env.step(bad)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_step_before_reset_is_refused(maker):
     env, action = maker()
     with pytest.raises(ResetNeeded):

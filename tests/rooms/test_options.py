@@ -83,6 +83,7 @@ def test_a_picture_shows_the_world_that_was_given():
         ({"start": (0.0, 0.0)}, r"start must hold x, y and heading, finite numbers, got \(0.0, 0.0\)"),
         ({"goal": (0.0, 0.0, math.nan)}, "goal must hold x, y and heading, finite numbers"),
         ({"goal": "door"}, "goal must hold x, y and heading, finite numbers, got 'door'"),
+        ({"start": np.zeros((3, 3))}, "start must hold x, y and heading, finite numbers, got array"),
         ({"start": (9.0, 0.0, 0.0)}, "start must be in the room, got Pose"),
         ({"start": (0.0, 2.6, 0.0)}, "start must be in the room, got Pose"),
         ({"world": "corridor", "goal": (3.0, 1.5, 0.0)}, "goal must be in the room, got Pose"),
@@ -184,6 +185,7 @@ def test_parameters_that_are_set_take_the_place_of_options():
     ("options", "told"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'reset_mask', 'start', 'goal', got 'starts'"),
+        ({"start": [[0.0], [0.0, 1.0]]}, "start must be x, y and heading, or those of each of 3, got "),
         ({"start": np.zeros((2, 3))}, "start must be x, y and heading, or those of each of 3, got "),
         ({"start": (0.0, np.nan, 0.0)}, "start must hold x, y and heading, finite numbers"),
         ({"goal": "door"}, "goal must be x, y and heading, or those of each of 3, got 'door'"),
@@ -205,3 +207,14 @@ def test_options_that_cannot_be_begin_nothing_in_any_row(options, told):
         envs.step(np.zeros((3, 2), np.float32))
     observations, _ = envs.reset(seed=0)
     np.testing.assert_array_equal(observations, vector(world=ROOM).reset(seed=0)[0])
+
+
+@pytest.mark.parametrize("make", [gym.make, vector], ids=["scalar", "vector"])
+@pytest.mark.parametrize("world", [{"start": (50.0, 0.0, 0.0)}, {"half_length": 1e-9}, {"min_distance": 1e9}], ids=str)
+def test_a_room_in_which_no_way_leads_to_the_goal_is_refused_at_each_reset(make, world):
+    env = make(ID, world=world) if make is gym.make else make(world=world)
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"No way leads from start to goal for a robot of radius 0.105 m"):
+            env.reset(seed=0)
+        with pytest.raises(ResetNeeded):
+            env.unwrapped.step(np.zeros(env.action_space.shape, np.float32))

@@ -61,16 +61,16 @@ class Batch:
     ) -> None:
         n_tiles = -(-num_envs // TILE)
         first = parameters if isinstance(parameters, Parameters) else parameters[0]
-        self.system = system or system_of(first)
         self._by_parameters = system is None
-        self.layout = layout = layout_of(self.system)
+        self._use(system or system_of(first))
+        layout = self.layout
         self.num_envs = num_envs
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((n_tiles, TILE), np.int64)
         self._tiles = np.zeros((n_tiles, layout.world.size * TILE))
-        self._around, self._plan = self.system.surroundings, plan
+        self._plan = plan
         self._parallel = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._pace = Pace()
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
@@ -79,6 +79,22 @@ class Batch:
         self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
         self.set_parameters(parameters)
+
+    def _use(self, system: System) -> None:
+        self.system, self.layout, self._around = system, layout_of(system), system.surroundings
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without what follows from it: kernels are local functions, which cannot be pickled, and views."""
+        kernels = {"layout", "_around", "_loops", "_first", *({"system"} if self._by_parameters else ())}
+        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_given": []}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        parameters = self.parameters
+        first = parameters if isinstance(parameters, Parameters) else parameters[0]
+        self._use(system_of(first) if self._by_parameters else self.system)
+        assert self._special is not None
+        self._loops, self._first = loops_of(self.system, self._special), self._tiles[0]
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each.

@@ -145,6 +145,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._seeded = False
         self._renderer: Any = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_renderer": None}  # a window cannot be pickled
+
     @property
     def parameters(self) -> Parameters:
         """Everything that the environment's transition depends on."""

@@ -82,7 +82,7 @@ def _pose(name: str, value: Any) -> Pose:
     except (TypeError, ValueError):
         pose = Pose(math.nan, math.nan, math.nan)
     if not all(map(math.isfinite, pose)):
-        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {value!r}.")
+        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {shown(value)}.")
     return pose
 
 
