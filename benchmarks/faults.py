@@ -51,7 +51,7 @@ class Config:
 
 def work(at: int, config: Config, buttons: bool, tasks: Any, results: Any) -> None:
     """Inject the faults of one worker."""
-    from turtlebot_gym_ros.node.discovery import prepare
+    from turtlebot_gym_ros.base.discovery import prepare
 
     prepare()
     robot = Robot(config.domain + at, buttons=buttons)

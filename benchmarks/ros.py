@@ -29,8 +29,8 @@ from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
 from turtlebot_gym import values
 from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
-from turtlebot_gym_ros.node.discovery import prepare
 from turtlebot_gym_ros.nodes import MODES
 
 NODES = MODES["autonomous"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, field, fields, is_dataclass
 from functools import cache
 from numbers import Real
 from reprlib import Repr
@@ -128,6 +128,44 @@ def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
         return known[name]
     except (KeyError, TypeError):  # TypeError: of what has no hash, a list in a tuple among it
         raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {shown(name)}.") from None
+
+
+def ranged(default: float, low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False) -> Any:
+    """Return a dataclass field for a number in a range: `check_fields` refuses other numbers, and ROS shows the range.
+
+    Args:
+        default: Default value; an int makes a whole number.
+        low: Least value.
+        high: Greatest value.
+        unit: Unit after the range, with a space before it.
+        above: Whether ``low`` itself is excluded.
+        below: Whether ``high`` itself is excluded.
+    """
+    ends = (str(end) if isinstance(end, int) else f"{end:g}" for end in (low, high))
+    rule = f"in {'(' if above else '['}{', '.join(ends)}{')' if below else ']'}{unit}"
+
+    def holds(value: float) -> bool:
+        return low <= value <= high and not (above and value == low) and not (below and value == high)  # NaN is refused
+
+    return field(default=default, metadata={"rule": rule, "holds": holds, "range": (low, high)})
+
+
+def named(default: str, *names: str, or_else: Callable[[str], bool] = lambda name: False, other: str = "") -> Any:
+    """Return a dataclass field for one of some names; other texts are accepted if ``or_else`` does, and ``other`` says so."""
+    rule = f"one of {', '.join(names)}{other}"
+    return field(default=default, metadata={"rule": rule, "holds": lambda name: name in names or or_else(name)})
+
+
+def check_fields(owner: Any) -> None:
+    """Check the fields of a dataclass that were declared by `ranged` and `named`, in its ``__post_init__``.
+
+    Raises:
+        ValueError: If a field breaks its rule; the message names it.
+    """
+    for item in fields(owner):
+        value = getattr(owner, item.name)
+        if "holds" in item.metadata and not item.metadata["holds"](value):
+            raise ValueError(f"{item.name} must be {item.metadata['rule']}, got {shown(value)}.")
 
 
 _RULES: dict[str, Callable[[float], bool]] = {

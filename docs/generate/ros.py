@@ -15,10 +15,10 @@ import mkdocs_gen_files
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.node.block import Every
-from turtlebot_gym_ros.node.diagnostics import type_name
-from turtlebot_gym_ros.node.discovery import prepare
-from turtlebot_gym_ros.node.parameters import Common
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording import logger

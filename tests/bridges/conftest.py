@@ -35,9 +35,9 @@ from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.node.discovery import prepare
-from turtlebot_gym_ros.node.qos import LATCHED
-from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.process import Runner
+from turtlebot_gym_ros.base.qos import LATCHED
 
 prepare()
 

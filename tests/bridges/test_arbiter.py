@@ -1,14 +1,12 @@
 """What the guard decides, exhaustively and without ROS: each protection is a law, with a sabotage that the law notices."""
 
-import dataclasses
 import math
-import re
 
 import pytest
 
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Heard, Parameters
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters, _Heard
 
 TICK = 0.02
 T = 100.0
@@ -310,7 +308,7 @@ def deaf(arbiter):
 
 def talks_without_thinking(arbiter):
     def hear(source, command, now):
-        arbiter._heard[source] = Heard(now, command)
+        arbiter._heard[source] = _Heard(now, command)
         arbiter._news.add(source)
 
     return hear
@@ -438,75 +436,9 @@ def test_start_disabled():
     assert drive(arbiter, 2.0, 1.0, AHEAD)[-1] == AHEAD
 
 
-@pytest.mark.parametrize(
-    ("parameters", "rule"),
-    [
-        ({"max_age": 0.501}, "in (0, 0.5] s, got 0.501"),
-        ({"max_age": 0.0}, "in (0, 0.5] s, got 0.0"),
-        ({"max_age": math.nan}, "in (0, 0.5] s, got nan"),
-        ({"rate": 49.9}, "in [50, 200] Hz, got 49.9"),
-        ({"rate": 200.1}, "in [50, 200] Hz, got 200.1"),
-        ({"speed_scale": 1.01}, "in (0, 1], got 1.01"),
-        ({"speed_scale": 0.0}, "in (0, 1], got 0.0"),
-        ({"max_acceleration": 0.0}, "in (0, 1000] m/s^2, got 0.0"),
-        ({"max_acceleration": 1001.0}, "in (0, 1000] m/s^2, got 1001.0"),
-        ({"geofence": -0.1}, "in [0, 1e+06] m, got -0.1"),
-        ({"geofence": 1000000.5}, "in [0, 1e+06] m, got 1000000.5"),
-        ({"geofence": 2e6}, "in [0, 1e+06] m, got 2000000.0"),
-        ({"geofence_topic": "pose"}, "one of odom, estimate, got 'pose'"),
-    ],
-)
-def test_parameters_out_of_range_are_refused(parameters, rule):
-    (name,) = parameters
-    with pytest.raises(ValueError, match=re.escape(f"parameter '{name}' must be {rule}")):
-        Parameters(**parameters)
-
-
-def test_the_ends_of_the_ranges_are_allowed():
-    Parameters(max_age=0.5, rate=50.0, speed_scale=1.0, geofence=0.0)
-    Parameters(max_age=1e-9, rate=200.0, speed_scale=1e-9, geofence=1e6)
-
-
-def test_defaults():
-    assert dataclasses.asdict(Parameters()) == {
-        "robot": "burger",
-        "enable_stamped_cmd_vel": True,
-        "body_frame": "base_footprint",
-        "frame_prefix": "",
-        "start_enabled": True,
-        "max_age": 0.4,
-        "rate": 50.0,
-        "max_acceleration": 2.5,
-        "speed_scale": 1.0,
-        "geofence": 0.0,
-        "geofence_topic": "odom",
-        "collision_monitor": False,
-        "collision_margin": 0.05,
-        "collision_time": 1.0,
-        "escape_speed": 0.05,
-        "scan_age": 0.4,
-        "scan_period": 0.2,
-        "scan_error": 0.085,
-        "reaction": 0.2,
-        "scan_mount": "robot",
-        "footprint_x": 0.0,
-        "scan_x": 0.0,
-        "scan_y": 0.0,
-        "scan_yaw": 0.0,
-        "scan_frame": "base_scan",
-    }
-
-
-def test_what_stands_at_the_start_and_cannot_be_changed():
-    assert new().state == "stopped"
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        Parameters().rate = 100.0
-    with pytest.raises(TypeError):
-        Parameters("waffle")
-
-
 def test_zeros_keep_the_rate_and_end_after_a_second():
     arbiter = new()
+    assert arbiter.state == "stopped"
     assert arbiter.step(T) == STOP
     assert arbiter.step(T + 0.001) is None
     arbiter = new()
@@ -664,11 +596,7 @@ def test_the_limits_of_a_robot_in_a_file_hold(tmp_path):
     assert max(drive(arbiter, 0.0, 1.0, Command(1.0, 0.0))) == Command(0.07, 0.0)
     mount = {"collision_monitor": True, "scan_mount": "given", "scan_x": 0.1}
     assert new(robot=str(path), **mount).monitor._body.radius == 0.2
-    with pytest.raises(ValueError, match="parameter 'scan_mount' must be 'given' for a robot from a file"):
+    with pytest.raises(ValueError, match="scan_mount must be 'given' for a robot from a file"):
         new(robot=str(path), collision_monitor=True)
     with pytest.raises(ValueError, match="There is no robot file"):
         new(robot=str(tmp_path / "none.yaml"))
-    with pytest.raises(ValueError, match=r"parameter 'robot' must be one of burger, .*, or a FILE.yaml, got 'own'"):
-        new(robot="own")
-    with pytest.raises(ValueError, match=r"parameter 'scan_mount' must be one of robot, given, got 'own.yaml'"):
-        new(scan_mount="own.yaml")

@@ -6,7 +6,7 @@ from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.node.qos import LATCHED
+from turtlebot_gym_ros.base.qos import LATCHED
 
 
 def node(name, *arguments):

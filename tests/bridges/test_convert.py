@@ -15,10 +15,9 @@ from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.convert import conversion, register
+from turtlebot_gym_ros.node.block import Nis
+from turtlebot_gym_ros.node.convert import SURPRISING, conversion, register
 from turtlebot_gym_ros.node.geometry import quaternion_of, yaw_of
-from turtlebot_gym_ros.node.innovation import SURPRISING
-from turtlebot_gym_ros.node.values import Nis
 
 HEADER = Header(frame_id="odom")
 

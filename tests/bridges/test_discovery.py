@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from std_msgs.msg import Empty
 
-from turtlebot_gym_ros.node.discovery import PROFILE, prepare, profiles_variable
+from turtlebot_gym_ros.base.discovery import PROFILE, prepare, profiles_variable
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
@@ -101,7 +101,7 @@ def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wa
 
 LIBRARY_THREAD = """
 import signal, threading, time
-from turtlebot_gym_ros.node.runner import endings_wait
+from turtlebot_gym_ros.base.process import endings_wait
 thread = threading.Thread(target=time.sleep, args=(60,), daemon=True)  # as those that linear algebra starts when it is imported
 thread.start()
 with endings_wait() as wait_for_the_end:

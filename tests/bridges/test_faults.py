@@ -19,7 +19,7 @@ from rclpy.time import Time
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.node.qos import LATCHED
+from turtlebot_gym_ros.base.qos import LATCHED
 
 POLICY = """
 import time

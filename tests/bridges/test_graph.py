@@ -12,9 +12,9 @@ from std_srvs.srv import Trigger
 
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.graph.bringup import main, metrics
 from turtlebot_gym_ros.graph.status import main as status
-from turtlebot_gym_ros.node.qos import LATCHED
 
 NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
 # Each node is first, second, third and last in some of these, and before and after every other.

@@ -214,10 +214,10 @@ def test_the_wrong_type_is_reported_with_what_to_type(start, peer, wait_for):
 @pytest.mark.parametrize(
     ("argument", "text"),
     [
-        ("max_agee:=0.3", "unknown parameter 'max_agee'"),
-        ("max_age:=0.6", "parameter 'max_age' must be in (0, 0.5] s, got 0.6"),
-        ("rate:=fast", "parameter 'rate' must be of type float, got 'fast'"),
-        ("robot:=roomba", "parameter 'robot' must be one of burger, "),
+        ("max_agee:=0.3", "cmd_vel_guard has no parameter 'max_agee': did you mean max_age?"),
+        ("max_age:=0.6", "max_age must be in (0, 0.5] s, got 0.6"),
+        ("rate:=fast", "rate must be of type float, got 'fast'"),
+        ("robot:=roomba", "robot must be one of burger, "),
     ],
 )
 def test_wrong_parameters_are_refused_before_anything_is_published(launch, argument, text):

@@ -10,13 +10,12 @@ import pytest
 from scipy.stats import chi2
 from std_msgs.msg import Header
 
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.graph.diagram import _says
+from turtlebot_gym_ros.node.block import Nis
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.diagnostics import type_name
-from turtlebot_gym_ros.node.innovation import write_nis
-from turtlebot_gym_ros.node.parameters import Common
-from turtlebot_gym_ros.node.values import Nis
 from turtlebot_gym_ros.nodes import BLOCKS
 
 LAYOUTS = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "layouts"
@@ -133,7 +132,7 @@ def test_the_line_of_the_nis_is_that_of_95_per_cent():
     (line,) = (float(each["value"]) for each in plot["paths"] if each["label"] == "95 %")
     assert line == pytest.approx(chi2.ppf(0.95, 3), abs=0.01)
     assert f"{line:.2f}" in plot["foxglovePanelTitle"]
-    message = write_nis(Nis(1.25), Header())
+    message = conversion(Nis).write(Nis(1.25), Header())
     assert float(message.status[0].values[0].value) == 1.25
 
 
@@ -144,7 +143,7 @@ def test_plotjuggler_plots_what_there_is(types):
         _, topic, *fields = name.split("/")
         kind = types[f"/{topic}"]
         if kind == "diagnostic_msgs/msg/DiagnosticArray":  # it names them by hardware, name and key
-            (status,) = write_nis(Nis(1.0), Header(frame_id=Common().body)).status
+            (status,) = conversion(Nis).write(Nis(1.0), Header(frame_id=Common().body)).status
             assert fields == [status.hardware_id, status.name, status.values[0].key]
         else:
             assert field_type(kind, fields) in ("double", "float"), name

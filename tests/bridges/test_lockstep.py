@@ -5,7 +5,8 @@ import pytest
 
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.node.block import Every, Input, On
-from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, missing_link, trigger_of
+from turtlebot_gym_ros.node.chain import missing_link
+from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, trigger_of
 
 S = 1_000_000_000
 TENTH = 100_000_000

@@ -16,7 +16,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.recorder import Recorder
-from turtlebot_gym_ros.node.answering import AsPlant
+from turtlebot_gym_ros.node.drives import AsPlant
 from turtlebot_gym_ros.node.lockstep import Plant
 
 STEPS = 300

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from std_msgs.msg import String
 
-from turtlebot_gym_ros.node.runner import Runner
+from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.recording.bag import Bag, rebuild
 
 NOW = 1_800_000_000_000_000_000  # ns

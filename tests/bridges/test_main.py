@@ -12,8 +12,8 @@ from std_msgs.msg import Header, String
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros.__main__ import HELP, main
+from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.qos import LATCHED
 from turtlebot_gym_ros.nodes import NODES
 
 POLICIES = """
@@ -86,7 +86,7 @@ def test_a_node_explains_itself(capsys, name):
         (["kalman_filter", "--ros-args", "-p", "twist:=guessed"], "twist must be one of"),
         (["turtlebot_simulator", "--ros-args", "-p", "noise:=silence"], "noise must be one of"),
         (["waypoint_generator", "--ros-args", "-p", "waypoints:=/nowhere.yaml"], "cannot read '/nowhere.yaml'"),
-        (["simulated_teleop", "--ros-args", "-p", "period:=-1.0"], "period must be positive, below 1000 s, got -1.0"),
+        (["simulated_teleop", "--ros-args", "-p", "period:=-1.0"], "period must be in (0, 1000) s, got -1.0"),
         (["waypoint_generator", "--ros-args", "-p", "switch:=never"], "switch must be one of"),
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
         (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -15,15 +16,15 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.base.names import type_name
+from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
 from turtlebot_gym_ros.graph.markers import LIFETIME
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.diagnostics import type_name
 from turtlebot_gym_ros.node.geometry import yaw_of
-from turtlebot_gym_ros.node.qos import LATCHED, STREAM
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS
 
@@ -95,7 +96,7 @@ def test_every_marker_is_in_the_world_frame_is_replaced_by_its_successor_and_van
     assert len(markers) == 6  # each name once, so that it is the same marker the next time
     for marker in markers.values():
         assert marker.header == HEADER
-        assert (marker.action, marker.id, marker.lifetime) == (Marker.ADD, 0, LIFETIME.to_msg())
+        assert (marker.action, marker.id, marker.lifetime) == (Marker.ADD, 0, Duration(seconds=LIFETIME).to_msg())
     with pytest.raises(ValueError, match="cannot be read back"):
         conversion(Scene).read(MarkerArray())
 

@@ -8,8 +8,8 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
 from turtlebot_gym_ros.graph import status
-from turtlebot_gym_ros.graph.namespace import absolute, prefix_of, remapping
 
 STEPS = 300
 FIVE_MINUTES = 3000

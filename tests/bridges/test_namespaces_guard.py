@@ -10,7 +10,7 @@ from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.robot.arbiter import Parameters, monitor_of
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan, points_of
 
 AHEAD = 0.1
@@ -138,7 +138,7 @@ def test_with_a_prefix_the_guard_sees_by_its_own_lidar_only():
     with_prefix = "robot1/", ["robot1/base_scan"], ["robot2/base_scan", "base_scan"]
     without = "", ["base_scan", "robot2/base_scan"], ["rplidar"]
     for prefix, good, bad in (with_prefix, without):
-        monitor = monitor_of(Parameters(collision_monitor=True, frame_prefix=prefix), 0.0)
+        monitor = Arbiter(Parameters(collision_monitor=True, frame_prefix=prefix), 0.0).monitor
         for frame in good:
             points_of(scan(frame), monitor._body, monitor._limits, monitor._reach)
         for frame in bad:

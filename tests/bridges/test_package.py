@@ -13,10 +13,11 @@ import pytest
 import yaml
 from rclpy.node import Node
 
+from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 from turtlebot_gym_ros.recording import logger
-from turtlebot_gym_ros.robot import arbiter, standalone
+from turtlebot_gym_ros.robot import arbiter
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
@@ -51,7 +52,7 @@ def declared(name, context, config):
     else:
         params = {"cmd_vel_guard": arbiter.Parameters, "data_logger": logger.Parameters}[name]
         node = Node(name, context=context, cli_args=arguments, automatically_declare_parameters_from_overrides=True)
-        standalone.declare(node, params)
+        declare(node, params)
         names = {*node.list_parameters([], 0).names}
         node.destroy_node()
     return {each for each in names if not each.startswith("qos_overrides.")} - ROS_OWN
@@ -279,7 +280,7 @@ def test_colcon_builds_the_package(tmp_path):
     arguments = [sys.executable, "-c", program, str(executable), "--ros-args", "-p", "max_age:=9.0"]
     ran = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert ran.returncode == 2
-    assert ran.stderr == "error: parameter 'max_age' must be in (0, 0.5] s, got 9.0\n"
+    assert ran.stderr == "error: max_age must be in (0, 0.5] s, got 9.0.\n"
 
 
 def test_the_wheel_holds_the_package(tmp_path):

@@ -1,21 +1,176 @@
-"""Parameters: what is refused, and what is taken for what."""
+"""Parameters of all nodes: what they are by default, what is refused with which words, and what ROS is told of them."""
 
-from dataclasses import dataclass, fields
+import math
+import re
+from dataclasses import FrozenInstanceError, asdict, dataclass, fields
 
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from turtlebot_gym_ros.blocks import (
-    CalibrationDrive,
-    KalmanFilter,
-    SimulatedTeleop,
-    TurtlebotSimulator,
-    VelocityController,
-    WaypointGenerator,
-)
-from turtlebot_gym_ros.blocks.visualization import Visualization
-from turtlebot_gym_ros.node.parameters import Common, declare
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.parameters import declare
+from turtlebot_gym_ros.nodes import BLOCKS, load
+from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
+from turtlebot_gym_ros.robot.arbiter import Parameters as GuardParameters
+
+BLOCK = {name: load(name) for name in BLOCKS}
+CLASSES = {name: block.Params for name, block in BLOCK.items()} | {
+    "cmd_vel_guard": GuardParameters,
+    "data_logger": LoggerParameters,
+}
+RULES = {
+    "waypoint_generator": {
+        "switch_period": "in (0, inf) s",
+        "radius": "in (0, inf) m",
+        "laps": "in [1, 2147483648]",
+        "period": "in (0, 1000) s",
+    },
+    "velocity_controller": {
+        "period": "in [0.001, 10] s",
+        "goal_tolerance": "in [0, inf) m",
+        "lidar_yaw": "in (-inf, inf) rad",
+        "lidar_beams": "in [0, 2147483648]",
+    },
+    "turtlebot_simulator": {
+        "period": "in (0, 1000) s",
+        "speed": "in [0, 1000)",
+        "seed": "in [0, 9223372036854775807]",
+        "friction": "in [0, 10]",
+        "caster_friction": "in [0, 10]",
+    },
+    "kalman_filter": {"period": "in (0, 60] s", "max_gap": "in (0, 60) s"},
+    "simulated_teleop": {"period": "in (0, 1000) s"},
+    "calibration_drive": {
+        "duration": "in (0, inf) s",
+        "radius": "in [0.6, 100] m",
+        "speed": "in (0, 10] m/s",
+        "turning": "in (0, 10] rad/s",
+    },
+    "cmd_vel_guard": {
+        "robot": "one of burger, waffle, turtlebot4, tutorial, or a FILE.yaml",
+        "max_age": "in (0, 0.5] s",
+        "rate": "in [50, 200] Hz",
+        "max_acceleration": "in (0, 1000] m/s^2",
+        "speed_scale": "in (0, 1]",
+        "geofence": "in [0, 1e+06] m",
+        "geofence_topic": "one of odom, estimate",
+        "collision_margin": "in [0, 1] m",
+        "collision_time": "in [0.5, 10] s",
+        "escape_speed": "in [0, 0.1] m/s",
+        "scan_age": "in (0, 0.5] s",
+        "scan_period": "in [0, 0.5] s",
+        "scan_error": "in [0, 0.5]",
+        "reaction": "in [0, 0.5] s",
+        "scan_mount": "one of robot, given",
+        "footprint_x": "in [-1, 1] m",
+        "scan_x": "in [-1, 1] m",
+        "scan_y": "in [-1, 1] m",
+        "scan_yaw": "in [-6.28319, 6.28319] rad",
+    },
+    "data_logger": {"storage": "one of sqlite3, mcap", "snapshot_period": "in [0, 3600] s"},
+    "visualization": {"period": "in (0, inf) s", "trail": "in (0, inf) s", "radius": "in (0, inf) m"},
+}
+"""The rule of each parameter that has one, by node."""
+
+
+@pytest.mark.parametrize("node", CLASSES)
+def test_the_rules_are_these_and_every_float_has_one(node):
+    items = {item.name: item for item in fields(CLASSES[node])}
+    assert {name: item.metadata["rule"] for name, item in items.items() if item.metadata} == RULES[node]
+    assert {name for name, item in items.items() if isinstance(item.default, float)} <= RULES[node].keys()
+
+
+@pytest.mark.parametrize(("node", "name"), [(node, name) for node, rules in RULES.items() for name in rules])
+def test_what_breaks_a_rule_is_refused_by_its_words(node, name):
+    rule, (item,) = RULES[node][name], (item for item in fields(CLASSES[node]) if item.name == name)
+    bad = ["none of them"] if rule.startswith("one of") else [math.nan]
+    if "range" in item.metadata:
+        low, high = item.metadata["range"]
+        beyond = (low - 1, high + 1) if isinstance(low, int) else (math.nextafter(low, -9e9), math.nextafter(high, 9e9))
+        bad += [*(beyond[:1] if low > -math.inf else ()), *(beyond[1:] if high < math.inf else ())]
+        bad += [*((low,) if "(" in rule else ()), *((high,) if rule.rpartition(", ")[2].count(")") else ())]
+        assert item.metadata["holds"](low) is ("(" not in rule)
+        assert item.metadata["holds"](high) is ("]" in rule)
+    for value in bad:
+        with pytest.raises(ValueError, match=re.escape(f"{name} must be {rule}, got {value!r}.")):
+            CLASSES[node](**{name: value})
+
+
+REFUSED = [
+    ("velocity_controller", {"policy": "clever"}, "clever"),
+    ("velocity_controller", {"policy": "no_such_module:drive"}, "no_such_module"),
+    ("velocity_controller", {"goal_tolerance": 0.005}, "goal_tolerance must be 0, or at least 0.01 m"),
+    ("velocity_controller", {"robot": "turtle"}, "robot must be one of"),
+    ("kalman_filter", {"filter": "kalman"}, "filter must be one of"),
+    ("kalman_filter", {"twist": "guessed"}, "twist must be one of"),
+    ("kalman_filter", {"noise": "none"}, "noise must be one of"),
+    ("kalman_filter", {"robot": "turtle"}, "robot must be one of"),
+    ("kalman_filter", {"max_gap": 0.05}, "period must be at most max_gap, 0.05 s, got 0.1"),
+    ("turtlebot_simulator", {"robot": "turtle"}, "robot must be one of"),
+    ("turtlebot_simulator", {"noise": "none"}, "noise must be one of"),
+    ("turtlebot_simulator", {"integrator": "rk4"}, "integrator must be one of"),
+    ("turtlebot_simulator", {"plant": "gazebo"}, "plant must be one of 'unicycle', 'mujoco'"),
+    ("turtlebot_simulator", {"plant": "mujoco", "robot": "waffle"}, "robot must be 'burger'"),
+    ("turtlebot_simulator", {"friction": 0.5}, "friction and caster_friction are for the plant 'mujoco'"),
+    ("turtlebot_simulator", {"plant": "mujoco", "world": "dense"}, "plant must be 'unicycle' in a world"),
+    ("turtlebot_simulator", {"world": "jungle"}, "world must be one of"),
+    ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),
+    ("turtlebot_simulator", {"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
+    ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
+    (
+        "turtlebot_simulator",
+        {"world": "dense", "lidar": "ideal", "period": 0.2},
+        "at most one scan in a control interval",
+    ),
+    ("waypoint_generator", {"switch": "never"}, "switch must be one of"),
+    ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "cannot read '/nowhere.yaml'"),
+    ("visualization", {"period": 1.0, "trail": 0.5}, "period and trail must satisfy"),
+    ("visualization", {"period": 0.01, "trail": 101.0}, "period and trail must satisfy"),
+]
+
+
+@pytest.mark.parametrize(("node", "given", "said"), REFUSED)
+def test_what_a_block_cannot_do_is_refused(node, given, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        BLOCK[node](CLASSES[node](**given))
+
+
+def test_the_guards_defaults_are_these_and_do_not_change():
+    assert asdict(GuardParameters()) == {
+        "robot": "burger",
+        "enable_stamped_cmd_vel": True,
+        "body_frame": "base_footprint",
+        "frame_prefix": "",
+        "start_enabled": True,
+        "max_age": 0.4,
+        "rate": 50.0,
+        "max_acceleration": 2.5,
+        "speed_scale": 1.0,
+        "geofence": 0.0,
+        "geofence_topic": "odom",
+        "collision_monitor": False,
+        "collision_margin": 0.05,
+        "collision_time": 1.0,
+        "escape_speed": 0.05,
+        "scan_age": 0.4,
+        "scan_period": 0.2,
+        "scan_error": 0.085,
+        "reaction": 0.2,
+        "scan_mount": "robot",
+        "footprint_x": 0.0,
+        "scan_x": 0.0,
+        "scan_y": 0.0,
+        "scan_yaw": 0.0,
+        "scan_frame": "base_scan",
+    }
+    with pytest.raises(FrozenInstanceError):
+        GuardParameters().rate = 100.0
+    with pytest.raises(TypeError):
+        GuardParameters("waffle")
+
+
+# As parameters of a ROS node.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +206,7 @@ def node_with(runner):
         node.destroy_node()
 
 
-def test_defaults_are_declared_and_those_of_the_block_count(node_with):
+def test_defaults_are_declared_and_those_of_the_later_class_count(node_with):
     node = node_with()
     common, params = declare(node, Common, Params)
     assert params == Params()
@@ -61,18 +216,20 @@ def test_defaults_are_declared_and_those_of_the_block_count(node_with):
 
 
 def test_given_values_are_taken_and_an_integer_will_do_for_a_float(node_with):
-    node = node_with(gain=2, steps=7, name="a.csv", start_enabled=False)
+    given = {"use_sim_time": True, "qos_overrides./odom.subscription.depth": 1}  # parameters of ROS itself are left to it
+    node = node_with(gain=2, steps=7, name="a.csv", start_enabled=False, **given)
     common, params = declare(node, Common, Params)
     assert params == Params(gain=2.0, steps=7, name="a.csv", start_enabled=False)
     assert isinstance(params.gain, float)
     assert isinstance(node.get_parameter("gain").value, float)
+    assert node.get_parameter("use_sim_time").value
     assert not common.start_enabled
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"gian": 2.0}, "no parameter 'gian': did you mean gain"),
+        ({"gian": 2.0}, "node has no parameter 'gian': did you mean gain"),
         ({"frequency_of_everything": 2.0}, "there are body_frame, enable_stamped_cmd_vel, frame, frame_prefix, gain"),
         ({"gain": "high"}, "gain must be of type float, got 'high'"),
         ({"gain": True}, "gain must be of type float, got True"),
@@ -80,64 +237,31 @@ def test_given_values_are_taken_and_an_integer_will_do_for_a_float(node_with):
         ({"start_enabled": 1}, "start_enabled must be of type bool, got 1"),
         ({"name": 7}, "name must be of type str, got 7"),
         ({"gain": -1.0}, "gain must be positive"),
-        ({"gain": float("nan")}, "gain must be positive"),
+        ({"lock_step": True, "enable_stamped_cmd_vel": False}, "lock_step needs enable_stamped_cmd_vel"),
     ],
 )
-def test_wrong_ones_are_refused(node_with, given, said):
+def test_wrong_names_types_and_values_are_refused(node_with, given, said):
     with pytest.raises(ValueError, match=said):
         declare(node_with(**given), Common, Params)
 
 
-def test_rclpy_alone_would_not_have_noticed(runner):
-    overrides = [Parameter("gian", value=2.0)]
-    node = Node("careless", context=runner.context, parameter_overrides=overrides)
+def test_rclpy_alone_would_not_notice_a_wrong_name(runner):
+    node = Node("careless", context=runner.context, parameter_overrides=[Parameter("gian", value=2.0)])
     assert node.declare_parameter("gain", 1.5).value == 1.5
     node.destroy_node()
 
 
-def test_parameters_of_ros_itself_are_left_to_it(node_with):
-    node = node_with(**{"use_sim_time": True, "qos_overrides./odom.subscription.depth": 1})
-    declare(node, Common, Params)
-    assert node.get_parameter("use_sim_time").value
-
-
-NODES = (
-    CalibrationDrive,
-    KalmanFilter,
-    TurtlebotSimulator,
-    VelocityController,
-    WaypointGenerator,
-    SimulatedTeleop,
-    Visualization,
-)
-
-
-@pytest.mark.parametrize("block", NODES, ids=lambda block: block.__name__)
-def test_every_parameter_of_every_node_is_described(node_with, block):
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_parameter_is_described_with_its_rule_and_read_only(node_with, name):
+    classes = (Common, CLASSES[name]) if name in BLOCK else (CLASSES[name],)
     node = node_with()
-    _, params = declare(node, Common, block.Params)
-    for item in (*fields(Common), *fields(block.Params)):
-        told = node.describe_parameter(item.name)
-        assert len(told.description) > 15, item.name
-        assert "\n" not in told.description
-        assert told.read_only
-        if isinstance(item.default, float):
-            assert told.floating_point_range or item.name == "lidar_yaw", item.name
-            assert told.additional_constraints or item.name == "lidar_yaw", item.name
-    assert params == block.Params()
-
-
-def test_ranges_are_told_and_the_nodes_own_error_comes_first(node_with):
-    node = node_with()
-    declare(node, Common, VelocityController.Params)
-    period = node.describe_parameter("period")
-    assert period.description == "Period for which the policy was made, s. Slower estimates are an error."
-    assert period.additional_constraints == "in [0.001, 10] s"
-    (told,) = period.floating_point_range
-    assert (told.from_value, told.to_value) == (0.001, 10.0)
-    node = node_with()
-    declare(node, Common, TurtlebotSimulator.Params)
-    (told,) = node.describe_parameter("seed").integer_range
-    assert (told.from_value, told.to_value) == (0, 2**63 - 1)
-    with pytest.raises(ValueError, match=r"period must be in \[0.001, 10\] s, got 11.0"):
-        declare(node_with(period=11.0), Common, VelocityController.Params)
+    assert declare(node, *classes)[-1] == CLASSES[name]()
+    for item in (item for each in classes for item in fields(each)):
+        described = node.describe_parameter(item.name)
+        assert len(described.description) > 15, item.name
+        assert "\n" not in described.description
+        assert described.read_only
+        assert described.additional_constraints == RULES[name].get(item.name, "")
+        spans = [*described.floating_point_range, *described.integer_range]
+        expected = [item.metadata["range"]] if "range" in item.metadata else []
+        assert [(span.from_value, span.to_value) for span in spans] == expected

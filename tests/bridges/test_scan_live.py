@@ -21,12 +21,12 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph, Shell
+from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.graph.bringup import main as bringup
 from turtlebot_gym_ros.graph.bringup import room_metrics
 from turtlebot_gym_ros.node.block import Input, On, Output
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.qos import LATCHED
 
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 TENTH = 100_000_000

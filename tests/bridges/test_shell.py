@@ -18,10 +18,10 @@ from std_srvs.srv import Trigger
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros import Every, Input, Output, Shell
+from turtlebot_gym_ros.base.process import Runner
+from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.geometry import quaternion_of
-from turtlebot_gym_ros.node.qos import LATCHED
-from turtlebot_gym_ros.node.runner import Runner
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
 

@@ -13,13 +13,13 @@ from std_msgs.msg import Header
 from turtlebot_gym import values
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node import outputs
 from turtlebot_gym_ros.node.block import Mount
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.parameters import Common
-from turtlebot_gym_ros.node.qos import LATCHED
-from turtlebot_gym_ros.node.transforms import BROADCAST, Transforms
+from turtlebot_gym_ros.node.outputs import BROADCAST, Transforms
 
 
 @dataclass

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from turtlebot_gym.validation import choose, made, require, typed, variances
+from turtlebot_gym.validation import check_fields, choose, made, named, ranged, require, typed, variances
 
 
 @pytest.mark.parametrize(
@@ -207,3 +207,32 @@ def test_parameters_are_made_of_a_mapping():
     assert made(Whole, whole_, "it") is whole_
     with pytest.raises(ValueError, match=r"^it: Whole needs length\.$"):
         made(Whole, {"count": 2}, "it")
+
+
+@dataclass
+class Fields:
+    period: float = ranged(0.1, 0.0, 60.0, " s", above=True)
+    share: float = ranged(0.0, 0.0, 1.0, below=True)
+    laps: int = ranged(1, 1, 2**40)
+    storage: str = named("a", "a", "b", or_else=lambda name: name.endswith(".yaml"), other=", or a FILE.yaml")
+    free: object = None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("period", 0.0, "period must be in (0, 60] s, got 0.0."),
+        ("period", 60.1, "period must be in (0, 60] s, got 60.1."),
+        ("period", math.nan, "period must be in (0, 60] s, got nan."),
+        ("share", -0.1, "share must be in [0, 1), got -0.1."),
+        ("share", 1.0, "share must be in [0, 1), got 1.0."),
+        ("laps", 0, "laps must be in [1, 1099511627776], got 0."),
+        ("storage", "c", "storage must be one of a, b, or a FILE.yaml, got 'c'."),
+    ],
+)
+def test_a_field_that_breaks_its_rule_is_named_with_it(name, value, said):
+    check_fields(Fields())
+    check_fields(Fields(period=60.0, share=0.0, laps=2**40, storage="d.yaml", free=-1.0))
+    with pytest.raises(ValueError) as refused:  # noqa: PT011  # the message is compared below
+        check_fields(Fields(**{name: value}))
+    assert str(refused.value) == said

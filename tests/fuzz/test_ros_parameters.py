@@ -22,11 +22,11 @@ try:
 except ImportError:
     pytest.skip("needs the extra [ros]", allow_module_level=True)
 
-from turtlebot_gym_ros.node.discovery import prepare
-from turtlebot_gym_ros.node.parameters import Common, declare
+from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
-from turtlebot_gym_ros.robot import standalone
 from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.arbiter import Parameters as GuardParameters
 
@@ -117,7 +117,7 @@ def test_parameters_of_the_guard_and_the_logger(data):
     node = node_with(some_parameters(data.draw, (kind,)))
 
     def make():
-        params = standalone.declare(node, kind)
+        (params,) = declare(node, kind)
         return Arbiter(params, 100.0) if kind is GuardParameters else params
 
     try:

@@ -14,12 +14,11 @@ from turtlebot_gym_ros.node.block import Block, Every, Input, On, Output
 if TYPE_CHECKING:
     from turtlebot_gym_ros.graph.graph import Graph
     from turtlebot_gym_ros.node.convert import register
-    from turtlebot_gym_ros.node.runner import run
-    from turtlebot_gym_ros.node.shell import Shell
+    from turtlebot_gym_ros.node.shell import Shell, run
 
 __all__ = ["Block", "Every", "Graph", "Input", "On", "Output", "Shell", "register", "run"]
 
-_NEED_ROS = {"Graph": "graph.graph", "register": "node.convert", "run": "node.runner", "Shell": "node.shell"}
+_NEED_ROS = {"Graph": "graph.graph", "register": "node.convert", "run": "node.shell", "Shell": "node.shell"}
 
 
 def __getattr__(name: str) -> Any:

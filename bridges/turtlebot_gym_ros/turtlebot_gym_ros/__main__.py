@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from turtlebot_gym import __version__
-from turtlebot_gym_ros.node.discovery import prepare
+from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.nodes import NODES, load
 
 HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         entry = load(name)
         if not hasattr(entry, "Params"):
             return entry(rest)
-        from turtlebot_gym_ros.node.runner import run
+        from turtlebot_gym_ros.node.shell import run
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
         remedy = REMEDIES.get("rclpy" if missing.endswith(("_msgs", "_srvs", "_interfaces")) else missing)

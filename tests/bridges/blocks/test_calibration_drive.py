@@ -133,21 +133,6 @@ def test_commands_are_within_the_robots_limits(robot):
         assert 0.0 < duration < 60.0
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"duration": 0.0}, "duration must be positive"),
-        ({"duration": math.inf}, "duration must be positive"),
-        ({"radius": 0.5}, r"radius must be in \[0.6, 100\] m, got 0.5"),
-        ({"speed": math.nan}, "speed must be positive and at most 10, got nan"),
-        ({"turning": -1.0}, "turning must be positive"),
-    ],
-)
-def test_what_it_cannot_drive_is_refused(given, said):
-    with pytest.raises(ValueError, match=said):
-        make(**given)
-
-
 def test_it_comes_home_from_any_side():
     for bearing in np.linspace(-math.pi, math.pi, 9, endpoint=False):
         drive = make(radius=1.0)

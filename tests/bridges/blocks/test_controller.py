@@ -102,20 +102,3 @@ def test_a_policy_with_memory_is_reset():
 
     controller(Remembers()).reset()
     assert [mask.tolist() for mask in Remembers.masks] == [True]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"policy": "clever"}, "clever"),
-        ({"policy": "no_such_module:drive"}, "no_such_module"),
-        ({"robot": "turtle"}, "robot must be one of"),
-        ({"period": 0.0}, "period must be"),
-        ({"goal_tolerance": 0.005}, "goal_tolerance must be"),
-        ({"goal_tolerance": -1.0}, "goal_tolerance must be"),
-        ({"goal_tolerance": float("nan")}, "goal_tolerance must be"),
-    ],
-)
-def test_wrong_parameters_are_refused(wrong, said):
-    with pytest.raises(ValueError, match=said):
-        controller(**wrong)

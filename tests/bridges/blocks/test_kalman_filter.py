@@ -170,23 +170,6 @@ def test_it_hears_commands_only_where_asked_to_and_believes_them_as_the_robot_ex
     assert mean.v == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"filter": "kalman"}, "filter must be one of"),
-        ({"twist": "guessed"}, "twist must be one of"),
-        ({"noise": "none"}, "noise must be one of"),
-        ({"robot": "turtle"}, "robot must be one of"),
-        ({"period": 0.0}, "period and max_gap"),
-        ({"max_gap": 0.05}, "period and max_gap"),
-        ({"max_gap": float("nan")}, "period and max_gap"),
-    ],
-)
-def test_wrong_parameters_are_refused(wrong, said):
-    with pytest.raises(ValueError, match=said):
-        estimator(**wrong)
-
-
 def test_noise_and_robot_may_be_files(tmp_path):
     write_parameters(NOISES["documented"], tmp_path / "noise.yaml")
     named, read = estimator(noise="documented"), estimator(noise=str(tmp_path / "noise.yaml"))

@@ -105,18 +105,3 @@ def test_on_open_ground_nothing_is_said_of_a_room():
     plant = make(TurtlebotSimulator)
     assert plant.outputs.keys() == plant.step(DT, None).keys() == {"truth", "odometry"}
     assert plant.notice is None
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"world": "jungle"}, "world must be one of"),
-        ({"world": "no_such.world"}, "no_such.world"),
-        ({"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
-        ({"world": "dense", "random_start": True}, "random_start must be false"),
-        ({"world": "dense", "lidar": "ideal", "period": 0.2}, "at most one scan in a control interval"),
-    ],
-)
-def test_a_room_that_cannot_be_is_refused(wrong, said):
-    with pytest.raises(ValueError, match=said):
-        make(TurtlebotSimulator, **wrong)

@@ -1,6 +1,5 @@
 """The plant is the environment: the same transition, the same noise for the same seed and episode."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -106,25 +105,3 @@ def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
         world, out = episode.world, plant.step(0.1, command)
         assert out == {"truth": world.body.true_state, "odometry": world.senses.odometry}
     assert world.senses.odometry.twist != world.body.command  # it is what the wheels tell
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"robot": "turtle"}, "robot must be one of"),
-        ({"noise": "none"}, "noise must be one of"),
-        ({"integrator": "rk4"}, "integrator must be one of"),
-        ({"period": 0.0}, "dt must be positive"),
-        ({"period": math.nan}, "dt must be positive"),
-        ({"speed": -1.0}, "speed must be positive"),
-        ({"seed": -1}, "seed must be in"),
-        ({"plant": "gazebo"}, "plant must be one of 'unicycle', 'mujoco'"),
-        ({"plant": "mujoco", "friction": -1.0}, "friction must be non-negative"),
-        ({"plant": "mujoco", "robot": "waffle"}, "robot must be 'burger'"),
-        ({"friction": 0.5}, "friction and caster_friction are for the plant 'mujoco'"),
-        ({"plant": "mujoco", "world": "dense"}, "plant must be 'unicycle' in a world"),
-    ],
-)
-def test_wrong_parameters_are_refused(wrong, said):
-    with pytest.raises(ValueError, match=said):
-        simulator(**wrong)

@@ -128,16 +128,3 @@ def test_a_malformed_file_is_refused(tmp_path, name, text, said):
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=said):
         generator(waypoints=str(tmp_path / name))
-
-
-def test_a_missing_file_is_refused():
-    with pytest.raises(ValueError, match=r"cannot read '/nowhere\.yaml'"):
-        generator(waypoints="/nowhere.yaml")
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("switch", "never"), ("laps", 0), ("radius", 0.0), ("switch_period", math.inf), ("period", 0.0)]
-)
-def test_wrong_parameters_are_refused(name, value):
-    with pytest.raises(ValueError, match=name):
-        generator(**{name: value})

@@ -11,8 +11,9 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.validation import check_fields, ranged
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_ros.node.block import Input, On, Output, ranged
+from turtlebot_gym_ros.node.block import Input, On, Output
 
 LEVELS = (1.0, 0.5, 0.75, 0.25)
 """Speed levels, as shares of the highest speed and turning rate; fast ones first."""
@@ -86,22 +87,17 @@ class CalibrationDrive:
 
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
-        duration: float = ranged(300.0, 0.0, math.inf, "positive")
+        duration: float = ranged(300.0, 0.0, math.inf, " s", above=True, below=True)
         """Length of the drive, s."""
-        radius: float = ranged(2.0, 0.6, 100.0, "in [0.6, 100] m")
+        radius: float = ranged(2.0, 0.6, 100.0, " m")
         """Radius of the circle around the start in which the robot stays by its odometry, m."""
-        speed: float = ranged(0.2, 0.0, 10.0, "positive, at most 10 m/s")
+        speed: float = ranged(0.2, 0.0, 10.0, " m/s", above=True)
         """Highest speed, m/s; the robot's limits hold too."""
-        turning: float = ranged(1.5, 0.0, 10.0, "positive, at most 10 rad/s")
+        turning: float = ranged(1.5, 0.0, 10.0, " rad/s", above=True)
         """Highest turning rate, rad/s; the robot's limits hold too."""
 
         def __post_init__(self) -> None:
-            for name, high in (("duration", math.inf), ("speed", 10.0), ("turning", 10.0)):
-                value = getattr(self, name)
-                if not 0.0 < value <= high or math.isinf(value):
-                    raise ValueError(f"{name} must be positive and at most {high:g}, got {value!r}.")
-            if not 0.6 <= self.radius <= 100.0:
-                raise ValueError(f"radius must be in [0.6, 100] m, got {self.radius!r}.")
+            check_fields(self)
 
     inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

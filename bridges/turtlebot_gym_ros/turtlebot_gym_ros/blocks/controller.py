@@ -17,10 +17,10 @@ from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Pooling, Scan
 from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
 from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, believed_to_arrive, observe, stated_deviations
+from turtlebot_gym.validation import check_fields, ranged
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
-from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
-from turtlebot_gym_ros.node.values import Nis
+from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
@@ -46,26 +46,21 @@ class VelocityController:
         """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
-        period: float = ranged(0.1, 0.001, 10.0, "in [0.001, 10] s")
+        period: float = ranged(0.1, 0.001, 10.0, " s")
         """Period for which the policy was made, s. Slower estimates are an error."""
-        goal_tolerance: float = ranged(0.15, 0.0, math.inf, "0, or at least 0.01 m")
+        goal_tolerance: float = ranged(0.15, 0.0, math.inf, " m", below=True)
         """Distance to a last waypoint within which the robot is done, m; the belief must be inside by 0.05 m, or a third of it.
         With 0 it is never done."""
-        lidar_yaw: float = 0.0
+        lidar_yaw: float = ranged(0.0, -math.inf, math.inf, " rad", above=True, below=True)
         """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4."""
-        lidar_beams: int = 0
+        lidar_beams: int = ranged(0, 0, 2**31)
         """Number of beams that a scan must have; 0 for any."""
 
         def __post_init__(self) -> None:
-            if not 0.001 <= self.period <= 10.0:
-                raise ValueError(f"period must be in [0.001, 10] s, got {self.period!r}.")
-            if not (self.goal_tolerance == 0.0 or 0.01 <= self.goal_tolerance < math.inf):
+            check_fields(self)
+            if 0.0 < self.goal_tolerance < 0.01:
                 rule = "must be 0, or at least 0.01 m, the resolution of a TurtleBot3"
                 raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")
-            if not math.isfinite(self.lidar_yaw):
-                raise ValueError(f"lidar_yaw must be finite, got {self.lidar_yaw!r}.")
-            if self.lidar_beams < 0:
-                raise ValueError(f"lidar_beams must be 0 or a number of beams, got {self.lidar_beams!r}.")
 
     inputs = {
         "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False),

@@ -11,10 +11,9 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import check_fields, choose, ranged
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, senses_of
-from turtlebot_gym_ros.node.block import Aged, Input, On, Output, ranged
-from turtlebot_gym_ros.node.values import Nis
+from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 
 REMEMBERED = depth_of(0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
@@ -57,9 +56,9 @@ class KalmanFilter:
         takes_fixes: bool = False
         """Whether to use external pose measurements on ``pose_fix`` too, such as localization in a map or motion capture: in
         the filter's frame, with their variances; a heading with a negative variance is ignored."""
-        period: float = ranged(0.1, 0.0, 60.0, "positive, at most max_gap")
+        period: float = ranged(0.1, 0.0, 60.0, " s", above=True)
         """Longest interval predicted in one step, s."""
-        max_gap: float = ranged(1.0, 0.0, 60.0, "at least the period, below 60 s")
+        max_gap: float = ranged(1.0, 0.0, 60.0, " s", above=True, below=True)
         """Gap in the odometry after which the filter restarts, s."""
 
         publish_tf: bool = False
@@ -67,10 +66,9 @@ class KalmanFilter:
         owner: set it only if the robot's bring-up does not publish it. Needs a ROS installation."""
 
         def __post_init__(self) -> None:
-            if not 0.0 < self.period <= self.max_gap < 60.0:
-                raise ValueError(
-                    f"period and max_gap must satisfy 0 < period <= max_gap < 60, got {self.period!r} and {self.max_gap!r}."
-                )
+            check_fields(self)
+            if self.period > self.max_gap:
+                raise ValueError(f"period must be at most max_gap, {self.max_gap!r} s, got {self.period!r}.")
 
     inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
     outputs = {"nis": Output(topic="nis", type=Nis), "estimate": Output(topic="estimate", type=Estimate)}

@@ -16,10 +16,11 @@ from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Episode, Options
 from turtlebot_gym.tasks import NAV, ROOM
+from turtlebot_gym.validation import check_fields, ranged
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
+from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
-from turtlebot_gym_ros.node.block import Aged, Every, Input, Mount, Output, ranged
-from turtlebot_gym_ros.node.values import Nis
+from turtlebot_gym_ros.node.block import Aged, Every, Input, Nis, Output
 
 THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
 """Topics from a step's odometry to the command that answers it, in order."""
@@ -74,12 +75,12 @@ class TurtlebotSimulator:
         """External pose sensor, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
-        period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
+        period: float = ranged(0.1, 0.0, 1000.0, " s", above=True, below=True)
         """Period of the odometry and of the simulation, s."""
-        speed: float = ranged(1.0, 0.0, 1000.0, "positive, below 1000")
+        speed: float = ranged(1.0, 0.0, 1000.0, below=True)
         """Speed as a multiple of real time; at any but 1 the simulator publishes ``clock``. In lock-step this is the upper
         limit, and 0 means as fast as the nodes answer."""
-        seed: int = ranged(0, 0, MAX_SEED, "at least 0")
+        seed: int = ranged(0, 0, MAX_SEED)
         """Seed of the noise."""
         witness: bool = False
         """Whether in lock-step time also waits for the recorder of a `Graph`, which reports its progress on ``recorded``."""
@@ -95,19 +96,18 @@ class TurtlebotSimulator:
         """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
         plant: str = "unicycle"
         """Model that moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
-        friction: float = ranged(_BURGER.friction, 0.0, 10.0, "at least 0")
+        friction: float = ranged(_BURGER.friction, 0.0, 10.0)
         """With the plant "mujoco", coefficient of friction between wheels and floor; 0.5 is slippery."""
-        caster_friction: float = ranged(_BURGER.caster_friction, 0.0, 10.0, "at least 0")
+        caster_friction: float = ranged(_BURGER.caster_friction, 0.0, 10.0)
         """With the plant "mujoco", coefficient of friction between caster and floor; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
+            check_fields(self)
             if self.in_room and self.plant != "unicycle":
                 raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
             self.physics()
             if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
-            if not 0 <= self.seed <= MAX_SEED:
-                raise ValueError(f"seed must be in [0, {MAX_SEED}], got {self.seed!r}.")
 
         @property
         def in_room(self) -> bool:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from turtlebot_gym.validation import check_fields, ranged
 from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.node.block import Every, Output, ranged
+from turtlebot_gym_ros.node.block import Every, Output
 
 SCRIPT = (
     (5.0, Command(0.15, 0.0)),
@@ -31,10 +32,13 @@ class SimulatedTeleop:
     class Params:
         """Parameters of the scripted person."""
 
-        period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
+        period: float = ranged(0.1, 0.0, 1000.0, " s", above=True, below=True)
         """Period of the commands, s."""
         start_enabled: bool = True
         """Whether to drive at once, without a call of ``~/enable``."""
+
+        def __post_init__(self) -> None:
+            check_fields(self)
 
     inputs = {}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

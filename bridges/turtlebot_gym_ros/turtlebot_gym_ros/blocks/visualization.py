@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.validation import check_fields, ranged
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_ros.node.block import Input, On, Output, ranged
+from turtlebot_gym_ros.node.block import Input, On, Output
 
 
 class Scene(NamedTuple):
@@ -41,19 +42,18 @@ class Visualization:
     class Params:
         """Parameters of the visualization."""
 
-        period: float = ranged(0.2, 0.0, math.inf, "positive, at most the trail")
+        period: float = ranged(0.2, 0.0, math.inf, " s", above=True, below=True)
         """Least time between two pictures, and between two points of a path, s."""
-        trail: float = ranged(120.0, 0.0, math.inf, "at least the period, at most 10000 periods")
+        trail: float = ranged(120.0, 0.0, math.inf, " s", above=True, below=True)
         """Time span of a path, s."""
-        radius: float = ranged(0.3, 0.0, math.inf, "positive")
+        radius: float = ranged(0.3, 0.0, math.inf, " m", above=True, below=True)
         """Distance within which a waypoint counts as reached, m, as in ``waypoint_generator``."""
 
         def __post_init__(self) -> None:
-            if not 0.0 < self.period <= self.trail <= 1e4 * self.period:
-                rule = "must satisfy 0 < period <= trail <= 10000 period"
+            check_fields(self)
+            if not self.period <= self.trail <= 1e4 * self.period:
+                rule = "must satisfy period <= trail <= 10000 period"
                 raise ValueError(f"period and trail {rule}, got {self.period!r} and {self.trail!r}.")
-            if not 0.0 < self.radius < math.inf:
-                raise ValueError(f"radius must be positive and finite, got {self.radius!r}.")
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),

@@ -14,9 +14,9 @@ from turtlebot_gym.files import load_yaml
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import check_fields, ranged, shown
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros.node.block import Every, Input, Output, ranged
+from turtlebot_gym_ros.node.block import Every, Input, Output
 
 
 class WaypointGenerator:
@@ -40,21 +40,19 @@ class WaypointGenerator:
         and theta (rad)."""
         switch: str = "arrival"
         """When to switch to the next waypoint: on "arrival" by the estimate, or after a "time", reached or not."""
-        switch_period: float = ranged(SQUARE_PERIOD, 0.0, math.inf, "positive")
+        switch_period: float = ranged(SQUARE_PERIOD, 0.0, math.inf, " s", above=True, below=True)
         """Time after which the next waypoint becomes current, s, with the switch by "time"."""
-        radius: float = ranged(0.3, 0.0, math.inf, "positive")
+        radius: float = ranged(0.3, 0.0, math.inf, " m", above=True, below=True)
         """Distance within which a waypoint counts as reached, m; the belief must be inside by 0.05 m, or a third of it."""
-        laps: int = ranged(1, 1, 2**31, "at least 1")
+        laps: int = ranged(1, 1, 2**31)
         """Number of rounds through the waypoints."""
         relative: bool = False
         """Whether waypoints are relative to the first estimate instead of the world frame."""
-        period: float = ranged(0.1, 0.0, 1000.0, "positive, below 1000 s")
+        period: float = ranged(0.1, 0.0, 1000.0, " s", above=True, below=True)
         """Period of publishing, s."""
 
         def __post_init__(self) -> None:
-            for name in ("switch_period", "radius"):
-                if not 0.0 < getattr(self, name) < math.inf:
-                    raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)!r}.")
+            check_fields(self)
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False),

@@ -24,9 +24,9 @@ from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
+from turtlebot_gym_ros.base.process import refuse
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import Graph
-from turtlebot_gym_ros.node.runner import refuse
 from turtlebot_gym_ros.nodes import MODES
 
 if TYPE_CHECKING:

@@ -17,10 +17,10 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from turtlebot_gym.plotting import BLACK, BLUE, GREEN, SKY_BLUE, VERMILLION
 from turtlebot_gym.values import Command
+from turtlebot_gym_ros.base.names import type_name
+from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph.recorder import TOPICS
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.diagnostics import type_name
-from turtlebot_gym_ros.node.runner import Runner
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 
 if TYPE_CHECKING:

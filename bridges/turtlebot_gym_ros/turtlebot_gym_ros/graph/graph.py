@@ -19,13 +19,12 @@ from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.names import absolute, prefix_of
+from turtlebot_gym_ros.base.process import SETTLE, Runner
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
-from turtlebot_gym_ros.graph.namespace import absolute, prefix_of
 from turtlebot_gym_ros.graph.recorder import Recorder
-from turtlebot_gym_ros.node.discovery import SETTLE
-from turtlebot_gym_ros.node.parameters import Common
-from turtlebot_gym_ros.node.runner import Runner
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import MODES, load
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from geometry_msgs.msg import Point, Vector3
-from rclpy.duration import Duration
+from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -19,11 +18,12 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.node.convert import register
 from turtlebot_gym_ros.node.geometry import quaternion_of
+from turtlebot_gym_ros.node.rooms import marker
 
 __all__ = ["LIFETIME", "Visualization"]
 
-LIFETIME = Duration(seconds=1.0)
-"""Time after which a viewer removes a marker without an update, by the viewer's clock."""
+LIFETIME = 1.0
+"""Time after which a viewer removes a marker without an update, s, by the viewer's clock."""
 LINE = 0.02
 """Width of a path, m."""
 HEIGHT = 0.01
@@ -36,17 +36,7 @@ def _color(html: str, opacity: float = 1.0) -> ColorRGBA:
 
 
 def _marker(header: Header, name: str, kind: int, scale: Sequence[float], color: ColorRGBA) -> Marker:
-    x, y, z = scale
-    return Marker(
-        header=header,
-        ns=name,
-        id=0,
-        type=kind,
-        action=Marker.ADD,
-        scale=Vector3(x=x, y=y, z=z),
-        color=color,
-        lifetime=LIFETIME.to_msg(),
-    )
+    return marker(header, name, kind, scale, color, lifetime=LIFETIME)
 
 
 def _place(marker: Marker, pose: Pose) -> Marker:

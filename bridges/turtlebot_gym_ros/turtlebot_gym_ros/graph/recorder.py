@@ -28,10 +28,10 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Command, Odometry, Pose, State
+from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
+from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
-from turtlebot_gym_ros.node.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
-from turtlebot_gym_ros.node.swift import Swift
 from turtlebot_gym_ros.node.triggers import SECOND
 
 TOPICS: dict[str, type] = {

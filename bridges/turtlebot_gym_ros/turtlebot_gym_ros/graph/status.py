@@ -10,9 +10,9 @@ import textwrap
 import time
 from collections.abc import Mapping, Sequence
 
-from turtlebot_gym_ros.graph.namespace import absolute, remapping
+from turtlebot_gym_ros.base.names import absolute, remapping
+from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.graph.recorder import Recorder
-from turtlebot_gym_ros.node.runner import Runner, refuse
 from turtlebot_gym_ros.nodes import MODES
 
 LEVELS = ("ok", "warning", "error", "stale")

@@ -11,10 +11,10 @@ from threading import Event
 from typing import Any
 
 from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym_ros.base.names import absolute
+from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
-from turtlebot_gym_ros.graph.namespace import absolute
 from turtlebot_gym_ros.graph.watcher import Watcher
-from turtlebot_gym_ros.node.runner import Runner, refuse
 
 
 class View:

@@ -28,9 +28,9 @@ from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Odometry, Pose, State
 from turtlebot_gym_agents.watch import Growing, Seen, Surroundings, Track, of_trajectory
+from turtlebot_gym_ros.base.qos import LATCHED, STREAM
+from turtlebot_gym_ros.node.block import Nis
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.qos import LATCHED, STREAM
-from turtlebot_gym_ros.node.values import Nis
 
 HEARD: dict[str, type] = {
     "odom": Odometry,

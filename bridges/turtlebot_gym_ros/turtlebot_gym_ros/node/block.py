@@ -10,18 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from turtlebot_gym.values import Covariance
-
-
-def ranged(default: float, low: float, high: float, rule: str) -> Any:
-    """Return a numeric parameter of a block, with the range that ``ros2 param describe`` shows.
-
-    Args:
-        default: Default value; an int makes an integer parameter.
-        low: Least value.
-        high: Greatest value, which may be infinite.
-        rule: The rule in words, for open ends and dependencies on other parameters; the class itself checks it.
-    """
-    return field(default=default, metadata={"range": (low, high), "rule": rule})
+from turtlebot_gym_ros.base.frames import Mount
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,18 +36,6 @@ class Input:
     """Whether ``step`` receives the value with its age by the stamps, as an `Aged`."""
     reliable: bool = True
     """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
-
-
-class Mount(NamedTuple):
-    """A sensor's frame, and its pose in the robot's frame."""
-
-    frame: str
-    """Name of the frame, without the prefix of the robot's frames."""
-    x: float
-    """m"""
-    y: float
-    yaw: float
-    """Direction of its x axis, rad."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +65,12 @@ class Output:
     """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
     """Frame of a value given in a sensor's own frame; if the block publishes transforms, it is also on ``/tf_static``."""
+
+
+class Nis(NamedTuple):
+    """The normalized innovation squared of a filter's last measurement, 1."""
+
+    value: float
 
 
 class Aged(NamedTuple):

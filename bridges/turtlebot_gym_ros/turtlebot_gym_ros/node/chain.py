@@ -4,15 +4,15 @@ inputs."""
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from turtlebot_gym_ros.base.names import node_name
+from turtlebot_gym_ros.base.qos import LOCK_STEP
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed
-from turtlebot_gym_ros.node.lockstep import missing_link
-from turtlebot_gym_ros.node.qos import LOCK_STEP
 from turtlebot_gym_ros.node.triggers import SECOND
 
 LISTEN = 5
@@ -53,7 +53,7 @@ class Chain:
         if self._looks < LISTEN:
             return
         heard = self._newest | {feed.topic: feed.stamp for feed in self._answers}
-        speakers = {topic: [_name(each) for each in self._node.get_publishers_info_by_topic(topic)] for topic in heard}
+        speakers = {topic: [node_name(each) for each in self._node.get_publishers_info_by_topic(topic)] for topic in heard}
         missing = missing_link(stamp, heard, speakers)
         if missing != self.missing:
             self._node.get_logger().warning(f"time stands still: {missing}.")
@@ -74,5 +74,17 @@ class Chain:
         self._subscriptions, self._looks, self.missing = [], 0, None
 
 
-def _name(info: object) -> str:
-    return f"{getattr(info, 'node_namespace', '').rstrip('/')}/{getattr(info, 'node_name', '')}"
+def missing_link(stamp: int, heard: Mapping[str, int | None], speakers: Mapping[str, Iterable[str]]) -> str:
+    """Describe which node has not answered a step.
+
+    Args:
+        stamp: Stamp of the step, ns.
+        heard: Newest stamp on each topic of the chain, in its order, ns.
+        speakers: Publishers of each topic.
+    """
+    topic = next((topic for topic, newest in heard.items() if newest != stamp), None)
+    if topic is None:
+        return f"waits for the recorder, which has not heard the steps up to {stamp / SECOND:.3f} s"
+    names = ", ".join(sorted(speakers[topic]))
+    waits = f"waits for {topic} of the step at {stamp / SECOND:.3f} s"
+    return f"{waits}: {names} has not answered" if names else f"{waits}: nobody publishes it"

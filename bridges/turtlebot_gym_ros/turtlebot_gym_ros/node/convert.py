@@ -13,21 +13,19 @@ Headings survive the conversion to a quaternion bit-exactly, see `geometry.quate
 
 Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. Quantities that a planar robot does not know, height, roll,
 pitch and sideways speed, have the variance -1 by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
-`Odometry` message has no field for the normalized innovation squared, which a policy observes, so it has its own topic, see
-`innovation`. An estimate read from a message has the value 0 for it.
-
-The resolution of a map is sent in single precision, and read as the shortest decimal nearest to it, such as 0.05 m.
+`Odometry` message has no field for the normalized innovation squared, which a policy observes, so an estimate read from a
+message has the value 0 for it, and it has a topic of its own, ``nis``. The common packages have no message for a stamped
+number: it is sent as a diagnostic, though not on ``/diagnostics``. PlotJuggler can plot its values, which are decimals that
+read back to the same number.
 """
 
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from sensor_msgs.msg import LaserScan, Range
@@ -39,15 +37,25 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
+from turtlebot_gym_ros.node.block import Nis
 from turtlebot_gym_ros.node.geometry import finite, read_pose, read_twist, write_pose, write_twist
-from turtlebot_gym_ros.node.innovation import read_nis, write_nis
-from turtlebot_gym_ros.node.obstacles import read_obstacles, write_obstacles
-from turtlebot_gym_ros.node.scans import read_clearance, read_scan, write_clearance, write_scan
-from turtlebot_gym_ros.node.values import Nis
+from turtlebot_gym_ros.node.rooms import (
+    read_clearance,
+    read_grid,
+    read_obstacles,
+    read_scan,
+    write_clearance,
+    write_grid,
+    write_obstacles,
+    write_scan,
+)
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
 _NOT_KNOWN = -1.0
+_NIS = "nis"
+SURPRISING = 16.27
+"""NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 
 
 class Conversion(NamedTuple):
@@ -208,21 +216,31 @@ def _command_to_message(command: Command, header: Header) -> Twist:
     return message
 
 
-def _grid_of(message: OccupancyGrid) -> GridMap:
-    info = message.info
-    if len(message.data) != info.height * info.width:
-        raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
-    cells = np.array(message.data, np.int8).reshape(info.height, info.width)
-    return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=read_pose(info.origin))
+def _nis_of(message: DiagnosticArray) -> Nis:
+    values = [pair.value for status in message.status for pair in status.values if pair.key == _NIS]
+    if len(values) != 1:
+        raise ValueError(f"it must have one value named {_NIS!r}, but has {len(values)}")
+    try:
+        value = float(values[0])
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"the NIS must be a finite number, got {values[0]!r}")
+    return Nis(value)
 
 
-def _grid_to_message(grid: GridMap, header: Header) -> OccupancyGrid:
-    message = OccupancyGrid(header=header, data=array("b", grid.cells.tobytes()))
-    info = message.info
-    info.map_load_time, info.resolution = header.stamp, float(grid.resolution)
-    info.height, info.width = grid.cells.shape
-    write_pose(info.origin, grid.origin)
-    return message
+def _nis_to_message(nis: Nis, header: Header) -> DiagnosticArray:
+    value = float(nis.value)
+    finite("the NIS", (value,))
+    surprising = value > SURPRISING
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.WARN if surprising else DiagnosticStatus.OK,
+        name="innovation",
+        message=f"above {SURPRISING}, as one in a thousand is" if surprising else "as expected",
+        hardware_id=header.frame_id,
+        values=[KeyValue(key=_NIS, value=repr(value))],
+    )
+    return DiagnosticArray(header=header, status=[status])
 
 
 _UNSTAMPED = Conversion(Twist, read_twist, _command_to_message, False)
@@ -240,8 +258,8 @@ register(
     in_world=True,
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
-register(Nis, DiagnosticArray, read_nis, write_nis)
+register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
 register(Scan, LaserScan, read_scan, write_scan)
 register(Obstacles, MarkerArray, read_obstacles, write_obstacles, in_world=True)
 register(Clearance, Range, read_clearance, write_clearance)
-register(GridMap, OccupancyGrid, _grid_of, _grid_to_message, in_world=True)
+register(GridMap, OccupancyGrid, read_grid, write_grid, in_world=True)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from turtlebot_gym_ros.node.qos import STREAM
+from turtlebot_gym_ros.base.names import node_name
+from turtlebot_gym_ros.base.qos import STREAM
+from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
 from turtlebot_gym_ros.nodes import NODES
-
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
 
@@ -36,18 +36,8 @@ class Endpoint(NamedTuple):
     """Whether messages on the topic move the robot."""
 
 
-def type_name(message_type: type) -> str:
-    """Return a message type's name as the graph writes it."""
-    package, kind, *_ = message_type.__module__.split(".")
-    return f"{package}/{kind}/{message_type.__name__}"
-
-
-def _name(info: TopicEndpointInfo) -> str:
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-
-
 def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -> Problem:
-    text = f"{mine.topic}: {_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot be matched."
+    text = f"{mine.topic}: {node_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot be matched."
     if mine.message in _VELOCITIES and other.topic_type in _VELOCITIES:
         stamped = _VELOCITIES[other.topic_type]
         space = node.get_namespace()
@@ -57,7 +47,7 @@ def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -
     return Problem(ERROR, text)
 
 
-def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = False) -> list[Problem]:
+def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = False) -> list[Problem]:
     """Return the problems in the graph around a node.
 
     Args:
@@ -73,13 +63,13 @@ def graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = F
             found += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
         if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
             found.append(Problem(WARN, f"{mine.topic}: there is no listener."))
-        rivals = [name for other in publishers if (name := _name(other)) != node.get_fully_qualified_name()]
+        rivals = [name for other in publishers if (name := node_name(other)) != node.get_fully_qualified_name()]
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
             found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
-            names = [_name(other) for other in subscriptions]
-            strangers = {_name(other) for other in subscriptions if other.node_name not in NODES}
+            names = [node_name(other) for other in subscriptions]
+            strangers = {node_name(other) for other in subscriptions if other.node_name not in NODES}
             strangers |= {name for name in names if name.endswith(f"/{node.get_name()}")} - {node.get_fully_qualified_name()}
             if names.count(node.get_fully_qualified_name()) > 1:
                 strangers.add("another simulator")
@@ -111,22 +101,17 @@ class Reporter:
             summary: Message without problems.
             values: Figures by name.
         """
-        around = graph_problems(self._node, self._endpoints, plant=self._plant)
+        around = _graph_problems(self._node, self._endpoints, plant=self._plant)
         for problem in set(around) - self._known:
-            # On separate lines: rclpy's logger raises if the severity of a line changes.
-            if problem.level == ERROR:
-                self._node.get_logger().error(problem.text)
-            else:
-                self._node.get_logger().warning(problem.text)
+            log(self._node, *problem)
         self._known = set(around)
         worst = sorted([*problems, *around], key=lambda problem: problem.level, reverse=True)
-        status = DiagnosticStatus(
-            level=worst[0].level if worst else OK,
-            name=self._node.get_fully_qualified_name(),
-            message=" ".join(problem.text for problem in worst) or summary,
-            hardware_id=self._node.get_namespace().strip("/") or "turtlebot_gym_ros",
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        self._publisher.publish(
+            report(
+                self._node,
+                worst[0].level if worst else OK,
+                " ".join(problem.text for problem in worst) or summary,
+                hardware=self._node.get_namespace().strip("/") or "turtlebot_gym_ros",
+                values=values,
+            )
         )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(array)

@@ -1,7 +1,7 @@
-"""Run a block in real time: by the clock, or by the messages of an input. For lock-step see `answering`.
+"""How a block is driven: by the clock, by the messages of an input, or in lock-step, by the steps of a plant.
 
-The rules are in `triggers`. A drive is notified of each new value (`Drive.heard`), and calls the node's ``step`` when one is
-due.
+The rules are in `triggers` and `lockstep`, without ROS. A drive is notified of each new value (`Drive.heard`), and calls the
+node's ``step`` when one is due.
 """
 
 from __future__ import annotations
@@ -9,18 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Header
 
-from turtlebot_gym_ros.node.block import Every, On
+from turtlebot_gym_ros.base.qos import LOCK_STEP, STREAM
+from turtlebot_gym_ros.base.swift import Swift
+from turtlebot_gym_ros.node.block import Block, Every, On
+from turtlebot_gym_ros.node.chain import Chain
 from turtlebot_gym_ros.node.feed import Feed
+from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.qos import STREAM
 from turtlebot_gym_ros.node.triggers import Grid, Messages, SimulatedGrid
 
 QUIET = 0.3
@@ -44,14 +47,22 @@ class Hands:
     """Returns whether an answer may be repeated."""
 
 
-class Drive(Protocol):
-    """Interface between the shell and what runs its block; subclasses override what differs."""
+class Drive:
+    """Runs a block.
 
-    _hands: Hands
-    sets_clock: bool = False
+    Args:
+        hands: Access to the node.
+        messages: The rule of the input whose messages make steps; None for a block that makes its own.
+        period: Length of a step without such an input, s.
+    """
+
+    sets_clock = False
     """Whether it publishes ``clock`` instead of following it."""
-    period: float = 0.0
+    limit = 0.0
     """Time that a step may take, s; 0 for no limit."""
+
+    def __init__(self, hands: Hands, messages: Messages | None = None, period: float = 0.0) -> None:
+        self._hands, self._messages, self._period = hands, messages, period
 
     def present(self) -> int:
         """Return the current time of the block's clock, ns: the ROS clock."""
@@ -65,16 +76,16 @@ class Drive(Protocol):
         """Handle a new value, and run the block if a step is due."""
 
     def missing(self) -> str | None:
-        """Return what prevents steps, besides missing inputs."""
-        return None
+        """Return what prevents steps, besides missing inputs: messages that are too slow."""
+        return self._messages.slow if self._messages else None
 
     def trouble(self) -> str | None:
-        """Return a problem to report to users."""
-        return None
+        """Return a problem to report to users: messages that are too slow."""
+        return self._messages.slow if self._messages else None
 
     def interval(self, stamp: int) -> float:
         """Return the time since the last step, s."""
-        ...
+        return self._messages.interval(stamp) if self._messages else self._period
 
     def pause(self) -> None:
         """Record that a step was skipped."""
@@ -85,29 +96,32 @@ class Drive(Protocol):
     def new_episode(self) -> None:
         """Record that the plant was reset."""
 
+    def _publish_clock(self, stamp: int) -> None:
+        self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+
+    def _make_clock(self) -> None:
+        self._clock = self._hands.node.create_publisher(ClockMessage, "clock", STREAM)
+
 
 class ByClock(Drive):
     """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
 
     def __init__(self, hands: Hands, trigger: Every) -> None:
-        self._hands = hands
+        super().__init__(hands, period=trigger.period)
         if trigger.speed == 0.0:
             raise ValueError("speed must be positive, unless lock_step is true: 0 is as fast as the nodes answer.")
         self._quiet_until = -math.inf
+        self.limit = trigger.period
         self.sets_clock = trigger.speed not in (None, 1.0)
-        self.period = trigger.period
         self._grid = (SimulatedGrid if self.sets_clock else Grid)(trigger)
         self._watch = Clock(clock_type=ClockType.STEADY_TIME) if self.sets_clock else hands.node.get_clock()
-        self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM) if self.sets_clock else None
+        if self.sets_clock:
+            self._make_clock()
         hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch)
 
     def present(self) -> int:
         """Return the current time of the grid, ns."""
         return self._grid.present if isinstance(self._grid, SimulatedGrid) else super().present()
-
-    def interval(self, stamp: int) -> float:
-        """Return the period, s."""
-        return self._grid.interval(stamp)
 
     def missing(self) -> str | None:
         """Return which listener is missing, since a schedule would start before its listeners are discovered."""
@@ -115,8 +129,8 @@ class ByClock(Drive):
 
     def _tick(self) -> None:
         for stamp in self._grid.due_until(self._watch.now().nanoseconds):
-            if self._clock:
-                self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+            if self.sets_clock:
+                self._publish_clock(stamp)
             if self._hands.now() >= self._quiet_until:
                 self._hands.step(stamp)
 
@@ -129,9 +143,9 @@ class ByMessages(Drive):
     """Steps on the messages of an input."""
 
     def __init__(self, hands: Hands, trigger: On) -> None:
-        self._hands = hands
         self._rule = Messages(trigger)
-        self.period = trigger.period
+        super().__init__(hands, self._rule)
+        self.limit = trigger.period
 
     def takes(self, key: str, stamp: int) -> bool:
         """Refuse repeated and late messages."""
@@ -150,18 +164,6 @@ class ByMessages(Drive):
         if due:
             self._hands.step(stamp)
 
-    def missing(self) -> str | None:
-        """Return that messages are too slow."""
-        return self._rule.slow
-
-    def trouble(self) -> str | None:
-        """Return the same as `missing`."""
-        return self._rule.slow
-
-    def interval(self, stamp: int) -> float:
-        """Return the time between the stamps, s."""
-        return self._rule.interval(stamp)
-
     def pause(self) -> None:
         """Treat the next step like the first."""
         self._rule.pause()
@@ -169,3 +171,133 @@ class ByMessages(Drive):
     def reset(self) -> None:
         """Let the next message be the first."""
         self._rule.reset()
+
+
+class ByAnswers(Drive):
+    """Answers the steps of lock-step."""
+
+    def __init__(self, hands: Hands, rule: Answers) -> None:
+        super().__init__(hands, rule.messages)
+        self._rule = rule
+
+    def present(self) -> int:
+        """Return 0: a message that answers no step, such as a stop, has no time."""
+        return 0
+
+    def takes(self, key: str, stamp: int) -> bool:
+        """Refuse stamps of a real robot."""
+        self._rule.check(key, stamp)
+        return True
+
+    def heard(self, key: str, stamp: int) -> None:
+        """Answer the step if its inputs are complete, or repeat the answer."""
+        hands, rule = self._hands, self._rule
+        steps = {name: feed.step for name, feed in hands.feeds.items()}
+        turn, gap = rule.hear(key, steps)
+        if gap:
+            hands.node.get_logger().info(f"{gap}: a new episode.")
+            hands.begin()
+            turn, _ = rule.hear(key, steps)
+        stamp = steps[rule.messages.input] or 0
+        if turn is Turn.REPEAT and hands.may_move():
+            hands.outputs.publish_again()
+        if turn is Turn.HOLD and hands.outputs.moving and hands.may_move():
+            hands.outputs.publish_again(stamp)  # the plant waits for a command in every step
+        if turn is Turn.HOLD or (turn is Turn.STEP and hands.step(stamp)):
+            rule.answer(stamp)
+
+    def reset(self) -> None:
+        """Answer the current step again, as the first."""
+        self._rule.reset()
+
+
+class AsPlant(Drive):
+    """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
+
+    sets_clock = True
+
+    def __init__(self, hands: Hands, trigger: Every, block: Block) -> None:
+        super().__init__(hands, period=trigger.period)
+        self._rule = Plant(trigger, now=hands.now())
+        self._answers = {key: hands.feeds[key] for key, item in block.inputs.items() if item.lock_step == "same"}
+        if not self._answers:
+            raise ValueError("lock_step must be false for a plant without an input that answers it.")
+        self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
+        self._started = False
+        self._make_clock()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
+        self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())
+        self._later.cancel()
+        if trigger.witness:
+            hands.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=Swift())
+
+    def present(self) -> int:
+        """Return the stamp of the step that awaits its answer, ns."""
+        return self._rule.present
+
+    def takes(self, key: str, stamp: int) -> bool:
+        """Take the first answer to the current step; ignore stops and answers to other steps."""
+        feed = self._answers.get(key)
+        return feed is None or stamp == self._rule.present != feed.stamp
+
+    def heard(self, key: str, stamp: int) -> None:
+        """Take the next step if this one has been answered and the witness has received it."""
+        answered = self._rule.answers(feed.stamp for feed in self._answers.values())
+        if self._started and answered and self._rule.is_witnessed:
+            self._go_on()
+
+    def _witness(self, message: Header) -> None:
+        """Record the recorder's progress, and continue if nothing else was missing."""
+        waited = not self._rule.is_witnessed
+        self._rule.witnessed = Time.from_msg(message.stamp).nanoseconds
+        if waited:
+            self.heard("", 0)
+
+    def _go_on(self) -> None:
+        """Take the next step, or set the timer for it."""
+        self._later.cancel()
+        now = self._hands.now()
+        wait = self._rule.wait(now)
+        if wait > 0.0:
+            self._later.timer_period_ns = round(wait * 1e9)
+            self._later.reset()
+            return
+        self._started = True
+        stamp = self._rule.advance(now)
+        self._publish_clock(stamp)
+        self._hands.step(stamp)
+
+    def _tick(self) -> None:
+        """Take the first step, or resend a step without an answer."""
+        now = self._hands.now()
+        if not self._started:
+            self._go_on()
+        elif self._rule.resend(now) and self._later.is_canceled():
+            self._hands.outputs.publish_again()
+        self._chain.watch(self._rule.present if self._rule.is_overdue(now) else None)
+
+    def trouble(self) -> str | None:
+        """Return which node has not answered for long."""
+        return self._chain.missing
+
+    def new_episode(self) -> None:
+        """Take the first step of an episode now, whether or not the previous one was answered."""
+        self._rule.begin_episode()
+        self._go_on()
+
+
+def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
+    """Return the drive of a block.
+
+    Raises:
+        ValueError: If the block cannot run in lock-step, or only in lock-step.
+    """
+    trigger = block.trigger
+    if not lock_step:
+        return ByClock(hands, trigger) if isinstance(trigger, Every) else ByMessages(hands, trigger)
+    answers = trigger_of(trigger, block.inputs)
+    if answers is not None:
+        return ByAnswers(hands, Answers(answers, block.inputs))
+    assert isinstance(trigger, Every)
+    return AsPlant(hands, trigger, block)

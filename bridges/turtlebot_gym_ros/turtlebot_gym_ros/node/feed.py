@@ -10,11 +10,12 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
+from turtlebot_gym_ros.base.names import type_name
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import Conversion
-from turtlebot_gym_ros.node.diagnostics import Endpoint, type_name
-from turtlebot_gym_ros.node.qos import LOCK_STEP, SENSOR, STREAM, overridable
-from turtlebot_gym_ros.node.swift import Swift
+from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.triggers import SECOND
 
 

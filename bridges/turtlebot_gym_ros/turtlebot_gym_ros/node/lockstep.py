@@ -167,19 +167,3 @@ class Plant:
     def is_overdue(self, now: float) -> bool:
         """Return whether the answer is overdue."""
         return now - self._began > OVERDUE
-
-
-def missing_link(stamp: int, heard: Mapping[str, int | None], speakers: Mapping[str, Iterable[str]]) -> str:
-    """Describe which node has not answered a step.
-
-    Args:
-        stamp: Stamp of the step, ns.
-        heard: Newest stamp on each topic of the chain, in its order, ns.
-        speakers: Publishers of each topic.
-    """
-    topic = next((topic for topic, newest in heard.items() if newest != stamp), None)
-    if topic is None:
-        return f"waits for the recorder, which has not heard the steps up to {stamp / SECOND:.3f} s"
-    names = ", ".join(sorted(speakers[topic]))
-    waits = f"waits for {topic} of the step at {stamp / SECOND:.3f} s"
-    return f"{waits}: {names} has not answered" if names else f"{waits}: nobody publishes it"

@@ -23,15 +23,18 @@ from rclpy.time import Time
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from turtlebot_gym_ros.node.answering import make_drive
+from turtlebot_gym_ros.base import process
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.parameters import declare
+from turtlebot_gym_ros.base.qos import STREAM
+from turtlebot_gym_ros.base.reports import ERROR, WARN
+from turtlebot_gym_ros.base.swift import SwiftExecutor
 from turtlebot_gym_ros.node.block import Block, Every, Notices
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.diagnostics import ERROR, WARN, Problem, Reporter
-from turtlebot_gym_ros.node.drives import Hands
+from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
+from turtlebot_gym_ros.node.drives import Hands, make_drive
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.parameters import Common, declare
-from turtlebot_gym_ros.node.qos import STREAM
 from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch, warning_of
 
@@ -176,7 +179,7 @@ class Shell:
             if switch:
                 switch.safety.end()
         self._steps += 1
-        self._overruns += self._now() - now > drive.period > 0.0
+        self._overruns += self._now() - now > drive.limit > 0.0
         self._take_notice()
         if switch:
             return self._move(switch, ticket, messages, stamp)
@@ -296,3 +299,18 @@ class Shell:
         self.outputs.flush()
         self._ros_clock.close()
         self.node.destroy_node()
+
+
+def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
+    """Run a block as a node until SIGINT or SIGTERM. Call it in the main thread.
+
+    Args:
+        make: Makes the block from its parameters: usually its class.
+        params: The dataclass of its parameters.
+        argv: Command line without the program's name; None for that of the process.
+        name: The node's name; None for that of ``make``, in snake case.
+
+    Returns:
+        The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends, see `process.run`.
+    """
+    return process.run(lambda context: Shell(make, params, name=name, context=context), argv, executor=SwiftExecutor)

@@ -11,9 +11,9 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym_ros.base.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
 

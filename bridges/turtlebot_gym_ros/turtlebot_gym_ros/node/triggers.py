@@ -23,7 +23,6 @@ class Grid:
     """
 
     def __init__(self, trigger: Every) -> None:
-        self.period = trigger.period
         self._period_ns = round(trigger.period * SECOND)
         self._next: int | None = None
 
@@ -37,16 +36,6 @@ class Grid:
             self._next += self._period_ns
             early = self._period_ns // 4
             yield stamp
-
-    def interval(self, stamp: int) -> float:
-        """Return the length of a step, s."""
-        return self.period
-
-    def pause(self) -> None:
-        """Record that a step was skipped; the grid stays."""
-
-    def reset(self) -> None:
-        """Restart; the grid stays."""
 
 
 class SimulatedGrid(Grid):

@@ -30,10 +30,12 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 
+from turtlebot_gym.validation import check_fields, named, ranged
 from turtlebot_gym.values import Command, Pose, State
+from turtlebot_gym_ros.base.parameters import declare
+from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.recording.bag import Bag
-from turtlebot_gym_ros.robot.standalone import declare, run
 
 SNAPSHOTS: dict[str, type] = {"odom": State, "true_state": State, "estimate": State, "reference": Pose, "cmd_vel": Command}
 """Topics of a snapshot and their components, each a column: ``odom_x``, ``odom_y``, ..."""
@@ -55,18 +57,15 @@ class Parameters:
 
     output: str = ""
     """New folder for the bag and ``snapshots.csv``; by default named ``bags/``, the namespace and the time."""
-    storage: str = "sqlite3"
+    storage: str = named("sqlite3", "sqlite3", "mcap")
     """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
-    snapshot_period: float = 0.1
+    snapshot_period: float = ranged(0.1, 0.0, 3600.0, " s")
     """Time between two rows of the CSV file, s, by the ROS clock; 0 writes none."""
     enable_stamped_cmd_vel: bool = True
     """Type to record if a topic has both: TwistStamped (true) or Twist (false)."""
 
     def __post_init__(self) -> None:
-        if self.storage not in ("sqlite3", "mcap"):
-            raise ValueError(f"parameter 'storage' must be sqlite3 or mcap, got {self.storage!r}")
-        if not 0.0 <= self.snapshot_period <= 3600.0:
-            raise ValueError(f"parameter 'snapshot_period' must be in [0, 3600] s, got {self.snapshot_period!r}")
+        check_fields(self)
 
 
 class Topic(NamedTuple):
@@ -105,7 +104,8 @@ class DataLogger(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
-        self._p = p = declare(self, Parameters)
+        (p,) = declare(self, Parameters)
+        self._p = p
         space = self.get_namespace().strip("/")
         self._own = f"/{space}/" if space else "/"
         folder = Path(p.output or Path("bags", space, time.strftime("%Y-%m-%dT%H-%M-%S"))).absolute()

@@ -12,14 +12,16 @@ builds only on these and on the core's pure limits; the node around it is in `gu
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from turtlebot_gym.files import is_file
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.validation import check_fields, named, ranged
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits, Scan
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
 from turtlebot_gym_ros.robot.monitor import Monitor, Timing
@@ -34,23 +36,11 @@ BLIND = 0.5
 """Time after such a gap in which a backlog may arrive, s: undated messages are refused, and silence is not yet a press."""
 
 
-def within(default: float, low: float, high: float, unit: str, *, above: bool = False) -> Any:
-    """Return a parameter with its range, whose lower end may be excluded."""
-    rule = f"in {'(' if above else '['}{low:g}, {high:g}]{unit}"
-    return field(default=default, metadata={"range": (low, high), "above": above, "rule": rule})
-
-
-def one_of(default: str, *names: str, or_file: bool = False) -> Any:
-    """Return a parameter that is one of some names, or a file if that is allowed."""
-    rule = f"one of {', '.join(names)}{', or a FILE.yaml' if or_file else ''}"
-    return field(default=default, metadata={"names": names, "or_file": or_file, "rule": rule})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
-    robot: str = one_of("burger", *ROBOTS, or_file=True)
+    robot: str = named("burger", *ROBOTS, or_else=is_file, other=", or a FILE.yaml")
     """Preset, or file (see `turtlebot_gym.files`), whose limits hold per axis and per wheel."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
@@ -60,74 +50,68 @@ class Parameters:
     """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
     start_enabled: bool = True
     """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
-    max_age: float = within(0.4, 0.0, 0.5, " s", above=True)
+    max_age: float = ranged(0.4, 0.0, 0.5, " s", above=True)
     """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
-    rate: float = within(50.0, 50.0, 200.0, " Hz")
+    rate: float = ranged(50.0, 50.0, 200.0, " Hz")
     """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
-    max_acceleration: float = within(2.5, 0.0, 1000.0, " m/s^2", above=True)
+    max_acceleration: float = ranged(2.5, 0.0, 1000.0, " m/s^2", above=True)
     """Limit of each wheel's acceleration at the rim, m/s^2. It never delays a stop."""
-    speed_scale: float = within(1.0, 0.0, 1.0, "", above=True)
+    speed_scale: float = ranged(1.0, 0.0, 1.0, above=True)
     """Factor on every command, at most 1."""
-    geofence: float = within(0.0, 0.0, 1e6, " m")
+    geofence: float = ranged(0.0, 0.0, 1e6, " m")
     """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
-    geofence_topic: str = one_of("odom", "odom", "estimate")
+    geofence_topic: str = named("odom", "odom", "estimate")
     """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
     collision_monitor: bool = False
     """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
-    collision_margin: float = within(0.05, 0.0, 1.0, " m")
+    collision_margin: float = ranged(0.05, 0.0, 1.0, " m")
     """Width of the stop zone around the footprint, m."""
-    collision_time: float = within(1.0, 0.5, 10.0, " s")
+    collision_time: float = ranged(1.0, 0.5, 10.0, " s")
     """Time to collision below which a command is slowed down, s."""
-    escape_speed: float = within(0.05, 0.0, 0.1, " m/s")
+    escape_speed: float = ranged(0.05, 0.0, 0.1, " m/s")
     """Speed at which a robot may creep away from obstacles in its stop zone, m/s; with 0 it stands."""
-    scan_age: float = within(0.4, 0.0, 0.5, " s", above=True)
+    scan_age: float = ranged(0.4, 0.0, 0.5, " s", above=True)
     """Age from which a scan no longer counts, s. It counts from when the scan was sent."""
-    scan_period: float = within(0.2, 0.0, 0.5, " s")
+    scan_period: float = ranged(0.2, 0.0, 0.5, " s")
     """Time of one revolution of the LiDAR, s."""
-    scan_error: float = within(0.085, 0.0, 0.5, "")
+    scan_error: float = ranged(0.085, 0.0, 0.5)
     """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
-    reaction: float = within(0.2, 0.0, 0.5, " s")
+    reaction: float = ranged(0.2, 0.0, 0.5, " s")
     """Longest delay of wheels and LiDAR driver, s."""
-    scan_mount: str = one_of("robot", "robot", "given")
+    scan_mount: str = named("robot", "robot", "given")
     """Whether to use the preset's footprint and mount, or the five parameters below."""
-    footprint_x: float = within(0.0, -1.0, 1.0, " m")
+    footprint_x: float = ranged(0.0, -1.0, 1.0, " m")
     """Centre of the footprint ahead of the axle, m; its radius is that of the preset."""
-    scan_x: float = within(0.0, -1.0, 1.0, " m")
+    scan_x: float = ranged(0.0, -1.0, 1.0, " m")
     """Position of the LiDAR ahead of the axle, m."""
-    scan_y: float = within(0.0, -1.0, 1.0, " m")
+    scan_y: float = ranged(0.0, -1.0, 1.0, " m")
     """Position of the LiDAR to the left, m."""
-    scan_yaw: float = within(0.0, -2.0 * math.pi, 2.0 * math.pi, " rad")
+    scan_yaw: float = ranged(0.0, -2.0 * math.pi, 2.0 * math.pi, " rad")
     """Direction of the scan's angle 0 in the robot's frame, rad."""
     scan_frame: str = "base_scan"
     """Frame of the scans, without a prefix; scans of other frames are refused."""
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value, rule = getattr(self, each.name), each.metadata
-            low, high = rule.get("range", (value, value))
-            in_range = low <= value <= high and not (rule.get("above") and value == low)
-            in_file = bool(rule.get("or_file")) and is_file(value)
-            if not in_range or not (in_file or value in rule.get("names", (value,))):
-                raise ValueError(f"parameter {each.name!r} must be {rule['rule']}, got {value!r}")
+        check_fields(self)
         if self.collision_monitor and self.scan_mount == "robot" and self.robot not in MOUNTS:
-            raise ValueError(f"parameter 'scan_mount' must be 'given' for a robot from a file, got {self.scan_mount!r}")
+            raise ValueError(f"scan_mount must be 'given' for a robot from a file, got {self.scan_mount!r}.")
 
 
-class Heard(NamedTuple):
+class _Heard(NamedTuple):
     """A command with the steady time at which it was sent, s."""
 
     sent: float
     command: Command
 
 
-def monitor_of(p: Parameters, now: float) -> Monitor | None:
+def _monitor_of(p: Parameters, now: float) -> Monitor | None:
     """Return the collision monitor, if it is switched on."""
     if not p.collision_monitor:
         return None
     robot, timing = make_robot(p.robot), Timing(p.scan_age, p.scan_period, p.reaction)
-    given = p.footprint_x, p.scan_x, p.scan_y, p.scan_yaw, p.scan_frame
-    center, x, y, yaw, frame = given if p.scan_mount == "given" else MOUNTS[p.robot]
-    body = Body(robot.radius, center, x, y, yaw, p.frame_prefix + frame)
+    given = p.footprint_x, Mount(p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw)
+    center_x, mount = given if p.scan_mount == "given" else MOUNTS[p.robot]
+    body = Body(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     return Monitor(body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now)
 
@@ -143,8 +127,8 @@ class Arbiter:
         self._p = parameters
         self._robot = make_robot(parameters.robot)
         self.buttons = EmergencyStop()
-        self.monitor = monitor_of(parameters, now)
-        self._heard: dict[str, Heard] = {}
+        self.monitor = _monitor_of(parameters, now)
+        self._heard: dict[str, _Heard] = {}
         self._news: set[str] = set()
         self._distance = (now, math.inf)
         self._awake, self._since, self._blind_until = now, now, now
@@ -177,7 +161,7 @@ class Arbiter:
         elif now - sent > self._p.max_age:
             self.refused["too old"] += 1
         elif sent >= self._since and (source not in self._heard or sent >= self._heard[source].sent):
-            self._heard[source] = Heard(sent, command)
+            self._heard[source] = _Heard(sent, command)
             self._news.add(source)
 
     def hear_emergency(

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.base.frames import Mount
 
 ALL_ROUND = 2.0 * math.pi - 0.1
 """Least angle that a scan must cover, rad: the robot moves in all directions, and unseen space is not free."""
@@ -44,25 +45,20 @@ class Body(NamedTuple):
     """Radius of the footprint, m."""
     center_x: float
     """Centre of the footprint, ahead of the axle, m."""
-    scan_x: float
-    """Position of the LiDAR, m."""
-    scan_y: float
-    scan_yaw: float
-    """Direction of the angle 0 of its scans, rad."""
-    scan_frame: str
-    """Frame of its scans, with the prefix of the robot's frames if any."""
+    scan: Mount
+    """Mount of the LiDAR; its frame with the prefix of the robot's frames if any."""
 
 
 MOUNTS = {
     # URDF of each robot. Burger: a body of 0.14 x 0.14 m around x = -0.032 m, and wheels that reach to x = 0.033 m; a radius of
     # 0.105 m around -0.024 m encloses both. Waffle: 0.266 x 0.266 m around x = -0.064 m.
-    "burger": (-0.024, -0.032, 0.0, 0.0, "base_scan"),
-    "waffle": (-0.064, -0.064, 0.0, 0.0, "base_scan"),
+    "burger": (-0.024, Mount("base_scan", -0.032, 0.0, 0.0)),
+    "waffle": (-0.064, Mount("base_scan", -0.064, 0.0, 0.0)),
     # Create 3: a round body around the axle. RPLIDAR A1 as on the Standard model; its scans begin at the left.
-    "turtlebot4": (0.0, -0.04, 0.0, math.pi / 2.0, "rplidar_link"),
-    "tutorial": (-0.024, -0.032, 0.0, 0.0, "base_scan"),
+    "turtlebot4": (0.0, Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0)),
+    "tutorial": (-0.024, Mount("base_scan", -0.032, 0.0, 0.0)),
 }
-"""Fields of `Body` after the radius, by robot."""
+"""Centre of the footprint, m, and mount of the LiDAR, by robot."""
 
 
 class Limits(NamedTuple):
@@ -109,9 +105,9 @@ def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[n
     Raises:
         ValueError: With one line, if the scan is malformed, is of another frame, or does not cover all directions.
     """
-    ranges = np.asarray(scan.ranges, np.float64)
-    if body.scan_frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a configured prefix, any is accepted
-        raise ValueError(f"its frame is {scan.frame!r}, not {body.scan_frame!r}: is the mount that of another LiDAR?")
+    ranges, mount = np.asarray(scan.ranges, np.float64), body.scan
+    if mount.frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a configured prefix, any is accepted
+        raise ValueError(f"its frame is {scan.frame!r}, not {mount.frame!r}: is the mount that of another LiDAR?")
     for name in ("angle_min", "angle_increment", "range_min", "range_max"):
         if not math.isfinite(getattr(scan, name)):
             raise ValueError(f"{name} is {getattr(scan, name)}")
@@ -123,7 +119,7 @@ def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[n
         raise ValueError(
             f"{ranges.size} ranges with an angle_increment of {scan.angle_increment:g} rad do not cover all directions"
         )
-    blind = math.hypot(body.scan_x - body.center_x, body.scan_y) + scan.range_min * (1.0 - limits.error)
+    blind = math.hypot(mount.x - body.center_x, mount.y) + scan.range_min * (1.0 - limits.error)
     if scan.range_min > 0.0 and blind > body.radius + limits.margin:
         raise ValueError(
             f"it sees nothing below range_min, {scan.range_min:g} m, so the margin must be at least {blind - body.radius:.3f} m"
@@ -134,8 +130,8 @@ def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[n
     if (ranges < 0.0).any():
         raise ValueError("it has negative ranges")
     seen = np.flatnonzero((ranges > 0.0) & np.isfinite(ranges))
-    angles, ranges = scan.angle_min + scan.angle_increment * seen + body.scan_yaw, ranges[seen]
-    x, y = body.scan_x + ranges * np.cos(angles), body.scan_y + ranges * np.sin(angles)
+    angles, ranges = scan.angle_min + scan.angle_increment * seen + mount.yaw, ranges[seen]
+    x, y = mount.x + ranges * np.cos(angles), mount.y + ranges * np.sin(angles)
     radius = body.radius + limits.margin + limits.error * ranges
     points = np.stack((x, y, radius))
     return points[:, gaps(points, body.center_x) <= reach]

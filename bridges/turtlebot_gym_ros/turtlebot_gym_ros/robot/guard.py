@@ -3,7 +3,7 @@
 It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. Unless
 ``collision_monitor`` is switched on it does NOT SEE OBSTACLES. It does not use the shell of the other nodes and shares little
 with them: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a message
-(`sent`), `discovery`, and the description of parameters (`standalone`).
+(`sent`), and `base`.
 
 **Its own death is not covered**: a TurtleBot3 holds its last command indefinitely, so a killed guard leaves the robot moving.
 The launch file respawns it, and a guard's first messages are zeros.
@@ -50,22 +50,20 @@ from rclpy.clock_type import ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.base.parameters import declare
+from turtlebot_gym_ros.base.process import run
+from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.report import Report
 from turtlebot_gym_ros.robot.sent import Age, SystemClock, age_of, read_clocks
-from turtlebot_gym_ros.robot.standalone import declare, run
-
-LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class CmdVelGuard(Node):
@@ -73,7 +71,7 @@ class CmdVelGuard(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("cmd_vel_guard", context=context, automatically_declare_parameters_from_overrides=True)
-        p = declare(self, Parameters)
+        (p,) = declare(self, Parameters)
         self._p, self._clock_watch = p, SystemClock()
         self._arbiter = Arbiter(p, self._now())
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
@@ -202,7 +200,7 @@ class CmdVelGuard(Node):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_guard``."""
-    return run(CmdVelGuard, argv)
+    return run(CmdVelGuard, argv, local=False)  # it runs on the robot, and serves the network
 
 
 if __name__ == "__main__":

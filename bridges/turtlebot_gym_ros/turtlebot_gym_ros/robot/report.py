@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from turtlebot_gym_ros.base.names import node_name, type_name
+from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.sent import Age
 
@@ -48,24 +48,10 @@ class Report:
         node = self._node
         level, text = self._problem(now, robots)
         if text != self._said:
-            # one line for each severity: rclpy raises if a line changes its severity
-            if level == DiagnosticStatus.OK:
-                node.get_logger().info(text)
-            elif level == DiagnosticStatus.WARN:
-                node.get_logger().warning(text)
-            else:
-                node.get_logger().error(text)
+            log(node, level, text)
         self._said = text
-        status = DiagnosticStatus(
-            level=level,
-            name=node.get_fully_qualified_name(),
-            message=text,
-            hardware_id=f"{node.get_namespace()}/{self._p.robot}".strip("/"),
-            values=[KeyValue(key=f"refused, {why}", value=str(count)) for why, count in self._arbiter.refused.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = node.get_clock().now().to_msg()
-        return message
+        values = {f"refused, {why}": count for why, count in self._arbiter.refused.items()}
+        return report(node, level, text, hardware=f"{node.get_namespace()}/{self._p.robot}".strip("/"), values=values)
 
     def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
         """Return the level and the text of the gravest problem, or of the state."""
@@ -73,46 +59,38 @@ class Report:
         topics = [node.resolve_topic_name(name) for name in ("cmd_vel", "cmd_vel_teleop", "cmd_vel_in")]
         speakers = node.get_publishers_info_by_topic(topics[0])
         if len(speakers) > 1:
-            names = ", ".join(sorted(_name(info) for info in speakers))
-            return DiagnosticStatus.ERROR, f"{topics[0]} must have one publisher, the guard, but has {names}"
+            names = ", ".join(sorted(node_name(info) for info in speakers))
+            return ERROR, f"{topics[0]} must have one publisher, the guard, but has {names}"
         if mismatch := self._mismatch(topics):
-            return DiagnosticStatus.ERROR, mismatch
+            return ERROR, mismatch
         if self._arbiter.emergency:
             service = node.resolve_service_name("~/enable")
             why = self._arbiter.buttons.trouble(now) or "the emergency stop was pressed, or silent"
-            return DiagnosticStatus.ERROR, (
-                f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"'
-            )
+            return ERROR, (f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"')
         if self._arbiter.outside(now):
-            return DiagnosticStatus.WARN, f"not known to be within {self._p.geofence} m of the origin: only a person drives"
+            return WARN, f"not known to be within {self._p.geofence} m of the origin: only a person drives"
         monitor = self._arbiter.monitor
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")
-            return DiagnosticStatus.ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
+            return ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
         if monitor and monitor.state:
-            return DiagnosticStatus.WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
+            return WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():
             if now - heard <= RECENT:
-                return DiagnosticStatus.WARN, why
+                return WARN, why
         if robots == 0:
-            return DiagnosticStatus.WARN, f"{topics[0]} has no listener"
-        return DiagnosticStatus.OK, self._arbiter.state
+            return WARN, f"{topics[0]} has no listener"
+        return OK, self._arbiter.state
 
     def _mismatch(self, topics: list[str]) -> str:
         """Return which node uses the other type of command, and what to type; or an empty text."""
         node, stamped = self._node, self._p.enable_stamped_cmd_vel
-        package, name = self._type.__module__.split(".")[0], self._type.__name__
         for topic in topics:
             for info in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
-                if info.topic_type != f"{package}/msg/{name}":
+                if info.topic_type != type_name(self._type):
                     mine, other = (f"-p enable_stamped_cmd_vel:={str(each).lower()}" for each in (stamped, not stamped))
                     return (
-                        f"{_name(info)} has {info.topic_type} on {topic}, the guard {name}: start the guard with {other}, "
-                        f"or that node with {mine}"
+                        f"{node_name(info)} has {info.topic_type} on {topic}, the guard {self._type.__name__}: start the guard "
+                        f"with {other}, or that node with {mine}"
                     )
         return ""
-
-
-def _name(info: Any) -> str:
-    """Return the full name of a topic's user."""
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"

@@ -1,8 +1,12 @@
-"""Namespaces: several robots in one graph, each with the same nodes and topics below its own name."""
+"""Names in the graph: of nodes, of message types, and of namespaces, in which several robots share one graph."""
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 ROOT = "/"
 """Root namespace, for a graph without its own."""
@@ -29,3 +33,14 @@ def prefix_of(namespace: str) -> str:
 def remapping(namespace: str) -> list[str]:
     """Return the command-line arguments that put a node into a namespace."""
     return [] if absolute(namespace) == ROOT else ["--ros-args", "-r", f"__ns:={absolute(namespace)}"]
+
+
+def node_name(info: TopicEndpointInfo) -> str:
+    """Return the full name of the node that publishes or subscribes to a topic."""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def type_name(message_type: type) -> str:
+    """Return a message type's name as the graph writes it: "geometry_msgs/msg/Twist"."""
+    package, kind, *_ = message_type.__module__.split(".")
+    return f"{package}/{kind}/{message_type.__name__}"

@@ -9,6 +9,10 @@ LOCK_STEP = QoSProfile(depth=10_000)
 """Reliable, with long histories: in lock-step every message counts, and a recorder may be suspended for seconds."""
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort: a subscription with it matches reliable and best-effort publishers."""
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort, of which only the last message counts."""
+EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort, of which no message that has arrived is dropped, such as the press of a button."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late joiners receive the last value."""
 

@@ -1,0 +1,1 @@
+"""What the guard and the nodes share: parameters, frames, names, quality of service, discovery and processes."""

@@ -1,0 +1,56 @@
+"""Frames of a robot and its sensors. Does not depend on ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class Mount(NamedTuple):
+    """A sensor's frame, and its pose in the robot's frame."""
+
+    frame: str
+    """Name of the frame, without the prefix of the robot's frames."""
+    x: float
+    """m"""
+    y: float
+    yaw: float
+    """Direction of its x axis, rad."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Common:
+    """Parameters of every node; a block's parameters may override their defaults."""
+
+    frame: str = "odom"
+    """World frame. Poses in other frames are refused."""
+    body_frame: str = "base_footprint"
+    """The robot's frame in estimates and commands."""
+    frame_prefix: str = ""
+    """Prefix of both frames, such as "robot1/" for robot1/odom, like that of robot_state_publisher, so that robots share one
+    tree."""
+    enable_stamped_cmd_vel: bool = True
+    """Whether velocities are TwistStamped, as on a Jazzy robot, or Twist, as on a Humble one."""
+    start_enabled: bool = False
+    """Whether a node that moves a robot starts enabled, without a call of ``~/enable``."""
+    lock_step: bool = False
+    """Whether time is simulated and waits for each step's answer, see `lockstep`; must be the same in all nodes. Never on a
+    robot."""
+
+    def __post_init__(self) -> None:
+        if self.lock_step and not self.enable_stamped_cmd_vel:
+            raise ValueError("lock_step needs enable_stamped_cmd_vel: an unstamped Twist cannot be tied to a step.")
+
+    @property
+    def world(self) -> str:
+        """The world frame with its prefix."""
+        return self.frame_prefix + self.frame
+
+    @property
+    def body(self) -> str:
+        """The robot's frame with its prefix."""
+        return self.frame_prefix + self.body_frame
+
+    def sensor(self, mount: Mount) -> str:
+        """The frame of a sensor with its prefix."""
+        return self.frame_prefix + mount.frame

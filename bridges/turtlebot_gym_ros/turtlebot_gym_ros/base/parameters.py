@@ -1,0 +1,97 @@
+"""Dataclasses as ROS parameters, which are checked once before anything is published and read-only from then on.
+
+rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; this module does the opposite.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from dataclasses import MISSING, Field, fields
+from difflib import get_close_matches
+from itertools import pairwise
+from textwrap import dedent
+from typing import Any, get_type_hints
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def declare(node: Node, *params: type) -> tuple[Any, ...]:
+    """Declare the fields of parameter classes as read-only parameters of a node, and return the filled classes.
+
+    Args:
+        node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
+        *params: Dataclasses with defaults for all fields, whose docstrings are the descriptions; fields made by
+            `turtlebot_gym.validation.ranged` show their range. If two share a name, the later one counts.
+
+    Raises:
+        ValueError: With one line, if a given parameter does not exist, has the wrong type, or is refused by its class.
+    """
+    declared = {item.name: item for each in params for item in fields(each)}
+    kinds = {name: kind for each in params for name, kind in get_type_hints(each).items()}
+    texts = {name: text for each in params for name, text in _descriptions(each).items()}
+    given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
+    for name in given:
+        if name not in declared and not name.startswith(_ROS_OWN):
+            close = get_close_matches(name, declared, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(declared))}."
+            raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
+    values = {
+        name: _converted(name, given[name].value, kinds[name]) if name in given else _default(item)
+        for name, item in declared.items()
+    }
+    made = tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)
+    for name, item in declared.items():
+        if name in given:
+            node.undeclare_parameter(name)
+        descriptor = _descriptor(item, texts.get(name, ""))
+        try:
+            node.declare_parameter(name, values[name], descriptor, ignore_override=True)
+        except ParameterException as error:  # what only the range refuses
+            raise ValueError(f"{name} must be {descriptor.additional_constraints}, got {values[name]!r}.") from error
+    return made
+
+
+def _default(item: Field[Any]) -> Any:
+    return item.default if item.default_factory is MISSING else item.default_factory()
+
+
+def _converted(name: str, value: Any, kind: type) -> Any:
+    """Return a parameter's value in its type; integers are accepted as floats."""
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if type(value) is not kind:
+        raise ValueError(f"{name} must be of type {kind.__name__}, got {value!r} ({type(value).__name__}).")
+    return value
+
+
+def _descriptions(params: type) -> dict[str, str]:
+    """Return the docstring under each field of a class, on one line; empty if the source is not available."""
+    try:
+        (made,) = ast.parse(dedent(inspect.getsource(params))).body
+    except (OSError, TypeError, SyntaxError):  # TypeError: of a module without a file
+        return {}
+    assert isinstance(made, ast.ClassDef)
+    return {
+        item.target.id: " ".join(text.value.value.split())
+        for item, text in pairwise(made.body)
+        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }
+
+
+def _descriptor(item: Field[Any], description: str) -> ParameterDescriptor:
+    """Return the description of a parameter for ``ros2 param describe``."""
+    descriptor = ParameterDescriptor(read_only=True, description=description)
+    descriptor.additional_constraints = str(item.metadata.get("rule", ""))
+    if "range" in item.metadata:
+        low, high = item.metadata["range"]
+        if isinstance(item.default, int):
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        else:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    return descriptor

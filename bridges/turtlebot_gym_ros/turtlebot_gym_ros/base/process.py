@@ -1,0 +1,199 @@
+"""Run nodes: an executor in its own thread, so that the main thread is free for signals, tests and notebooks."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from threading import Thread
+from typing import Any, NoReturn, Protocol
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.swift import SwiftExecutor
+
+LAST_WORD = 4.0
+"""Time after which a process that was asked to end is terminated, s; launch files escalate at 5 s."""
+SETTLE = 0.3
+"""Time in which the announcements of nodes that end at the same moment usually arrive, s."""
+_ENDINGS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Runnable(Protocol):
+    """What a `Runner` runs: a node, or an object around one, whose ``close`` then also destroys it."""
+
+    def close(self) -> None:
+        """Publish what is left to publish."""
+        ...
+
+
+class Runner:
+    """A context, and an executor that runs nodes in its own thread.
+
+    Args:
+        arguments: Command line, whose part after ``--ros-args`` applies to all its nodes.
+        domain: ROS domain; None for that of the environment.
+        executor: Type of the executor.
+        local: Whether discovery stays on this machine unless the environment says otherwise.
+    """
+
+    def __init__(
+        self,
+        arguments: Sequence[str] = (),
+        *,
+        domain: int | None = None,
+        executor: type[Executor] = SwiftExecutor,
+        local: bool = True,
+    ) -> None:
+        prepare(local=local)
+        self.context = Context()
+        # rclpy's own signal handlers end the context first, and then no zeros can be sent.
+        options = SignalHandlerOptions.NO
+        rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
+        self._executor = executor(context=self.context)
+        self._running: list[Runnable] = []
+        self._closing = False
+        self._thread = Thread(target=self._spin, name="executor", daemon=True)
+        self.failed: Callable[[], None] = lambda: None
+        """Called if the thread ends with an error, after which no node runs any more."""
+
+    def add(self, runnable: Runnable) -> None:
+        """Add a node; it runs at once if the runner has started."""
+        self._running.append(runnable)
+        self._executor.add_node(_node_of(runnable))
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except Exception:
+            if not self._closing:  # a stuck step may return after its node is gone
+                self.failed()
+                raise
+
+    def close(self) -> None:
+        """Shut down the nodes, last added first, then the thread and the context, even if a block is stuck in a step."""
+        self._closing = True
+        self._executor.shutdown(timeout_sec=0.5)
+        if self._thread.is_alive():
+            self._thread.join(0.5)
+        for runnable in reversed(self._running):
+            runnable.close()
+            if isinstance(runnable, Node):
+                runnable.destroy_node()
+        self._running.clear()
+        if self.context.ok():
+            self.context.shutdown()
+
+
+def _node_of(runnable: Any) -> Node:
+    return runnable if isinstance(runnable, Node) else runnable.node
+
+
+def refuse(error: BaseException) -> int:
+    """Print the reason why a node does not start on one line, and return its exit code."""
+    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
+
+
+@contextmanager
+def endings_wait() -> Iterator[Callable[[], None]]:
+    """Catch SIGINT and SIGTERM, and yield a function that waits for the first one, including one that came earlier.
+
+    So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
+    library do not block them, and a signal taken by such a thread ends the process. The handler writes to a pipe, whichever
+    thread it runs in.
+    """
+    noted, note = os.pipe()
+    os.set_blocking(note, False)
+    handlers = {ending: signal.signal(ending, lambda *_: None) for ending in _ENDINGS}
+    before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while os.read(noted, 1)[0] not in _ENDINGS:
+            pass
+
+    try:
+        yield wait
+    finally:
+        signal.set_wakeup_fd(before)
+        for ending, handler in handlers.items():
+            signal.signal(ending, handler)
+        os.close(noted)
+        os.close(note)
+
+
+def run(
+    make: Callable[[Context], Runnable],
+    argv: Sequence[str] | None = None,
+    *,
+    executor: type[Executor] = SingleThreadedExecutor,
+    local: bool = True,
+) -> int:
+    """Run a node until SIGINT or SIGTERM. Call it in the main thread.
+
+    Args:
+        make: Makes the node in a context; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its arguments.
+        argv: Command line without the program's name; None for that of the process.
+        executor: Type of the executor.
+        local: Whether discovery stays on this machine unless the environment says otherwise.
+
+    Returns:
+        The exit code 2, with one line on stderr, if the arguments were refused. Otherwise the process ends: with code 0, or 1
+        after an error in a callback.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    failures: list[int] = []
+    with endings_wait() as wait_for_the_end:
+        try:
+            runner = Runner(arguments, executor=executor, local=local)
+        except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
+            return refuse(error)
+        try:
+            # Arguments before --ros-args would be taken as remappings in an old syntax, or ignored.
+            for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
+                raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
+            runner.add(make(runner.context))
+        except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
+            runner.close()
+            return refuse(error)
+
+        def fail() -> None:
+            failures.append(1)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+        runner.failed = fail
+        runner.start()
+        wait_for_the_end()
+        return _leave(runner, code=len(failures))
+
+
+def _leave(runner: Runner, *, code: int) -> NoReturn:
+    """Close a runner's nodes, then its DDS participant when the network is quiet, and end the process.
+
+    The PyPI build of Fast DDS deadlocks if it destroys a participant during a discovery callback: it waits for the callback
+    while it holds the lock that the callback needs (eProsima/Fast-DDS #6513). Many callbacks run when a whole graph ends at
+    once. A participant is destroyed with its last node, so one node is kept until the departure of the others has been
+    announced.
+    """
+    faulthandler.dump_traceback_later(LAST_WORD, exit=True)  # also ends a hang in C, and shows where it is
+    keeper = Node("_leaving", context=runner.context, enable_rosout=False, start_parameter_services=False)
+    runner.close()
+    time.sleep(SETTLE)
+    keeper.destroy_node()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

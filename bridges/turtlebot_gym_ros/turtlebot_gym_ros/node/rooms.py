@@ -1,0 +1,175 @@
+"""What a robot sees and what surrounds it, as messages: scans, clearances, obstacles and maps.
+
+Ranges are bit-exact. By the definition of `sensor_msgs/LaserScan`, ranges outside its limits are discarded: such a beam
+returned nothing, and becomes infinite, except for minus infinity, which by REP 117 means that something is nearer than
+``range_min``. A scan without valid directions or ranges is refused.
+
+A room's walls and obstacles are visualization markers, which RViz draws and `Recorder` reads back. The resolution of a map is
+sent in single precision, and read as the shortest decimal nearest to it, such as 0.05 m.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from nav_msgs.msg import OccupancyGrid
+from rclpy.duration import Duration
+from sensor_msgs.msg import LaserScan, Range
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
+from turtlebot_gym_ros.node.geometry import read_pose, write_pose
+
+TURN = 2.0 * math.pi
+SLACK = 1.5
+"""Tolerance on a scan's full revolution, in beams, since drivers count both ends or one."""
+HEIGHT = 0.3
+"""Height at which obstacles are drawn, m."""
+LINE = 0.05
+"""Width of the line that represents the walls, m."""
+LIFETIME = 3.0
+"""Time after which a viewer removes a marker without an update, s, by the viewer's clock."""
+_GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
+
+
+def read_scan(message: LaserScan) -> Scan:
+    """Return a message's scan.
+
+    Raises:
+        ValueError: If the scan has no ranges or NaN ranges, does not cover a full revolution counter-clockwise, or has
+            impossible limits.
+    """
+    ranges, increment = np.array(message.ranges, np.float32), message.angle_increment
+    beams = len(ranges)
+    if not beams:
+        raise ValueError("the scan has no ranges")
+    if not 0.0 < increment < math.inf:
+        raise ValueError(f"the scan's angle_increment must be positive and finite, got {increment:g}")
+    if not math.isfinite(message.angle_min):
+        raise ValueError(f"the scan's angle_min must be finite, got {message.angle_min:g}")
+    if abs(beams * increment - TURN) > SLACK * increment:
+        raise ValueError(f"the scan must look around a whole turn, but {beams} beams {increment:g} rad apart do not")
+    if not 0.0 <= message.range_min < message.range_max:
+        raise ValueError(f"the scan's range_min must be below range_max, got {message.range_min:g} and {message.range_max:g}")
+    if lost := int(np.isnan(ranges).sum()):
+        raise ValueError(f"{lost} of the scan's {beams} ranges are not numbers (NaN)")
+    least, most = np.float32(message.range_min), np.float32(message.range_max)
+    ranges[ranges == -np.inf] = least
+    ranges[(ranges < least) | (ranges > most)] = np.inf
+    return Scan(
+        ranges, message.angle_min, increment, message.range_min, message.range_max, message.time_increment, message.scan_time
+    )
+
+
+def write_scan(scan: Scan, header: Header) -> LaserScan:
+    """Return a scan's message."""
+    return LaserScan(
+        header=header,
+        angle_min=float(scan.first),
+        angle_max=float(scan.first + (len(scan.ranges) - 1) * scan.increment),
+        angle_increment=float(scan.increment),
+        time_increment=float(scan.beam_period),
+        scan_time=float(scan.period),
+        range_min=float(scan.range_min),
+        range_max=float(scan.range_max),
+        ranges=array("f", np.asarray(scan.ranges, np.float32).tobytes()),
+    )
+
+
+def read_clearance(message: Range) -> Clearance:
+    """Return a message's clearance.
+
+    Raises:
+        ValueError: If the clearance is not a number.
+    """
+    if math.isnan(message.range):
+        raise ValueError("the clearance is not a number")
+    return Clearance(message.range)
+
+
+def write_clearance(clearance: Clearance, header: Header) -> Range:
+    """Return a clearance's message: for all directions, in single precision."""
+    distance = float(clearance.distance)
+    return Range(header=header, field_of_view=TURN, min_range=-math.inf, max_range=math.inf, range=distance)
+
+
+def marker(header: Header, name: str, kind: int, scale: Sequence[float], color: ColorRGBA, *, lifetime: float) -> Marker:
+    """Return a visualization marker of a kind, with its scale, m, and its lifetime, s."""
+    x, y, z = scale
+    until = Duration(seconds=lifetime).to_msg()
+    return Marker(
+        header=header, ns=name, type=kind, action=Marker.ADD, scale=Vector3(x=x, y=y, z=z), color=color, lifetime=until
+    )
+
+
+def _obstacle(header: Header, number: int, kind: int, at: tuple[float, float, float], scale: Sequence[float]) -> Marker:
+    made, (x, y, heading) = marker(header, "obstacles", kind, scale, _GREY, lifetime=LIFETIME), at
+    made.id, made.pose.position = number, Point(x=x, y=y, z=0.5 * HEIGHT)
+    made.pose.orientation.z, made.pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
+    return made
+
+
+def write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
+    """Return the markers of a room: the walls as a line, circles as cylinders, boxes as cubes."""
+    x, y, a, b = room.walls
+    walls = _obstacle(header, 0, Marker.LINE_STRIP, (0.0, 0.0, 0.0), (LINE, 0.0, 0.0))
+    corners = ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b))
+    walls.points = [Point(x=x + u, y=y + v, z=0.0) for u, v in corners]
+    markers = [walls]
+    for cx, cy, radius in room.circles:
+        size = (2.0 * radius, 2.0 * radius, HEIGHT)
+        markers.append(_obstacle(header, len(markers), Marker.CYLINDER, (cx, cy, 0.0), size))
+    for bx, by, length, width, heading in room.boxes:
+        markers.append(_obstacle(header, len(markers), Marker.CUBE, (bx, by, heading), (length, width, HEIGHT)))
+    return MarkerArray(markers=markers)
+
+
+def read_obstacles(message: MarkerArray) -> Obstacles:
+    """Return the room from markers made by `write_obstacles`.
+
+    Raises:
+        ValueError: If the markers hold no walls.
+    """
+    circles, boxes, walls = [], [], None
+    for each in message.markers:
+        place = each.pose
+        at = place.position.x, place.position.y
+        if each.type == Marker.CYLINDER:
+            circles.append((*at, 0.5 * each.scale.x))
+        elif each.type == Marker.CUBE:
+            boxes.append((*at, each.scale.x, each.scale.y, 2.0 * math.atan2(place.orientation.z, place.orientation.w)))
+        elif each.type == Marker.LINE_STRIP and len(each.points) == 5:
+            low, high = each.points[0], each.points[2]
+            walls = 0.5 * (low.x + high.x), 0.5 * (low.y + high.y), 0.5 * (high.x - low.x), 0.5 * (high.y - low.y)
+    if walls is None:
+        raise ValueError("the markers show no walls")
+    return Obstacles(walls, tuple(circles), tuple(boxes))
+
+
+def read_grid(message: OccupancyGrid) -> GridMap:
+    """Return a message's map.
+
+    Raises:
+        ValueError: If its numbers of cells, rows and columns contradict each other.
+    """
+    info = message.info
+    if len(message.data) != info.height * info.width:
+        raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
+    cells = np.array(message.data, np.int8).reshape(info.height, info.width)
+    return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=read_pose(info.origin))
+
+
+def write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
+    """Return a map's message."""
+    message = OccupancyGrid(header=header, data=array("b", grid.cells.tobytes()))
+    info = message.info
+    info.map_load_time, info.resolution = header.stamp, float(grid.resolution)
+    info.height, info.width = grid.cells.shape
+    write_pose(info.origin, grid.origin)
+    return message
