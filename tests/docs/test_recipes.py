@@ -1,0 +1,83 @@
+"""The recipes of CONTRIBUTING, followed to the letter: their files stand beside the package's own, their code runs."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from pages import ROOT, blocks_of
+
+pytest.importorskip("rclpy", reason="needs the extra [ros]")
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+PAGE = ROOT / "CONTRIBUTING.md"
+HEADINGS = {
+    number: line.removeprefix("### ")
+    for number, line in enumerate(PAGE.read_text(encoding="utf-8").splitlines(), 1)
+    if line.startswith("### ")
+}
+PRELUDE = """
+import importlib
+for package in {packages!r}:
+    name = package.removeprefix("bridges/turtlebot_gym_ros/").removeprefix("agents/").replace("/", ".")
+    module = importlib.import_module(name)
+    module.__path__.append({root!r} + "/" + package)
+for line, text in {blocks!r}:
+    exec(compile("\\n" * line + text, {page!r}, "exec"))
+"""
+
+
+def recipe(heading):
+    """Return the code blocks below a heading."""
+    starts = [*HEADINGS, 10**6]
+    first = next(number for number, text in HEADINGS.items() if text == heading)
+    after = min(number for number in starts if number > first)
+    return [block for block in blocks_of(PAGE) if first < block.line < after]
+
+
+def follow(headings, folder, *, plain=True):
+    """Write the files of recipes, and run their other blocks in one process, in plain Python or compiled."""
+    blocks = [block for heading in headings for block in recipe(heading)]
+    files = {block.title: block.text for block in blocks if block.title}
+    for title, text in files.items():
+        (folder / title).parent.mkdir(parents=True, exist_ok=True)
+        (folder / title).write_text(text, encoding="utf-8")
+    packages = sorted({title.rpartition("/")[0] for title in files})
+    run = [(block.line, block.text) for block in blocks if not block.title]
+    script = PRELUDE.format(packages=packages, root=str(folder), blocks=run, page=str(PAGE))
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", script],
+        cwd=ROOT, env={**os.environ, "NUMBA_DISABLE_JIT": str(int(plain))}, capture_output=True, text=True,
+    )  # fmt: skip
+
+
+def test_each_extension_has_a_recipe():
+    assert {*HEADINGS.values()} == {"A sensor", "A filter", "A reward", "A robot", "A plant", "A node"}
+    for heading in HEADINGS.values():
+        assert any("assert " in block.text for block in recipe(heading) if not block.title), heading
+
+
+@pytest.mark.parametrize("headings", [["A sensor", "A filter"], ["A reward"], ["A robot"], ["A plant"], ["A node"]], ids=str)
+def test_a_recipe_works_to_the_letter(headings, tmp_path):
+    done = follow(headings, tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.nightly
+def test_the_recipe_of_a_sensor_works_compiled(tmp_path):
+    done = follow(["A sensor", "A filter"], tmp_path, plain=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_recipes_are_formatted_as_the_code(tmp_path):
+    for heading in HEADINGS.values():
+        for block in recipe(heading):
+            name = re.sub(r"\W", "_", block.title or f"{heading}_{block.line}")
+            (tmp_path / f"{name}.py").write_text(block.text, encoding="utf-8")
+    for command in (["check", "--ignore", "F821,I001"], ["format", "--check"]):
+        config = ["--config", str(ROOT / "pyproject.toml")]
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *command, *config, str(tmp_path)], capture_output=True, text=True
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout
