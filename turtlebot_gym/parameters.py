@@ -6,9 +6,21 @@ They are frozen dataclasses that check themselves, so every instance is valid. S
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from typing import Annotated
 
-from turtlebot_gym.validation import require, typed, variances
+from turtlebot_gym.validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    POSITIVE_OR_INFINITE,
+    PROBABILITY,
+    Numbers,
+    Range,
+    refusal,
+    typed,
+    variances,
+)
 
 REFERENCE_PERIOD = 0.1
 """Control period to which noise and tunings refer, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
@@ -32,29 +44,26 @@ class ProcessNoise:
         Thrun, Burgard, Fox, *Probabilistic Robotics* (2005), section 5.3: the velocity motion model.
     """
 
-    alpha1: float = 0.0
+    alpha1: Annotated[float, NON_NEGATIVE] = 0.0
     """Variance of the speed per squared speed, 1."""
-    alpha2: float = 0.0
+    alpha2: Annotated[float, NON_NEGATIVE] = 0.0
     """Variance of the speed per squared turning rate, m^2."""
-    alpha3: float = 0.0
+    alpha3: Annotated[float, NON_NEGATIVE] = 0.0
     """Variance of the turning rate per squared speed, rad^2/m^2."""
-    alpha4: float = 0.0
+    alpha4: Annotated[float, NON_NEGATIVE] = 0.0
     """Variance of the turning rate per squared turning rate, 1."""
-    scale: float = 1.0
+    scale: Annotated[float, POSITIVE] = 1.0
     """Executed share of a commanded twist: 1.02 or 0.98 for wheels whose radius is off by 2 %. Neither wheel odometry nor the
     filter sees it."""
-    slip: float = 0.0
+    slip: Annotated[float, PROBABILITY] = 0.0
     """Share of the motion that is lost during a burst of slip, 0 to 1."""
-    slip_start: float = 0.0
+    slip_start: Annotated[float, PROBABILITY] = 0.0
     """Probability per 0.1 s that a burst begins."""
-    slip_end: float = 1.0
+    slip_end: Annotated[float, PROBABILITY] = 1.0
     """Probability per 0.1 s that a burst ends."""
 
     def __post_init__(self) -> None:
         typed(self)
-        require(self, "non-negative", "alpha1", "alpha2", "alpha3", "alpha4")
-        require(self, "a probability", "slip", "slip_start", "slip_end")
-        require(self, "positive", "scale")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,57 +75,44 @@ class OdometryNoise:
     wheels carried out but not the noise of their execution, so its error is smooth and grows.
     """
 
-    R: tuple[float, ...] = (0.0, 0.0, 0.0)
+    R: Annotated[tuple[float, ...], variances(3)] = (0.0, 0.0, 0.0)
     """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
-    bias: tuple[float, ...] = (0.0, 0.0, 0.0)
+    bias: Annotated[tuple[float, ...], Numbers(FINITE, 3)] = (0.0, 0.0, 0.0)
     """Constant offset of x, y and heading; m, m, rad."""
-    spike_probability: float = 0.0
+    spike_probability: Annotated[float, PROBABILITY] = 0.0
     """Probability per measurement that the heading jumps by plus or minus `spike`, with equal probability."""
-    spike: float = 0.0
+    spike: Annotated[float, NON_NEGATIVE] = 0.0
     """Size of a heading spike, rad."""
-    dropout_probability: float = 0.0
+    dropout_probability: Annotated[float, PROBABILITY] = 0.0
     """Probability per measurement that it is lost."""
-    quantization: tuple[float, ...] = (0.0, 0.0)
+    quantization: Annotated[tuple[float, ...], Numbers(NON_NEGATIVE, 2)] = (0.0, 0.0)
     """Resolution of position and heading; m, rad. Zero for none."""
     wheel: bool = False
     """Whether the odometry integrates the wheels instead of measuring the pose."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "R", variances("OdometryNoise.R", self.R, 3))
         typed(self)
-        for name, size in (("bias", 3), ("quantization", 2)):
-            value = getattr(self, name)
-            if len(value) != size:
-                raise ValueError(f"OdometryNoise.{name} must be a sequence of {size} numbers, got {value!r}.")
-        require(self, "finite", "bias")
-        require(self, "non-negative", "spike", "quantization")
-        require(self, "a probability", "spike_probability", "dropout_probability")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixNoise:
     """An external sensor that measures the pose now and then: localization in a map, markers on the walls, motion capture."""
 
-    R: tuple[float, ...]
+    R: Annotated[tuple[float, ...], Numbers(POSITIVE_OR_INFINITE)]
     """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Two values, or an infinite third one, mean that the
     heading is not measured."""
-    period: float = 0.5
+    period: Annotated[float, POSITIVE] = 0.5
     """Time from one measurement to the next, s."""
-    delay: float = 0.0
+    delay: Annotated[float, Range(0.0, MAX_FIX_AGE, unit="s")] = 0.0
     """Latency of a measurement, s; its stamp says when it was measured."""
-    dropout_probability: float = 0.0
+    dropout_probability: Annotated[float, PROBABILITY] = 0.0
     """Probability per measurement that it is lost."""
 
     def __post_init__(self) -> None:
         typed(self)
-        if len(self.R) not in (2, 3) or not all(one > 0.0 for one in self.R) or math.inf in self.R[:2]:
-            raise ValueError(f"FixNoise.R must be two or three positive variances, of x and y finite ones, got {self.R!r}.")
+        if len(self.R) not in (2, 3) or math.inf in self.R[:2]:
+            raise refusal("FixNoise.R", "two or three variances, those of x and y finite", self.R)
         object.__setattr__(self, "R", (*self.R, math.inf)[:3])
-        require(self, "positive or infinite", "R")
-        require(self, "positive", "period")
-        require(self, "a probability", "dropout_probability")
-        if not 0.0 <= self.delay <= MAX_FIX_AGE:
-            raise ValueError(f"FixNoise.delay must be in [0, {MAX_FIX_AGE}] s, got {self.delay!r}.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,15 +132,15 @@ class Noise:
 class FilterTuning:
     """A filter's kind, and its assumptions about the robot and its odometry."""
 
-    Q: tuple[float, ...]
+    Q: Annotated[tuple[float, ...], variances(5)]
     """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much.
     A diagonal 5 x 5 matrix is accepted."""
-    R: tuple[float, ...]
+    R: Annotated[tuple[float, ...], variances(3)]
     """Variances of the measured x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
     from_origin: bool = False
     """Whether the filter starts at the origin with the variances `P0`, instead of at the first measurement with diag(R, 0,
     0)."""
-    P0: tuple[float, ...] = (0.1, 0.1, 0.1, 1.0, 1.0)
+    P0: Annotated[tuple[float, ...], variances(5)] = (0.1, 0.1, 0.1, 1.0, 1.0)
     """Variances of the initial belief, used with `from_origin`. A diagonal 5 x 5 matrix is accepted."""
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
@@ -152,55 +148,47 @@ class FilterTuning:
     """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
     wrap_innovation: bool = True
     """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial does not wrap it."""
-    gate: float = math.inf
+    gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
-    max_rejections: float = 10.0
+    max_rejections: Annotated[float, POSITIVE_OR_INFINITE] = 10.0
     """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
     odometry_input: bool = False
     """Whether odometry increments drive the prediction and nothing corrects it, as for `OdometryNoise.wheel`."""
     kind: float = KALMAN
     """Kind of filter: `KALMAN`, `GATED`, `MIXTURE`, `SLIP` or `SCALE`."""
-    heading_gate: float = math.inf
+    heading_gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom); `GATED` only."""
-    spike_probability: float = 0.0
+    spike_probability: Annotated[float, PROBABILITY] = 0.0
     """Probability per measurement of a heading spike; like the next field, for `MIXTURE` and `SLIP`."""
-    spike: float = 0.0
+    spike: Annotated[float, NON_NEGATIVE] = 0.0
     """Size of a heading spike, rad."""
-    scale_deviation: float = 0.05
+    scale_deviation: Annotated[float, NON_NEGATIVE] = 0.05
     """Initial standard deviation of the executed share of a commanded twist; `SCALE` only."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "Q", variances("FilterTuning.Q", self.Q, 5))
-        object.__setattr__(self, "R", variances("FilterTuning.R", self.R, 3))
-        object.__setattr__(self, "P0", variances("FilterTuning.P0", self.P0, 5))
         typed(self)
-        require(self, "positive or infinite", "gate", "max_rejections", "heading_gate")
-        require(self, "a probability", "spike_probability")
-        require(self, "non-negative", "spike", "scale_deviation")
         if self.kind not in (KALMAN, GATED, MIXTURE, SLIP, SCALE):
-            raise ValueError(f"FilterTuning.kind must be one of the kinds in turtlebot_gym.parameters, got {self.kind!r}.")
+            raise refusal("FilterTuning.kind", "one of the kinds in turtlebot_gym.parameters", self.kind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reward:
     """Weights of the reward. Its distances are true ones, whatever the policy observes."""
 
-    progress: float = 1.0
+    progress: Annotated[float, FINITE] = 1.0
     """Weight of progress in a step, as a share of what full speed allows."""
-    time: float = 0.1
+    time: Annotated[float, FINITE] = 0.1
     """Subtracted at every step."""
-    effort: float = 0.01
+    effort: Annotated[float, FINITE] = 0.01
     """Factor of the squared speed and turning rate, as shares of their limits; subtracted."""
-    success: float = 10.0
+    success: Annotated[float, FINITE] = 10.0
     """Added when the episode ends in success."""
-    collision: float = 50.0
+    collision: Annotated[float, FINITE] = 50.0
     """Subtracted when the episode ends in a collision; like the next two fields, for rooms."""
-    nearness: float = 0.5
+    nearness: Annotated[float, FINITE] = 0.5
     """Subtracted at every step, times the share of `near` that the clearance lacks."""
-    near: float = 0.15
+    near: Annotated[float, POSITIVE] = 0.15
     """Clearance below which `nearness` counts, m."""
 
     def __post_init__(self) -> None:
         typed(self)
-        require(self, "finite", *(weight.name for weight in fields(self) if weight.name != "near"))
-        require(self, "positive", "near")

@@ -4,35 +4,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from turtlebot_gym.validation import require, typed
+from turtlebot_gym.validation import POSITIVE, POSITIVE_OR_INFINITE, typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot:
     """Kinematic limits of a differential-drive robot."""
 
-    max_linear: float
+    max_linear: Annotated[float, POSITIVE]
     """Speed limit along the body x axis, forwards and backwards, m/s."""
-    max_angular: float
+    max_angular: Annotated[float, POSITIVE]
     """Speed limit about the body z axis, rad/s."""
-    wheel_separation: float = 0.16
+    wheel_separation: Annotated[float, POSITIVE] = 0.16
     """Distance between the wheels' tracks, m."""
-    max_wheel: float = math.inf
+    max_wheel: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Limit of each wheel's rim speed, ``|v| + |omega| wheel_separation / 2``, m/s; infinite if none is known."""
-    max_linear_acceleration: float = math.inf
+    max_linear_acceleration: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Limit of the acceleration, m/s^2; infinite if the base follows at once."""
-    max_angular_acceleration: float = math.inf
+    max_angular_acceleration: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Limit of the angular acceleration, rad/s^2."""
     reverse: bool = True
     """Whether the robot may drive backwards."""
-    radius: float = 0.09
+    radius: Annotated[float, POSITIVE] = 0.09
     """Radius of the footprint, m."""
 
     def __post_init__(self) -> None:
         typed(self)
-        require(self, "positive", "max_linear", "max_angular", "wheel_separation", "radius")
-        require(self, "positive or infinite", "max_wheel", "max_linear_acceleration", "max_angular_acceleration")
 
 
 ROBOTS = {

@@ -1,14 +1,19 @@
-"""Checks of what users pass, each with one error that names the argument, the rule and the value."""
+"""The one rule for what users pass: a value that breaks its rule is refused as "NAME must be RULE, got VALUE."
+
+A rule is declared beside the field that it holds for, ``radius: Annotated[float, POSITIVE] = 0.1``, and `typed` checks all
+fields of a parameter class by such declarations; anything else calls ``POSITIVE.check("radius", value)``.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, field, fields, is_dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
 from functools import cache
 from numbers import Real
 from reprlib import Repr
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from types import NoneType
+from typing import Any, Protocol, TypeVar, get_args, get_type_hints
 
 LARGEST, LEAST, TINIEST = 1e9, 1e-15, 1e-100
 """Magnitudes between which a parameter's numbers lie, besides 0 and, where a rule says so, infinity: those that must be
@@ -22,66 +27,146 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother, _SHORT.maxlong = 6, 200, 200
 _SHORT.maxtuple = _SHORT.maxlist = _SHORT.maxset = _SHORT.maxfrozenset = _SHORT.maxdict = _SHORT.maxarray = 30
 
 
+class Rule(Protocol):
+    """What a value may be; its text completes "must be"."""
+
+    def check(self, name: str, value: Any) -> Any:
+        """Return the value in the type that it stands for.
+
+        Raises:
+            ValueError: If it breaks the rule; the message gives the name, the rule and the value.
+        """
+        ...
+
+
 def shown(value: Any) -> str:
-    """Return a value as error messages have it: on one line, however long it is."""
+    """Return a value as error messages show it: on one line and shortened."""
     try:
         return " ".join(_SHORT.repr(value).split())
-    except Exception:  # of an object of somebody's own, or a whole number of thousands of digits
+    except Exception:  # an object of somebody else's, or a whole number of thousands of digits
         return f"a {type(value).__name__}"
 
 
-def number(name: str, value: Any) -> float:
-    """Return a real number, of Python or NumPy, as a float; truth values are none.
-
-    Raises:
-        ValueError: If it is something else.
-    """
-    if type(value) is float:
-        return value
-    value = _item(value)
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise ValueError(f"{name} must be a number, got {shown(value)}.")
-    try:
-        return float(value)
-    except OverflowError:
-        raise ValueError(f"{name} must be at most {LARGEST:g} in size, got a whole number beyond all floats.") from None
+def refusal(name: str, rule: object, value: Any) -> ValueError:
+    """Return the error for a value that breaks its rule."""
+    return ValueError(f"{name} must be {rule}, got {shown(value)}.")
 
 
-def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
-    """Return a whole number in a range, of Python or NumPy, as an int.
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Numbers between two ends, both included unless open; no booleans, no NaN, and nothing between 0 and `TINIEST`."""
 
-    Raises:
-        ValueError: If it is something else.
-    """
-    found = _item(value)
-    if isinstance(found, bool) or not isinstance(found, int) or not least <= found <= most:
-        bounds = f" from {least} to {most}" if most < math.inf else f" of at least {least}"
-        raise ValueError(f"{name} must be a whole number{bounds}, got {shown(value)}.")
-    return found
+    low: float = -LARGEST
+    high: float = LARGEST
+    _: KW_ONLY
+    open_low: bool = False
+    open_high: bool = False
+    whole: bool = False
+    """Whether they are whole numbers, of type int."""
+    infinite: bool = False
+    """Whether infinity is allowed besides."""
+    log: bool = False
+    """Whether values to try are drawn uniformly on a logarithmic scale."""
+    kind: str = "number"
+    unit: str = ""
+
+    def check(self, name: str, value: Any) -> Any:
+        """Return a number of Python or NumPy as a float, or as an int if it must be whole."""
+        number = _int(value) if self.whole else _real(value)
+        if number is None or not self._holds(number):
+            raise refusal(name, self, value)
+        if not self.whole and 0.0 < abs(number) < TINIEST:
+            raise refusal(name, f"0 or at least {TINIEST:g} in size", value)
+        return number
+
+    def of(self, unit: str) -> Range:
+        """Return the same numbers with a unit."""
+        return replace(self, unit=unit)
+
+    def _holds(self, number: float) -> bool:
+        inside = (number > self.low if self.open_low else number >= self.low) and (
+            number < self.high if self.open_high else number <= self.high
+        )
+        return inside or (self.infinite and number == math.inf)
+
+    def __str__(self) -> str:
+        """Return the rule in words, such as "a number above 0 and at most 0.5 s"."""
+        low, high = (f"{end}" if isinstance(end, int) else f"{end:g}" for end in (self.low, self.high))
+        text = f"above {low}" if self.open_low else f"of at least {low}"
+        if self.high < math.inf and not (self.open_low or self.open_high):
+            text = f"from {low} to {high}"
+        elif self.high < math.inf:
+            text += f" and {'below' if self.open_high else 'at most'} {high}"
+        text = f"a {'whole ' if self.whole else ''}{self.kind} {text}"
+        return text + (f" {self.unit}" if self.unit else "") + (", or infinite" if self.infinite else "")
 
 
-def flag(name: str, value: Any) -> bool:
-    """Return a truth value, of Python or NumPy.
-
-    Raises:
-        ValueError: If it is something else.
-    """
-    found = _item(value)
-    if not isinstance(found, bool):
-        raise ValueError(f"{name} must be True or False, got {shown(value)}.")
-    return found
+POSITIVE = Range(LEAST, kind="positive number")
+POSITIVE_OR_INFINITE = Range(LEAST, kind="positive number", infinite=True)
+NON_NEGATIVE = Range(0.0)
+FINITE = Range()
+PROBABILITY = Range(0.0, 1.0, kind="probability")
 
 
-def numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Return a list, a tuple or an array of one dimension as a tuple of floats.
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """A sequence of numbers."""
 
-    Raises:
-        ValueError: If it is something else.
-    """
-    rows = value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(rows, (list, tuple)):
-        raise ValueError(f"{name} must be a sequence of numbers, got {shown(value)}.")
-    return tuple(number(f"{name}[{at}]", item) for at, item in enumerate(rows))
+    each: Range | None = None
+    """What each of them may be; any number if None."""
+    size: int | None = None
+    """How many they are; any number of them if None."""
+    diagonal: bool = False
+    """Whether a diagonal matrix may stand for its diagonal."""
+
+    def check(self, name: str, value: Any) -> tuple[float, ...]:
+        """Return a list, a tuple or an array as a tuple of floats."""
+        rows = value.tolist() if hasattr(value, "tolist") else value
+        if not isinstance(rows, (list, tuple)):
+            raise refusal(name, self, value)
+        if self.diagonal and any(isinstance(row, (list, tuple)) for row in rows):
+            if not _is_diagonal(rows):
+                raise refusal(name, self, value)
+            rows = [row[at] for at, row in enumerate(rows)]
+        if self.size not in (None, len(rows)):
+            raise refusal(name, self, value)
+        check = _number if self.each is None else self.each.check
+        return tuple(check(f"{name}[{at}]", item) for at, item in enumerate(rows))
+
+    def __str__(self) -> str:
+        """Return the rule in words."""
+        text = "a sequence of numbers" if self.size is None else f"{self.size} numbers"
+        return text + (f" or a diagonal {self.size} x {self.size} matrix of them" if self.diagonal else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """Some names, and other text if a function accepts it."""
+
+    names: tuple[str, ...]
+    or_else: Callable[[str], bool] = lambda name: False
+    other: str = ""
+    """The other text in words."""
+
+    def check(self, name: str, value: Any) -> str:
+        """Return one of the names."""
+        if isinstance(value, str) and (value in self.names or self.or_else(value)):
+            return value
+        raise ValueError(f"{refusal(name, self, value)}{did_you_mean(value, self.names)}")
+
+    def __str__(self) -> str:
+        """Return the rule in words."""
+        return f"one of {', '.join(self.names)}{self.other}"
+
+
+def variances(size: int) -> Numbers:
+    """Return the rule of a covariance that is given as its diagonal or as a diagonal matrix."""
+    return Numbers(NON_NEGATIVE, size, diagonal=True)
+
+
+def _is_diagonal(rows: Any) -> bool:
+    square = all(isinstance(row, (list, tuple)) and len(row) == len(rows) for row in rows)
+    return square and all(item == 0.0 for i, row in enumerate(rows) for j, item in enumerate(row) if i != j)
 
 
 def _item(value: Any) -> Any:
@@ -89,141 +174,100 @@ def _item(value: Any) -> Any:
     return value.item() if hasattr(value, "item") and getattr(value, "shape", None) == () else value
 
 
-def variances(name: str, value: Any, size: int) -> tuple[float, ...]:
-    """Return the diagonal of a covariance that was given as its diagonal or as a diagonal matrix.
+def _int(value: Any) -> int | None:
+    """Return a whole number of Python or NumPy as an int; None for anything else."""
+    value = _item(value)
+    return value if isinstance(value, int) and not isinstance(value, bool) else None
 
-    Args:
-        name: What the error messages call it.
-        value: Shape (size,) or (size, size).
-        size: Number of components.
+
+def _real(value: Any) -> float | None:
+    """Return a real number of Python or NumPy as a float; None for anything else, and for one that no float can hold."""
+    value = _item(value)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return None
+
+
+def _number(name: str, value: Any) -> float:
+    """Return any real number, even an infinite one or NaN."""
+    number = _real(value)
+    if number is None:
+        raise refusal(name, "a number", value)
+    return number
+
+
+def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
+    """Return a whole number in a range as an int.
 
     Raises:
-        ValueError: If the shape is wrong, a variance is negative or not finite, or a matrix is not symmetric and diagonal.
+        ValueError: If it is something else.
     """
-    rows = value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(rows, (list, tuple)) or len(rows) != size:
-        raise ValueError(f"{name} must hold {size} variances or be a {size} x {size} matrix, got {shown(value)}.")
-    if any(isinstance(row, (list, tuple)) for row in rows):
-        if any(not isinstance(row, (list, tuple)) or len(row) != size for row in rows):
-            raise ValueError(f"{name} must be a {size} x {size} matrix, got {shown(value)}.")
-        if any(rows[i][j] != rows[j][i] for i in range(size) for j in range(i)):
-            raise ValueError(f"{name} must be symmetric, got {shown(value)}.")
-        if any(rows[i][j] != 0.0 for i in range(size) for j in range(i)):
-            raise ValueError(f"{name} must be diagonal (the components' noises are independent), got {shown(value)}.")
-        rows = [rows[i][i] for i in range(size)]
-    diagonal = numbers(name, rows)
-    if not all(0.0 <= variance < math.inf for variance in diagonal):  # also rejects NaN
-        raise ValueError(f"{name} must hold finite variances >= 0, got {shown(value)}.")
-    _require_size(name, diagonal, value)
-    return diagonal
+    return Range(least, most, whole=True).check(name, value)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return a boolean, of Python or NumPy.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    truth = _item(value)
+    if not isinstance(truth, bool):
+        raise refusal(name, "True or False", value)
+    return truth
 
 
 def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
     """Return a named choice.
 
     Raises:
-        ValueError: If there is none of that name; the message lists those that there are.
+        ValueError: If the name is unknown; the message lists the known ones, and asks whether a similar one was meant.
     """
     try:
         return known[name]
-    except (KeyError, TypeError):  # TypeError: of what has no hash, a list in a tuple among it
-        raise ValueError(f"{what} must be one of {', '.join(map(repr, known))}, got {shown(name)}.") from None
+    except (KeyError, TypeError):  # TypeError: it has no hash, such as a list
+        error = refusal(what, f"one of {', '.join(map(repr, known))}", name)
+        raise ValueError(f"{error}{did_you_mean(name, known)}") from None
 
 
-def ranged(default: float, low: float, high: float, unit: str = "", *, above: bool = False, below: bool = False) -> Any:
-    """Return a dataclass field for a number in a range: `check_fields` refuses other numbers, and ROS shows the range.
+def did_you_mean(name: Any, known: Iterable[Any]) -> str:
+    """Return the question whether a similar name was meant, after a space; nothing if there is none."""
+    from difflib import get_close_matches  # needed in error messages only
 
-    Args:
-        default: Default value; an int makes a whole number.
-        low: Least value.
-        high: Greatest value.
-        unit: Unit after the range, with a space before it.
-        above: Whether ``low`` itself is excluded.
-        below: Whether ``high`` itself is excluded.
-    """
-    ends = (str(end) if isinstance(end, int) else f"{end:g}" for end in (low, high))
-    rule = f"in {'(' if above else '['}{', '.join(ends)}{')' if below else ']'}{unit}"
-
-    def holds(value: float) -> bool:
-        return low <= value <= high and not (above and value == low) and not (below and value == high)  # NaN is refused
-
-    return field(default=default, metadata={"rule": rule, "holds": holds, "range": (low, high)})
+    similar = get_close_matches(name, [each for each in known if isinstance(each, str)], 1) if isinstance(name, str) else []
+    return f" Did you mean {similar[0]!r}?" if similar else ""
 
 
-def named(default: str, *names: str, or_else: Callable[[str], bool] = lambda name: False, other: str = "") -> Any:
-    """Return a dataclass field for one of some names; other texts are accepted if ``or_else`` does, and ``other`` says so."""
-    rule = f"one of {', '.join(names)}{other}"
-    return field(default=default, metadata={"rule": rule, "holds": lambda name: name in names or or_else(name)})
-
-
-def check_fields(owner: Any) -> None:
-    """Check the fields of a dataclass that were declared by `ranged` and `named`, in its ``__post_init__``.
-
-    Raises:
-        ValueError: If a field breaks its rule; the message names it.
-    """
-    for item in fields(owner):
-        value = getattr(owner, item.name)
-        if "holds" in item.metadata and not item.metadata["holds"](value):
-            raise ValueError(f"{item.name} must be {item.metadata['rule']}, got {shown(value)}.")
-
-
-_RULES: dict[str, Callable[[float], bool]] = {
-    "positive": lambda number: 0.0 < number < math.inf,
-    "positive or infinite": lambda number: number > 0.0,
-    "non-negative": lambda number: 0.0 <= number < math.inf,
-    "finite": math.isfinite,
-    "a probability": lambda number: 0.0 <= number <= 1.0,
-}
-
-
-def require(owner: Any, rule: str, *names: str) -> None:
-    """Check fields of a parameter class, which may be numbers or tuples of them, against a rule.
-
-    Args:
-        owner: The parameters.
-        rule: "positive", "positive or infinite", "non-negative", "finite" or "a probability"; besides, what is finite and not
-            0 has a magnitude from `LEAST` or `TINIEST` to `LARGEST`.
-        *names: The fields.
-
-    Raises:
-        ValueError: If a field breaks the rule; the message names it.
-    """
-    holds = _RULES[rule]
-    for name in names:
-        value = getattr(owner, name)
-        items = value if isinstance(value, tuple) else (value,)
-        where = f"{type(owner).__name__}.{name}"
-        if not all(isinstance(item, (int, float)) and not isinstance(item, bool) and holds(item) for item in items):
-            raise ValueError(f"{where} must be {rule}, got {shown(value)}.")
-        _require_size(where, items, value, positive=rule.startswith("positive"))
-
-
-def _require_size(where: str, items: tuple[float, ...], value: Any, *, positive: bool = False) -> None:
-    least = LEAST if positive else TINIEST
-    if any(item != 0.0 and not least <= abs(item) <= LARGEST and not math.isinf(item) for item in items):
-        zero = "" if positive else "0 or "
-        raise ValueError(f"{where} must be {zero}from {least:g} to {LARGEST:g} in size, got {shown(value)}.")
-
-
-def typed(owner: Any) -> None:
-    """Give each field of a parameter class the type that it is declared with, where that loses nothing.
+def typed(owner: Any, prefix: str | None = None) -> None:
+    """Check the fields of a parameter class, and give each the type that it is declared with, where that loses nothing.
 
     NumPy's numbers become Python's, sequences and arrays become tuples, and a mapping becomes the parameter class that is
     asked for.
 
     Args:
         owner: An instance of a frozen dataclass, in its ``__post_init__``.
+        prefix: What precedes a field's name in messages; the class and a dot if None.
 
     Raises:
-        ValueError: If a field is of another type; the message names it.
+        ValueError: If a field is of another type or breaks its rule; the message names it.
     """
     kind = type(owner)
-    for name, read in _readers(kind):
+    prefix = f"{kind.__name__}." if prefix is None else prefix
+    for name, check in _checks(kind):
         value = getattr(owner, name)
-        found = read(f"{kind.__name__}.{name}", value)
-        if found is not value:
-            object.__setattr__(owner, name, found)
+        kept = check(f"{prefix}{name}", value)
+        if kept is not value:
+            object.__setattr__(owner, name, kept)
+
+
+def rules(kind: type) -> dict[str, Rule]:
+    """Return the rules that are declared beside the fields of a parameter class, by the fields' names."""
+    hints = get_type_hints(kind, include_extras=True)
+    marks = {name: getattr(hints[name], "__metadata__", ()) for name in (item.name for item in fields(kind))}
+    return {name: rule for name, found in marks.items() for rule in found if hasattr(rule, "check")}
 
 
 def made(kind: type[T], value: Any, name: str) -> T:
@@ -237,11 +281,11 @@ def made(kind: type[T], value: Any, name: str) -> T:
     assert is_dataclass(kind)
     known = {item.name: item for item in fields(kind)}
     if not isinstance(value, Mapping):
-        names = ", ".join(known)
-        raise ValueError(f"{name} must be a {kind.__name__} or a mapping of its fields ({names}), got {shown(value)}.")
+        raise refusal(name, f"a {kind.__name__} or a mapping of its fields ({', '.join(known)})", value)
     unknown = [" ".join(str(key).split()) for key in value if key not in known]
     if unknown:
-        raise ValueError(f"{name}: {kind.__name__} has no {', '.join(unknown)}; it has {', '.join(known)}.")
+        meant = did_you_mean(unknown[0], known)
+        raise ValueError(f"{name}: {kind.__name__} has no {', '.join(unknown)}; it has {', '.join(known)}.{meant}")
     needed = [key for key, item in known.items() if item.default is MISSING and item.default_factory is MISSING]
     missing = [key for key in needed if key not in value]
     if missing:
@@ -250,17 +294,19 @@ def made(kind: type[T], value: Any, name: str) -> T:
 
 
 @cache
-def _readers(kind: type) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
-    """Return the name of each field of a parameter class, with the function that reads its value."""
-    hints = get_type_hints(kind)
-    readers: dict[Any, Callable[[str, Any], Any]] = {float: number, int: whole, bool: flag}
-    found = []
-    for item in fields(kind):
-        hint = hints[item.name]
-        if hint in readers:
-            found.append((item.name, readers[hint]))
-        elif isinstance(hint, type) and is_dataclass(hint):
-            found.append((item.name, lambda name, value, hint=hint: made(hint, value, name)))
-        elif get_origin(hint) is tuple and get_args(hint) == (float, ...):
-            found.append((item.name, numbers))
-    return tuple(found)
+def _checks(kind: type) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
+    """Return the name of each field of a parameter class that is checked, with the function that does it."""
+    hints, declared = get_type_hints(kind), rules(kind)
+    checks = {item.name: _check(hints[item.name], declared.get(item.name)) for item in fields(kind)}
+    return tuple((name, check) for name, check in checks.items() if check is not None)
+
+
+def _check(hint: Any, rule: Rule | None) -> Callable[[str, Any], Any] | None:
+    if rule is not None and NoneType in get_args(hint):
+        return lambda name, value: None if value is None else rule.check(name, value)
+    if rule is not None:
+        return rule.check
+    if isinstance(hint, type) and is_dataclass(hint):
+        return lambda name, value: made(hint, value, name)
+    checks = {float: _number, int: whole, bool: flag, tuple[float, ...]: Numbers().check}
+    return checks.get(hint)

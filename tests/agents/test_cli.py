@@ -155,7 +155,7 @@ def test_evaluate_drives_in_mujoco_on_a_floor_of_ones_own(tmp_path, capsys):
     [
         (["--plant", "gazebo"], "plant must be one of 'unicycle', 'mujoco', got 'gazebo'."),
         (["--friction", "0.5"], "friction and caster_friction are for the plant 'mujoco', not for 'unicycle'."),
-        (["--plant", "mujoco", "--friction", "-1"], "MujocoBurger.friction must be non-negative, got -1.0."),
+        (["--plant", "mujoco", "--friction", "-1"], "MujocoBurger.friction must be a number from 0 to 1e+09, got -1.0."),
         (
             ["--plant", "mujoco", "--env", "turtlebot_gym/TurtleBotRooms-v0"],
             "plant must be 'unicycle' for turtlebot_gym/TurtleBotR",

@@ -10,10 +10,10 @@ import pytest
 from turtlebot_gym import ROBOTS
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.tasks import observe
+from turtlebot_gym.validation import Range
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import POLICIES, make_policy
-from turtlebot_gym_agents.policies.geometric import Range
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.sight import UNSEEN, arc, look, time_to_contact
 
@@ -303,14 +303,14 @@ def test_there_is_no_oracle_on_open_ground():
 
 def test_what_is_tuned_and_the_defaults_that_came_of_it():
     common = {
-        "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, True),
-        "gain": Range(1.0, 10.0, True), "focus": Range(0.5, 6.0), "caution": Range(0.1, 3.0, True),
+        "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True),
+        "gain": Range(1.0, 10.0, log=True), "focus": Range(0.5, 6.0), "caution": Range(0.1, 3.0, log=True),
     }  # fmt: skip
     assert dict(POLICIES["vfh"].RANGES) == {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **common}
-    assert dict(POLICIES["gap"].RANGES) == {"alpha": Range(0.02, 2.0, True), "field": Range(0.8, 3.1), **common}
+    assert dict(POLICIES["gap"].RANGES) == {"alpha": Range(0.02, 2.0, log=True), "field": Range(0.8, 3.1), **common}
     assert dict(POLICIES["dwa"].RANGES) == {
-        "heading": Range(0.3, 10.0, True), "clear": Range(0.1, 10.0, True), "horizon": Range(1.0, 8.0), "aim": Range(0.2, 3.0),
-        "brake": Range(0.15, 1.5), "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3),
+        "heading": Range(0.3, 10.0, log=True), "clear": Range(0.1, 10.0, log=True), "horizon": Range(1.0, 8.0),
+        "aim": Range(0.2, 3.0), "brake": Range(0.15, 1.5), "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3),
     }  # fmt: skip
     usual = {
         "vfh": {

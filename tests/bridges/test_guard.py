@@ -215,7 +215,7 @@ def test_the_wrong_type_is_reported_with_what_to_type(start, peer, wait_for):
     ("argument", "text"),
     [
         ("max_agee:=0.3", "cmd_vel_guard has no parameter 'max_agee': did you mean max_age?"),
-        ("max_age:=0.6", "max_age must be in (0, 0.5] s, got 0.6"),
+        ("max_age:=0.6", "max_age must be a number above 0 and at most 0.5 s, got 0.6"),
         ("rate:=fast", "rate must be of type float, got 'fast'"),
         ("robot:=roomba", "robot must be one of burger, "),
     ],

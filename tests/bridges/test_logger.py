@@ -262,8 +262,8 @@ def test_snapshots(start, peer, matched, wait_for, tmp_path):
 @pytest.mark.parametrize(
     ("argument", "message"),
     [
-        ("storage:=bag", "parameter 'storage' must be sqlite3 or mcap, got 'bag'"),
-        ("snapshot_period:=-1", "parameter 'snapshot_period' must be in [0, 3600] s, got -1.0"),
+        ("storage:=bag", "storage must be one of sqlite3, mcap, got 'bag'"),
+        ("snapshot_period:=-1", "snapshot_period must be a number from 0 to 3600 s, got -1.0"),
         ("outpt:=x", "unknown parameter 'outpt'"),
         ("output:=.", "parameter 'output' must name a new folder, but '/"),
         ("output:=/dev/null/run", "[Errno 20] Not a directory: '/dev/null/run'"),

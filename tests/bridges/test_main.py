@@ -86,7 +86,10 @@ def test_a_node_explains_itself(capsys, name):
         (["kalman_filter", "--ros-args", "-p", "twist:=guessed"], "twist must be one of"),
         (["turtlebot_simulator", "--ros-args", "-p", "noise:=silence"], "noise must be one of"),
         (["waypoint_generator", "--ros-args", "-p", "waypoints:=/nowhere.yaml"], "cannot read '/nowhere.yaml'"),
-        (["simulated_teleop", "--ros-args", "-p", "period:=-1.0"], "period must be in (0, 1000) s, got -1.0"),
+        (
+            ["simulated_teleop", "--ros-args", "-p", "period:=-1.0"],
+            "period must be a number above 0 and below 1000 s, got",
+        ),
         (["waypoint_generator", "--ros-args", "-p", "switch:=never"], "switch must be one of"),
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
         (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),

@@ -280,7 +280,7 @@ def test_colcon_builds_the_package(tmp_path):
     arguments = [sys.executable, "-c", program, str(executable), "--ros-args", "-p", "max_age:=9.0"]
     ran = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert ran.returncode == 2
-    assert ran.stderr == "error: max_age must be in (0, 0.5] s, got 9.0.\n"
+    assert ran.stderr == "error: max_age must be a number above 0 and at most 0.5 s, got 9.0.\n"
 
 
 def test_the_wheel_holds_the_package(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from turtlebot_gym.validation import Range, rules
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
@@ -21,55 +22,59 @@ CLASSES = {name: block.Params for name, block in BLOCK.items()} | {
 }
 RULES = {
     "waypoint_generator": {
-        "switch_period": "in (0, inf) s",
-        "radius": "in (0, inf) m",
-        "laps": "in [1, 2147483648]",
-        "period": "in (0, 1000) s",
+        "switch_period": "a positive number from 1e-15 to 1e+09 s",
+        "radius": "a positive number from 1e-15 to 1e+09 m",
+        "laps": "a whole number from 1 to 2147483648",
+        "period": "a number above 0 and below 1000 s",
     },
     "velocity_controller": {
-        "period": "in [0.001, 10] s",
-        "goal_tolerance": "in [0, inf) m",
-        "lidar_yaw": "in (-inf, inf) rad",
-        "lidar_beams": "in [0, 2147483648]",
+        "period": "a number from 0.001 to 10 s",
+        "goal_tolerance": "a number from 0 to 1e+09 m",
+        "lidar_yaw": "a number from -1e+09 to 1e+09 rad",
+        "lidar_beams": "a whole number from 0 to 2147483648",
     },
     "turtlebot_simulator": {
-        "period": "in (0, 1000) s",
-        "speed": "in [0, 1000)",
-        "seed": "in [0, 9223372036854775807]",
-        "friction": "in [0, 10]",
-        "caster_friction": "in [0, 10]",
+        "period": "a number above 0 and below 1000 s",
+        "speed": "a number of at least 0 and below 1000",
+        "seed": "a whole number from 0 to 9223372036854775807",
+        "friction": "a number from 0 to 10",
+        "caster_friction": "a number from 0 to 10",
     },
-    "kalman_filter": {"period": "in (0, 60] s", "max_gap": "in (0, 60) s"},
-    "simulated_teleop": {"period": "in (0, 1000) s"},
+    "kalman_filter": {"period": "a number above 0 and at most 60 s", "max_gap": "a number above 0 and below 60 s"},
+    "simulated_teleop": {"period": "a number above 0 and below 1000 s"},
     "calibration_drive": {
-        "duration": "in (0, inf) s",
-        "radius": "in [0.6, 100] m",
-        "speed": "in (0, 10] m/s",
-        "turning": "in (0, 10] rad/s",
+        "duration": "a positive number from 1e-15 to 1e+09 s",
+        "radius": "a number from 0.6 to 100 m",
+        "speed": "a number above 0 and at most 10 m/s",
+        "turning": "a number above 0 and at most 10 rad/s",
     },
     "cmd_vel_guard": {
         "robot": "one of burger, waffle, turtlebot4, tutorial, or a FILE.yaml",
-        "max_age": "in (0, 0.5] s",
-        "rate": "in [50, 200] Hz",
-        "max_acceleration": "in (0, 1000] m/s^2",
-        "speed_scale": "in (0, 1]",
-        "geofence": "in [0, 1e+06] m",
+        "max_age": "a number above 0 and at most 0.5 s",
+        "rate": "a number from 50 to 200 Hz",
+        "max_acceleration": "a number above 0 and at most 1000 m/s^2",
+        "speed_scale": "a number above 0 and at most 1",
+        "geofence": "a number from 0 to 1e+06 m",
         "geofence_topic": "one of odom, estimate",
-        "collision_margin": "in [0, 1] m",
-        "collision_time": "in [0.5, 10] s",
-        "escape_speed": "in [0, 0.1] m/s",
-        "scan_age": "in (0, 0.5] s",
-        "scan_period": "in [0, 0.5] s",
-        "scan_error": "in [0, 0.5]",
-        "reaction": "in [0, 0.5] s",
+        "collision_margin": "a number from 0 to 1 m",
+        "collision_time": "a number from 0.5 to 10 s",
+        "escape_speed": "a number from 0 to 0.1 m/s",
+        "scan_age": "a number above 0 and at most 0.5 s",
+        "scan_period": "a number from 0 to 0.5 s",
+        "scan_error": "a number from 0 to 0.5",
+        "reaction": "a number from 0 to 0.5 s",
         "scan_mount": "one of robot, given",
-        "footprint_x": "in [-1, 1] m",
-        "scan_x": "in [-1, 1] m",
-        "scan_y": "in [-1, 1] m",
-        "scan_yaw": "in [-6.28319, 6.28319] rad",
+        "footprint_x": "a number from -1 to 1 m",
+        "scan_x": "a number from -1 to 1 m",
+        "scan_y": "a number from -1 to 1 m",
+        "scan_yaw": "a number from -6.28319 to 6.28319 rad",
     },
-    "data_logger": {"storage": "one of sqlite3, mcap", "snapshot_period": "in [0, 3600] s"},
-    "visualization": {"period": "in (0, inf) s", "trail": "in (0, inf) s", "radius": "in (0, inf) m"},
+    "data_logger": {"storage": "one of sqlite3, mcap", "snapshot_period": "a number from 0 to 3600 s"},
+    "visualization": {
+        "period": "a positive number from 1e-15 to 1e+09 s",
+        "trail": "a positive number from 1e-15 to 1e+09 s",
+        "radius": "a positive number from 1e-15 to 1e+09 m",
+    },
 }
 """The rule of each parameter that has one, by node."""
 
@@ -77,21 +82,18 @@ RULES = {
 @pytest.mark.parametrize("node", CLASSES)
 def test_the_rules_are_these_and_every_float_has_one(node):
     items = {item.name: item for item in fields(CLASSES[node])}
-    assert {name: item.metadata["rule"] for name, item in items.items() if item.metadata} == RULES[node]
+    assert {name: str(rule) for name, rule in rules(CLASSES[node]).items()} == RULES[node]
     assert {name for name, item in items.items() if isinstance(item.default, float)} <= RULES[node].keys()
 
 
-@pytest.mark.parametrize(("node", "name"), [(node, name) for node, rules in RULES.items() for name in rules])
+@pytest.mark.parametrize(("node", "name"), [(node, name) for node, names in RULES.items() for name in names])
 def test_what_breaks_a_rule_is_refused_by_its_words(node, name):
-    rule, (item,) = RULES[node][name], (item for item in fields(CLASSES[node]) if item.name == name)
-    bad = ["none of them"] if rule.startswith("one of") else [math.nan]
-    if "range" in item.metadata:
-        low, high = item.metadata["range"]
-        beyond = (low - 1, high + 1) if isinstance(low, int) else (math.nextafter(low, -9e9), math.nextafter(high, 9e9))
-        bad += [*(beyond[:1] if low > -math.inf else ()), *(beyond[1:] if high < math.inf else ())]
-        bad += [*((low,) if "(" in rule else ()), *((high,) if rule.rpartition(", ")[2].count(")") else ())]
-        assert item.metadata["holds"](low) is ("(" not in rule)
-        assert item.metadata["holds"](high) is ("]" in rule)
+    rule = rules(CLASSES[node])[name]
+    bad = ["none of them"]
+    if isinstance(rule, Range):
+        low, high = rule.low, rule.high
+        beyond = (low - 1, high + 1) if rule.whole else (math.nextafter(low, -9e9), math.nextafter(high, 9e9))
+        bad = [math.nan, *beyond, *([low] if rule.open_low else []), *([high] if rule.open_high else [])]
     for value in bad:
         with pytest.raises(ValueError, match=re.escape(f"{name} must be {rule}, got {value!r}.")):
             CLASSES[node](**{name: value})
@@ -263,5 +265,6 @@ def test_every_parameter_is_described_with_its_rule_and_read_only(node_with, nam
         assert described.read_only
         assert described.additional_constraints == RULES[name].get(item.name, "")
         spans = [*described.floating_point_range, *described.integer_range]
-        expected = [item.metadata["range"]] if "range" in item.metadata else []
+        rule = rules(CLASSES[name]).get(item.name)
+        expected = [(rule.low, rule.high)] if isinstance(rule, Range) else []
         assert [(span.from_value, span.to_value) for span in spans] == expected

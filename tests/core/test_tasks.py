@@ -80,19 +80,6 @@ def test_the_square_is_the_tutorials():
     assert (task.radius, task.max_steps, task.random, task.laps) == (0.3, 600.0, False, 1.0)
 
 
-@pytest.mark.parametrize(
-    "name", ["arena", "radius", "heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps"]
-)
-def test_a_task_has_positive_numbers(name):
-    with pytest.raises(ValueError, match=f"Task.{name} must be positive( or infinite)?, got 0.0"):
-        Task(**{name: 0.0})
-
-
-def test_a_least_distance_is_not_negative():
-    with pytest.raises(ValueError, match=r"Task.min_distance must be non-negative, got -0\.5"):
-        Task(min_distance=-0.5)
-
-
 def test_observation_does_not_depend_on_the_world_frame():
     rng = np.random.default_rng(0)
     for _ in range(200):

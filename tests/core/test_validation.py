@@ -1,128 +1,136 @@
-"""The checks themselves: what they let pass, and every word of what they answer."""
+"""The one rule for what users pass: what each kind of rule accepts, its sentence of refusal, and which field has which rule."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, fields
 from fractions import Fraction
-from types import SimpleNamespace
+from typing import Annotated
 
 import numpy as np
 import pytest
 
-from turtlebot_gym.validation import check_fields, choose, made, named, ranged, require, typed, variances
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task
+from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
+from turtlebot_gym.plants import MujocoBurger
+from turtlebot_gym.rooms.lidar import MAX_BEAMS, Lidar
+from turtlebot_gym.rooms.rules import RoomRules
+from turtlebot_gym.validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    POSITIVE_OR_INFINITE,
+    PROBABILITY,
+    Numbers,
+    Range,
+    choose,
+    flag,
+    made,
+    rules,
+    typed,
+    variances,
+    whole,
+)
+
+ABOVE_ONE, ABOVE_HUGE = math.nextafter(1.0, 2.0), math.nextafter(1e9, math.inf)
+SIZES = [1e-15, 1, np.float32(0.5), np.int8(3), np.array(4.0), Fraction(1, 4), 1e9]
+NO_NUMBERS = [math.nan, -math.inf, "1", b"1", None, True, np.bool_(True), 1j, [1.0], np.array([1.0]), {}, 10**400, object()]
+TOO_LARGE = [ABOVE_HUGE, 1e308, np.datetime64("2020-01-01")]
+TINY = [5e-324, 9.9e-101, -9.9e-101]
+SHARE = Range(0.0, 0.5, open_low=True, unit="s")
+BELOW = Range(0.0, 1.0, open_high=True)
+AGE = Range(-1.0, math.inf, open_low=True)
+COUNT, SEED = Range(1, 3, whole=True), Range(0, math.inf, whole=True)
+
+
+@pytest.mark.parametrize(
+    ("rule", "words", "accepted", "refused"),
+    [
+        (POSITIVE, "a positive number from 1e-15 to 1e+09", SIZES, [0.0, 9.99e-16, -1e-15, math.inf, *TOO_LARGE, *TINY]),
+        (
+            POSITIVE_OR_INFINITE,
+            "a positive number from 1e-15 to 1e+09, or infinite",
+            [*SIZES, math.inf],
+            [0.0, 9.99e-16, -1e-15, *TOO_LARGE, *TINY],
+        ),
+        (NON_NEGATIVE, "a number from 0 to 1e+09", [0.0, 0, 1e-100, *SIZES], [-1e-100, math.inf, *TOO_LARGE]),
+        (FINITE, "a number from -1e+09 to 1e+09", [-1e9, -1e-100, 0, *SIZES], [math.inf, -ABOVE_HUGE, *TOO_LARGE]),
+        (PROBABILITY, "a probability from 0 to 1", [0.0, 0, 1e-100, 0.5, 1, 1.0], [-1e-100, ABOVE_ONE, math.inf]),
+        (SHARE, "a number above 0 and at most 0.5 s", [1e-100, 0.5], [0.0, 0.51]),
+        (BELOW, "a number of at least 0 and below 1", [0.0, 0.99], [1.0, -0.1]),
+        (AGE, "a number above -1", [-0.99, math.inf], [-1.0]),
+        (COUNT, "a whole number from 1 to 3", [1, np.int64(3)], [0, 4, 1.0, 2.5]),
+        (SEED, "a whole number of at least 0", [0, 2**62], [-1, 1.0, math.inf]),
+    ],
+    ids=str,
+)
+def test_a_range_accepts_its_numbers_and_says_in_words_what_they_are(rule, words, accepted, refused):
+    assert str(rule) == words
+    for value in accepted:
+        kept = rule.check("it", value)
+        assert kept == value
+        assert type(kept) is (int if rule.whole else float)
+    for value in (*refused, *(bad for bad in NO_NUMBERS if not (rule is SEED and type(bad) is int))):
+        with pytest.raises(ValueError, match=f"^it must be {re.escape(words)}, got .+\\.$") as caught:
+            rule.check("it", value)
+        assert "\n" not in str(caught.value)
+
+
+def test_nothing_but_zero_is_too_small_to_calculate_with():
+    for rule in (NON_NEGATIVE, FINITE, PROBABILITY, BELOW):
+        for value in (5e-324, 9.9e-101):
+            with pytest.raises(ValueError, match=rf"^it must be 0 or at least 1e-100 in size, got {value}\.$"):
+                rule.check("it", value)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [(1.0, 2.0), [1, 2], np.array([1.0, 2.0]), np.diag([1.0, 2.0]), [[1.0, 0.0], [0.0, 2.0]], ((1, 0), (0, 2))],
+    ids=["tuple", "integers", "array", "matrix", "rows", "rows of integers"],
+)
+def test_variances_are_a_diagonal_of_floats(given):
+    diagonal = variances(2).check("R", given)
+    assert diagonal == (1.0, 2.0)
+    assert [type(number) for number in diagonal] == [float, float]
 
 
 @pytest.mark.parametrize(
     "given",
     [
-        (1.0, 2.0),
-        [1, 2],
-        np.array([1.0, 2.0]),
-        np.diag([1.0, 2.0]),
-        [[1.0, 0.0], [0.0, 2.0]],
-        ((1, 0), (0, 2)),
+        3.0, None, "12", (1.0,), (1.0, 2.0, 3.0), (1.0, [0.0, 1.0]), [[1.0, 0.0], [0.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        [[1.0, 0.5], [0.0, 1.0]], [[1.0, 0.0], [0.5, 1.0]], [[1.0, 1e-9], [1e-9, 1.0]], np.eye(3),
     ],
-    ids=["tuple", "integers", "array", "matrix", "rows", "rows of integers"],
-)
-def test_variances_are_a_diagonal_of_floats(given):
-    got = variances("R", given, 2)
-    assert got == (1.0, 2.0)
-    assert [type(number) for number in got] == [float, float]
+    ids=str,
+)  # fmt: skip
+def test_other_variances_are_refused(given):
+    with pytest.raises(ValueError, match=r"^R must be 2 numbers or a diagonal 2 x 2 matrix of them, got .*\.$"):
+        variances(2).check("R", given)
 
 
 @pytest.mark.parametrize(
-    ("given", "rule"),
+    ("rule", "given", "message"),
     [
-        ((1.0, [0.0, 1.0]), "be a 2 x 2 matrix, got (1.0, [0.0, 1.0])."),
-        (3.0, "hold 2 variances or be a 2 x 2 matrix, got 3.0."),
-        (None, "hold 2 variances or be a 2 x 2 matrix, got None."),
-        ((1.0,), "hold 2 variances or be a 2 x 2 matrix, got (1.0,)."),
-        ((1.0, 2.0, 3.0), "hold 2 variances or be a 2 x 2 matrix, got (1.0, 2.0, 3.0)."),
-        ([[1.0, 0.0], [0.0]], "be a 2 x 2 matrix, got [[1.0, 0.0], [0.0]]."),
-        ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], "be a 2 x 2 matrix, got [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]."),
-        ([[1.0, 0.5], [0.0, 1.0]], "be symmetric, got [[1.0, 0.5], [0.0, 1.0]]."),
-        ([[1.0, 0.0], [0.5, 1.0]], "be symmetric, got [[1.0, 0.0], [0.5, 1.0]]."),
-        (
-            [[1.0, 0.5], [0.5, 1.0]],
-            "be diagonal (the components' noises are independent), got [[1.0, 0.5], [0.5, 1.0]].",
-        ),
-        ((1.0, -0.1), "hold finite variances >= 0, got (1.0, -0.1)."),
-        ((math.inf, 1.0), "hold finite variances >= 0, got (inf, 1.0)."),
-        ((1.0, math.nan), "hold finite variances >= 0, got (1.0, nan)."),
-        ([[1.0, 0.0], [0.0, -1.0]], "hold finite variances >= 0, got [[1.0, 0.0], [0.0, -1.0]]."),
+        (variances(2), (1.0, -0.1), "R[1] must be a number from 0 to 1e+09, got -0.1."),
+        (variances(2), [[1.0, 0.0], [0.0, math.inf]], "R[1] must be a number from 0 to 1e+09, got inf."),
+        (Numbers(FINITE, 3), (1.0, 2.0), "R must be 3 numbers, got (1.0, 2.0)."),
+        (Numbers(FINITE, 2), (1.0, math.nan), "R[1] must be a number from -1e+09 to 1e+09, got nan."),
+        (Numbers(), 1.0, "R must be a sequence of numbers, got 1.0."),
+        (Numbers(), [[1.0]], "R[0] must be a number, got [1.0]."),
     ],
 )
-def test_other_variances_are_refused_with_the_rule(given, rule):
-    with pytest.raises(ValueError, match=r"^R must ") as caught:
-        variances("R", given, 2)
-    assert str(caught.value) == f"R must {rule}"
-
-
-@pytest.mark.parametrize(("i", "j"), [(0, 1), (0, 2), (1, 2), (1, 0), (2, 0), (2, 1)])
-def test_any_entry_beside_the_diagonal_is_seen(i, j):
-    matrix = np.eye(3)
-    matrix[i, j] = 1e-9
-    with pytest.raises(ValueError, match="be symmetric"):
-        variances("R", matrix, 3)
-    matrix[j, i] = 1e-9
-    with pytest.raises(ValueError, match="be diagonal"):
-        variances("R", matrix, 3)
+def test_a_sequence_is_refused_by_the_place_that_is_wrong(rule, given, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        rule.check("R", given)
 
 
 def test_a_choice_is_what_the_name_stands_for():
-    known = {"one": 1, "two": 2}
-    assert [choose("number", name, known) for name in ("one", "two")] == [1, 2]
-    with pytest.raises(ValueError, match=r"^number must be one of 'one', 'two', got 'three'\.$"):
-        choose("number", "three", known)
-
-
-def test_every_field_that_is_named_is_checked():
-    owner = SimpleNamespace(first=1.0, second=-1.0, third=(1.0, 2.0, -3.0))
-    require(owner, "positive", "first")
-    require(owner, "finite", "first", "second", "third")
-    for names in (("second",), ("first", "second"), ("second", "first")):
-        with pytest.raises(ValueError, match=r"^SimpleNamespace\.second must be positive, got -1\.0\.$"):
-            require(owner, "positive", *names)
-    with pytest.raises(ValueError, match=r"^SimpleNamespace\.third must be non-negative, got \(1\.0, 2\.0, -3\.0\)\.$"):
-        require(owner, "non-negative", "first", "third")
-
-
-SIZES = [1e-15, 1, np.nextafter(1e9, 0.0).item(), 1e9]
-NONE = [math.nan, "1", None, True, np.bool_(True)]
-
-
-@pytest.mark.parametrize(
-    ("rule", "holds", "fails"),
-    [
-        ("positive", SIZES, [0.0, -1e-15, math.inf, *NONE]),
-        ("positive or infinite", [*SIZES, math.inf], [0.0, -1e-15, -math.inf, *NONE]),
-        ("non-negative", [0.0, 0, *SIZES], [-1e-15, math.inf, *NONE]),
-        ("finite", [-1e9, -1e-15, 0, *SIZES], [math.inf, -math.inf, *NONE]),
-        ("a probability", [0.0, 0, 1e-15, 0.5, 1, 1.0], [-1e-15, math.nextafter(1.0, 2.0), *NONE]),
-    ],
-)
-def test_the_rules(rule, holds, fails):
-    for value in holds:
-        require(SimpleNamespace(x=value), rule, "x")
-    for value in fails:
-        with pytest.raises(ValueError, match=f"SimpleNamespace.x must be {rule}, got"):
-            require(SimpleNamespace(x=value), rule, "x")
-
-
-@pytest.mark.parametrize(
-    ("rule", "small", "told"),
-    [
-        ("positive", 9e-16, "from 1e-15"),
-        ("positive or infinite", 9e-16, "from 1e-15"),
-        ("non-negative", 9e-101, "0 or from 1e-100"),
-        ("finite", -9e-101, "0 or from 1e-100"),
-    ],
-)
-def test_what_is_finite_has_a_size_with_which_one_can_calculate(rule, small, told):
-    for value in (small, 1.1e9, (1.0, 1.1e9), 1e308, 5e-324):
-        with pytest.raises(ValueError, match=rf"SimpleNamespace.x must be {told} to 1e\+09 in size, got"):
-            require(SimpleNamespace(x=value), rule, "x")
+    known = {"one": 1, "three": 3, 2.0: 2}
+    assert [choose("number", name, known) for name in ("one", "three", 2.0)] == [1, 3, 2]
+    for unknown, question in (("four", ""), ("thre", " Did you mean 'three'?"), (["one"], ""), (None, ""), (1, "")):
+        message = f"number must be one of 'one', 'three', 2.0, got {unknown!r}.{question}"
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            choose("number", unknown, known)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,10 +148,13 @@ class Whole:
     """A field of each type that parameters have."""
 
     length: float
+    width: Annotated[float, POSITIVE] = 1.0
     count: int = 1
+    most: Annotated[int | None, COUNT] = None
     heavy: bool = False
     sides: tuple[float, ...] = ()
     part: Part = Part()
+    name: str = ""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -154,10 +165,11 @@ class Whole:
     [
         ("length", 2, 2.0),
         ("length", np.float32(0.5), 0.5),
-        ("length", np.int64(3), 3.0),
-        ("length", np.array(4.0), 4.0),
-        ("length", Fraction(1, 4), 0.25),
+        ("length", math.inf, math.inf),
+        ("width", np.int64(3), 3.0),
         ("count", np.int8(7), 7),
+        ("most", np.array(2), 2),
+        ("most", None, None),
         ("heavy", np.bool_(True), True),
         ("sides", [1, np.float64(2.0)], (1.0, 2.0)),
         ("sides", np.array([3, 4]), (3.0, 4.0)),
@@ -166,10 +178,10 @@ class Whole:
     ],
 )
 def test_fields_get_the_types_that_they_are_declared_with(name, given, kept):
-    found = getattr(Whole(**({"length": 1.0} | {name: given})), name)
-    assert found == kept
-    assert type(found) is type(kept)
-    assert not isinstance(found, tuple) or [type(item) for item in found] == [float] * len(found)
+    value = getattr(Whole(**({"length": 1.0} | {name: given})), name)
+    assert value == kept
+    assert type(value) is type(kept)
+    assert not isinstance(value, tuple) or [type(item) for item in value] == [float] * len(value)
 
 
 @pytest.mark.parametrize(
@@ -180,25 +192,36 @@ def test_fields_get_the_types_that_they_are_declared_with(name, given, kept):
         ("length", 1j, "must be a number, got 1j"),
         ("length", [1.0], r"must be a number, got \[1.0\]"),
         ("length", np.array([1.0]), r"must be a number, got array\(\[1.\]\)"),
-        ("length", 10**400, r"must be at most 1e\+09 in size, got a whole number beyond all floats"),
+        ("length", 10**400, "must be a number, got 1000"),
+        ("width", 0, r"must be a positive number from 1e-15 to 1e\+09, got 0"),
         ("count", 1.0, "must be a whole number of at least 0, got 1.0"),
-        ("count", -1, "must be a whole number of at least 0, got -1"),
         ("count", True, "must be a whole number of at least 0, got True"),
+        ("most", 4, "must be a whole number from 1 to 3, got 4"),
         ("heavy", 1, "must be True or False, got 1"),
         ("heavy", math.nan, "must be True or False, got nan"),
         ("heavy", "yes", "must be True or False, got 'yes'"),
-        ("sides", 1.0, "must be a sequence of numbers, got 1.0"),
         ("sides", "12", "must be a sequence of numbers, got '12'"),
         ("sides", {1.0}, r"must be a sequence of numbers, got \{1.0\}"),
-        ("sides", [[1.0]], r"\[0\] must be a number, got \[1.0\]"),
         ("part", 1, r"must be a Part or a mapping of its fields \(size\), got 1"),
-        ("part", {"weight": 1.0}, ": Part has no weight; it has size"),
+        ("part", {"sizes": 1.0}, r": Part has no sizes; it has size. Did you mean 'size'\?"),
     ],
 )
 def test_other_types_are_refused_by_the_fields_name(name, given, rule):
     with pytest.raises(ValueError, match=rf"^Whole\.{name}:? ?{rule}") as caught:
         Whole(**({"length": 1.0} | {name: given}))
     assert "\n" not in str(caught.value)
+
+
+def test_a_field_is_named_with_the_prefix_that_is_asked_for():
+    @dataclass(frozen=True)
+    class Settings:
+        gain: Annotated[float, POSITIVE] = 1.0
+
+        def __post_init__(self) -> None:
+            typed(self, "parameter ")
+
+    with pytest.raises(ValueError, match=r"^parameter gain must be a positive number"):
+        Settings(gain=0.0)
 
 
 def test_parameters_are_made_of_a_mapping():
@@ -209,30 +232,141 @@ def test_parameters_are_made_of_a_mapping():
         made(Whole, {"count": 2}, "it")
 
 
-@dataclass
-class Fields:
-    period: float = ranged(0.1, 0.0, 60.0, " s", above=True)
-    share: float = ranged(0.0, 0.0, 1.0, below=True)
-    laps: int = ranged(1, 1, 2**40)
-    storage: str = named("a", "a", "b", or_else=lambda name: name.endswith(".yaml"), other=", or a FILE.yaml")
-    free: object = None
+def test_arguments_are_checked_by_the_same_sentences():
+    assert (whole("it", np.int64(2), 1, 3), flag("it", np.bool_(False))) == (2, False)
+    with pytest.raises(ValueError, match=r"^it must be a whole number from 1 to 3, got 0\.$"):
+        whole("it", 0, 1, 3)
+
+
+RULES = {
+    Robot: {
+        POSITIVE: "max_linear max_angular wheel_separation radius",
+        POSITIVE_OR_INFINITE: "max_wheel max_linear_acceleration max_angular_acceleration",
+    },
+    ProcessNoise: {
+        NON_NEGATIVE: "alpha1 alpha2 alpha3 alpha4",
+        PROBABILITY: "slip slip_start slip_end",
+        POSITIVE: "scale",
+    },
+    OdometryNoise: {
+        variances(3): "R",
+        Numbers(FINITE, 3): "bias",
+        PROBABILITY: "spike_probability dropout_probability",
+        NON_NEGATIVE: "spike",
+        Numbers(NON_NEGATIVE, 2): "quantization",
+    },
+    FixNoise: {
+        Numbers(POSITIVE_OR_INFINITE): "R",
+        POSITIVE: "period",
+        Range(0.0, MAX_FIX_AGE, unit="s"): "delay",
+        PROBABILITY: "dropout_probability",
+    },
+    FilterTuning: {
+        variances(5): "Q P0",
+        variances(3): "R",
+        POSITIVE_OR_INFINITE: "gate max_rejections heading_gate",
+        PROBABILITY: "spike_probability",
+        NON_NEGATIVE: "spike scale_deviation",
+    },
+    Reward: {FINITE: "progress time effort success collision nearness", POSITIVE: "near"},
+    Task: {
+        POSITIVE: "arena radius",
+        NON_NEGATIVE: "min_distance margin",
+        POSITIVE_OR_INFINITE: "heading_tolerance turn_tolerance switch_period laps max_steps",
+    },
+    RoomRules: {
+        POSITIVE: "half_length half_width",
+        Numbers(POSITIVE, 2): "radius",
+        POSITIVE_OR_INFINITE: "max_distance total",
+        Numbers(NON_NEGATIVE, 2): "circles boxes speed",
+        NON_NEGATIVE: "courtesy min_distance",
+        PROBABILITY: "fill",
+    },
+    Lidar: {
+        Range(1, MAX_BEAMS, whole=True): "beams",
+        Range(0.01, 1e4, unit="Hz"): "rate",
+        POSITIVE: "range_max",
+        FINITE: "x y yaw",
+        NON_NEGATIVE: "range_min deviation deviation_share quantization",
+        PROBABILITY: "accuracy dropout",
+    },
+    MujocoBurger: {
+        NON_NEGATIVE: "friction caster_friction armature lead",
+        Numbers(POSITIVE, 3): "base_inertia wheel_inertia",
+        Numbers(FINITE, 3): "base_center",
+        POSITIVE: (
+            "wheel_radius wheel_separation wheel_width base_mass wheel_mass lidar_mass caster_mass caster_radius motor_gain "
+            "motor_torque reading step"
+        ),
+    },
+}
+NEEDED = {
+    Robot: {"max_linear": 0.2, "max_angular": 2.0},
+    FixNoise: {"R": (0.1, 0.1)},
+    FilterTuning: {"Q": (0.1,) * 5, "R": (0.1,) * 3},
+}
+WITHOUT_RULE = {
+    (FilterTuning, "kind"), (RoomRules, "kind"), (RoomRules, "start"), (RoomRules, "goal"), (Lidar, "dead")
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cls", RULES)
+def test_every_number_of_a_parameter_class_has_its_rule(cls):
+    declared = {name: rule for rule, names in RULES[cls].items() for name in names.split()}
+    assert rules(cls) == declared
+    for item in fields(cls):
+        without = (cls, item.name) in WITHOUT_RULE or item.type in ("bool", "ProcessNoise")
+        assert (item.name in declared) is not without, item.name
+
+
+@pytest.mark.parametrize(("cls", "name"), [(cls, name) for cls in RULES for name in rules(cls)])
+def test_a_parameter_class_refuses_what_breaks_a_rule(cls, name):
+    rule = rules(cls)[name]
+    value, where, each = -ABOVE_HUGE, re.escape(f"{cls.__name__}.{name}"), rule
+    if isinstance(rule, Numbers):
+        value, where, each = (1.0,) * ((rule.size or 3) - 1) + (value,), rf"{where}\[{(rule.size or 3) - 1}\]", rule.each
+    for given in (value, list(value) if isinstance(value, tuple) else -1e308):
+        with pytest.raises(ValueError, match=f"^{where} must be {re.escape(str(each))}, got -1.*"):
+            cls(**NEEDED.get(cls, {}) | {name: given})
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "said"),
+    ("cls", "given", "message"),
     [
-        ("period", 0.0, "period must be in (0, 60] s, got 0.0."),
-        ("period", 60.1, "period must be in (0, 60] s, got 60.1."),
-        ("period", math.nan, "period must be in (0, 60] s, got nan."),
-        ("share", -0.1, "share must be in [0, 1), got -0.1."),
-        ("share", 1.0, "share must be in [0, 1), got 1.0."),
-        ("laps", 0, "laps must be in [1, 1099511627776], got 0."),
-        ("storage", "c", "storage must be one of a, b, or a FILE.yaml, got 'c'."),
+        *(
+            (FilterTuning, {"kind": kind}, "kind must be one of the kinds in turtlebot_gym.parameters")
+            for kind in (-1.0, 0.5, 5.0)
+        ),
+        (FilterTuning, {"kind": "mixture"}, "kind must be a number, got 'mixture'"),
+        (FixNoise, {"R": (0.1,)}, "R must be two or three variances, those of x and y finite, got (0.1,)."),
+        (FixNoise, {"R": (0.1, 0.1, 0.1, 0.1)}, "R must be two or three variances, those of x and y finite"),
+        (FixNoise, {"R": (0.1, math.inf)}, "R must be two or three variances, those of x and y finite, got (0.1, inf)."),
+        (Task, {"arena": 1.0, "min_distance": 1.5}, "min_distance must be at most arena, got 1.5 > 1.0."),
+        (Lidar, {"range_min": 2.0, "range_max": 1.0}, "range_min must be below range_max, got 2.0 >= 1.0."),
+        (Lidar, {"dead": ((0.0,),)}, "dead[0] must be 2 numbers, got (0.0,)."),
+        (Lidar, {"dead": ((0.0, 7.0),)}, "dead[0][1] must be a number from 0 to 6.28319 rad, got 7.0."),
+        (Lidar, {"dead": ((0.0, 0.1),) * 5}, "dead must be at most 4 pairs of a direction and a width"),
+        (Lidar, {"dead": 1.0}, "dead must be at most 4 pairs of a direction and a width, got 1.0."),
+        (RoomRules, {"kind": 4.0}, "kind must be one of 0.0, 1.0, 2.0, 3.0, got 4.0."),
+        (RoomRules, {"circles": (4.0, 2.0)}, "circles must be a least and a greatest value, got (4.0, 2.0)."),
+        (RoomRules, {"circles": (1.5, 1.9)}, "circles must be whole numbers, got (1.5, 1.9)."),
+        (RoomRules, {"boxes": (1.5, 1.9)}, "boxes must be whole numbers, got (1.5, 1.9)."),
+        (RoomRules, {"start": (0.0, 0.0)}, "start must be a pose (x, y, theta), or NaN where it is drawn, got (0.0, 0.0)."),
+        (RoomRules, {"goal": (0.0, 0.0, math.nan)}, "goal must be a pose (x, y, theta), or NaN where it is drawn"),
     ],
 )
-def test_a_field_that_breaks_its_rule_is_named_with_it(name, value, said):
-    check_fields(Fields())
-    check_fields(Fields(period=60.0, share=0.0, laps=2**40, storage="d.yaml", free=-1.0))
-    with pytest.raises(ValueError) as refused:  # noqa: PT011  # the message is compared below
-        check_fields(Fields(**{name: value}))
-    assert str(refused.value) == said
+def test_what_does_not_go_together_is_refused(cls, given, message):
+    with pytest.raises(ValueError, match=f"^{cls.__name__}.{re.escape(message)}"):
+        cls(**NEEDED.get(cls, {}) | given)
+
+
+@pytest.mark.parametrize("cls", [*RULES, Noise])
+def test_parameters_are_frozen_and_take_keywords_only(cls):
+    value = cls(**NEEDED.get(cls, {}))
+    for item in fields(cls):
+        with pytest.raises(AttributeError):
+            setattr(value, item.name, getattr(value, item.name))
+    with pytest.raises((AttributeError, TypeError)):
+        value.unknown = 1.0
+    with pytest.raises(TypeError):
+        cls(0.1)

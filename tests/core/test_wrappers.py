@@ -194,8 +194,8 @@ def envs(**options):
 @pytest.mark.parametrize(
     ("wrap", "told"),
     [
-        (lambda: wrappers.SmoothAction(Echo(), 0.0), r"share must be in \(0, 1\], got 0.0"),
-        (lambda: vector.SmoothAction(envs(), 1.5), r"share must be in \(0, 1\], got 1.5"),
+        (lambda: wrappers.SmoothAction(Echo(), 0.0), r"share must be a number above 0 and at most 1, got 0.0"),
+        (lambda: vector.SmoothAction(envs(), 1.5), r"share must be a number above 0 and at most 1, got 1.5"),
         (lambda: wrappers.SmoothAction(gym.make("CartPole-v1"), 0.5), "The action space must be a Box, got Discrete"),
         (lambda: vector.FrameStackObservation(envs(), 0), "stack_size must be a positive whole number, got 0"),
         (lambda: vector.FrameStackObservation(envs(), 2, padding_type="one"), "padding_type must be 'reset' or 'zero'"),

@@ -103,21 +103,6 @@ def test_rules_are_parameters(empty_scene):
     assert set(changes) | {"fill", "courtesy"} == set(RoomRules.__dataclass_fields__)
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"circles": (4.0, 2.0)}, "RoomRules.circles must be a least and a greatest value"),
-        ({"radius": (0.1,)}, "RoomRules.radius must be a least and a greatest value"),
-        ({"half_length": 0.0}, "RoomRules.half_length must be positive"),
-        ({"fill": 1.2}, "RoomRules.fill must be a probability"),
-        ({"courtesy": -0.1}, "RoomRules.courtesy must be"),
-    ],
-)
-def test_rules_that_cannot_be_are_refused(changes, told):
-    with pytest.raises(ValueError, match=told):
-        RoomRules(**changes)
-
-
 def test_nobody_walks_where_the_robot_starts(empty_scene):
     """One drive in eighteen used to end at once, in contact with a walker."""
     rules, scene = ROOMS["crowd"], empty_scene("crowd")

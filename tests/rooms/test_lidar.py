@@ -164,24 +164,6 @@ def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
     assert scene.sectors[0] == pytest.approx(3.0 / 3.5, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"beams": 0}, "Lidar.beams must be a whole number from 1 to 10000, got 0"),
-        ({"beams": 3.5}, "Lidar.beams must be a whole number of at least 0, got 3.5"),
-        ({"range_min": 2.0, "range_max": 1.0}, "Lidar.range_min must be below range_max, got 2.0 >= 1.0"),
-        ({"rate": 0.0}, "Lidar.rate must be positive, got 0.0"),
-        ({"dropout": 1.5}, "Lidar.dropout must be a probability, got 1.5"),
-        ({"deviation": math.nan}, "Lidar.deviation must be non-negative, got nan"),
-        ({"dead": ((0.0,),)}, "Lidar.dead must hold at most 4 pairs"),
-        ({"dead": ((0.0, 0.1),) * 5}, "Lidar.dead must hold at most 4 pairs"),
-    ],
-)
-def test_a_lidar_that_cannot_be_is_refused(changes, told):
-    with pytest.raises(ValueError, match=told):
-        Lidar(**changes)
-
-
 def test_the_presets_are_what_the_data_sheets_say():
     """TurtleBot3: 360 beams, 5 Hz, 0.12 to 3.5 m or 0.16 to 8 m; TurtleBot 4: a scan in 0.130 s, 0.15 to 12 m, turned left."""
     assert (LIDARS["lds01"].beams, LIDARS["lds01"].rate, LIDARS["lds01"].range_min, LIDARS["lds01"].range_max) == (

@@ -19,7 +19,7 @@ from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Parameters, Setup, System
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import number, shown, whole
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, shown, whole
 
 PARTS = {
     "true_state": "body.true_state",
@@ -87,7 +87,7 @@ def with_limit(options: Options, steps: float | None) -> Setup:
     own, task = setup.parameters.task.max_steps, options.task
     if steps is None:
         return setup
-    if isinstance(task, Task) and own < math.inf and number("max_episode_steps", steps) != own:
+    if isinstance(task, Task) and own < math.inf and POSITIVE_OR_INFINITE.check("max_episode_steps", steps) != own:
         raise ValueError(
             f"task ends episodes after {own:g} steps (Task.max_steps), max_episode_steps after {steps:g}: make them equal, "
             "or Task.max_steps infinite."

@@ -8,9 +8,10 @@ References:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
-from turtlebot_gym.validation import choose, require, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Numbers, choose, typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,67 +22,57 @@ class MujocoBurger:
     grips.
     """
 
-    friction: float = 1.0
+    friction: Annotated[float, NON_NEGATIVE] = 1.0
     """Coefficient of friction between wheels and floor. Chosen: rubber on a dry floor, as the SDF calls its own value
     unreliable. 0.5 makes a slippery floor."""
-    caster_friction: float = 0.05
+    caster_friction: Annotated[float, NON_NEGATIVE] = 0.05
     """Coefficient of friction between caster and floor. Chosen: a sliding sphere that stands for a ball that rolls nearly
     freely. 0.3 stands for a clogged ball."""
-    wheel_radius: float = 0.033
+    wheel_radius: Annotated[float, POSITIVE] = 0.033
     """m. The URDF's."""
-    wheel_separation: float = 0.160
+    wheel_separation: Annotated[float, POSITIVE] = 0.160
     """Distance between the wheels' tracks, m. From the URDF."""
-    wheel_width: float = 0.018
+    wheel_width: Annotated[float, POSITIVE] = 0.018
     """m. The URDF's."""
     cylinders: bool = False
     """Whether the wheels are cylinders, as in the URDF, instead of ellipsoids of the same radius and width. Chosen: a cylinder
     touches the floor with both rims, which scrub in every turn, so that the robot turns as if its track were wider by an
     unknown amount. An ellipsoid touches at one point in the middle of the track, like a rounded tyre."""
-    base_mass: float = 0.825735
+    base_mass: Annotated[float, POSITIVE] = 0.825735
     """kg. From the URDF, like all masses."""
-    base_inertia: tuple[float, ...] = (2.2124e-3, 2.1194e-3, 2.0064e-3)
+    base_inertia: Annotated[tuple[float, ...], Numbers(POSITIVE, 3)] = (2.2124e-3, 2.1194e-3, 2.0064e-3)
     """Moments of inertia of the base about x, y and z, kg m^2. From the URDF, without the products of inertia, below 2 %."""
-    base_center: tuple[float, ...] = (-0.032, 0.0, 0.070)
+    base_center: Annotated[tuple[float, ...], Numbers(FINITE, 3)] = (-0.032, 0.0, 0.070)
     """Centre of mass of the base in its frame, whose origin is 1 cm above the floor, below the middle of the axle; m. From the
     SDF, the middle of the base's box; the URDF has it in the origin, outside of most of the base."""
-    wheel_mass: float = 0.028499
+    wheel_mass: Annotated[float, POSITIVE] = 0.028499
     """kg."""
-    wheel_inertia: tuple[float, ...] = (1.1176e-5, 2.0713e-5, 1.1192e-5)
+    wheel_inertia: Annotated[tuple[float, ...], Numbers(POSITIVE, 3)] = (1.1176e-5, 2.0713e-5, 1.1192e-5)
     """Moments of inertia of a wheel about x, y (its axle) and z, kg m^2. From the URDF."""
-    lidar_mass: float = 0.114
+    lidar_mass: Annotated[float, POSITIVE] = 0.114
     """kg; the inertia is that of the URDF's cylinder."""
-    caster_mass: float = 0.005
+    caster_mass: Annotated[float, POSITIVE] = 0.005
     """kg."""
-    caster_radius: float = 0.005
+    caster_radius: Annotated[float, POSITIVE] = 0.005
     """m. From the SDF; the centre is 1 mm lower than there, so that the caster touches the floor."""
-    motor_gain: float = 0.3
+    motor_gain: Annotated[float, POSITIVE] = 0.3
     """Torque per speed error of the wheel, N m s. Chosen: a wheel reaches its set speed within about 10 ms."""
-    motor_torque: float = 1.4
+    motor_torque: Annotated[float, POSITIVE] = 1.4
     """Greatest torque of a motor, N m: the stall torque in the e-Manual at 11.1 V, the battery voltage."""
-    armature: float = 0.002
+    armature: Annotated[float, NON_NEGATIVE] = 0.002
     """Inertia of a rotor behind its gear, seen at the wheel, kg m^2. Chosen: the maker states none."""
-    lead: float = 0.04
+    lead: Annotated[float, NON_NEGATIVE] = 0.04
     """Time before the end of a control interval at which the interval's command reaches the motors, s. Chosen: late enough to
     be close to the unicycle, whose commands act at the end; early enough for the wheels to reach the new speed when the
     odometry is read at the end, since filters take its twist for that of the next interval."""
-    reading: float = 0.02
+    reading: Annotated[float, POSITIVE] = 0.02
     """Time between readings of the wheel angles from which odometry is integrated, s; its twist is that of the last reading.
     Chosen: 50 Hz."""
-    step: float = 0.002
+    step: Annotated[float, POSITIVE] = 0.002
     """Time step of the engine, s. Chosen: with half of it, a straight drive differs by less than 0.1 %."""
 
     def __post_init__(self) -> None:
         typed(self)
-        for name, size in (("base_inertia", 3), ("wheel_inertia", 3), ("base_center", 3)):
-            value = getattr(self, name)
-            if len(value) != size:
-                raise ValueError(f"MujocoBurger.{name} must be a sequence of {size} numbers, got {value!r}.")
-        signed = ("base_center", "cylinders")
-        may_be_zero = ("friction", "caster_friction", "armature", "lead")
-        rest = [field.name for field in fields(self) if field.name not in (*signed, *may_be_zero)]
-        require(self, "non-negative", *may_be_zero)
-        require(self, "positive", *rest)
-        require(self, "finite", "base_center")
 
     def steps(self, dt: float) -> tuple[int, int]:
         """Return the number of engine steps in a control interval of dt, s, and how many of them follow the new command.

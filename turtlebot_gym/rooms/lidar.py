@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.models.odometry import quantize
 from turtlebot_gym.models.random import normals, uniforms
-from turtlebot_gym.validation import LARGEST, numbers, require, typed, whole
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, refusal, typed
 
 SECTORS = 36
 """Number of sectors into which a policy's ranges are pooled: the first is ahead, the others follow counter-clockwise."""
@@ -37,30 +38,30 @@ DEAD_SECTORS = 4
 class Lidar:
     """A two-dimensional LiDAR: its beams, their errors and their timing."""
 
-    beams: int = 360
+    beams: Annotated[int, Range(1, MAX_BEAMS, whole=True)] = 360
     """Beams per revolution, evenly spaced counter-clockwise from `yaw`."""
-    rate: float = 5.0
+    rate: Annotated[float, Range(MIN_RATE, MAX_RATE, unit="Hz")] = 5.0
     """Revolutions per second; at most one per control interval."""
-    range_min: float = 0.12
+    range_min: Annotated[float, NON_NEGATIVE] = 0.12
     """Shorter ranges are not returned, m."""
-    range_max: float = 3.5
+    range_max: Annotated[float, POSITIVE] = 3.5
     """Longer ranges are not returned, m."""
-    deviation: float = 0.0
+    deviation: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of a range, m ..."""
-    deviation_share: float = 0.0
+    deviation_share: Annotated[float, NON_NEGATIVE] = 0.0
     """... or as a share of the range, if that is more."""
-    accuracy: float = 0.0
+    accuracy: Annotated[float, PROBABILITY] = 0.0
     """Largest share by which all ranges of an episode are too long or too short; drawn once per episode."""
-    quantization: float = 0.0
+    quantization: Annotated[float, NON_NEGATIVE] = 0.0
     """Resolution of a range, m; 0 for none."""
-    dropout: float = 0.0
+    dropout: Annotated[float, PROBABILITY] = 0.0
     """Probability that a beam returns nothing."""
     dead: tuple[tuple[float, float], ...] = ()
     """Blind sectors in the robot's frame: first direction and width of each, rad; at most 4."""
-    x: float = 0.0
+    x: Annotated[float, FINITE] = 0.0
     """Mounting position in the robot's frame, m."""
-    y: float = 0.0
-    yaw: float = 0.0
+    y: Annotated[float, FINITE] = 0.0
+    yaw: Annotated[float, FINITE] = 0.0
     """Direction of the first beam in the robot's frame, rad."""
     turning: bool = True
     """Whether beams are measured one after the other; if not, all at the end of the period."""
@@ -69,25 +70,14 @@ class Lidar:
 
     def __post_init__(self) -> None:
         typed(self)
-        whole("Lidar.beams", self.beams, 1, MAX_BEAMS)
-        require(self, "positive", "rate", "range_max")
-        require(self, "finite", "x", "y", "yaw")
-        require(self, "non-negative", "range_min", "deviation", "deviation_share", "quantization")
-        require(self, "a probability", "accuracy", "dropout")
-        if not MIN_RATE <= self.rate <= MAX_RATE:
-            raise ValueError(f"Lidar.rate must be from {MIN_RATE:g} to {MAX_RATE:g} Hz, got {self.rate!r}.")
         if not self.range_min < self.range_max:
             raise ValueError(f"Lidar.range_min must be below range_max, got {self.range_min!r} >= {self.range_max!r}.")
-        try:
-            sectors = tuple(numbers("Lidar.dead", sector) for sector in self.dead)
-        except TypeError:
-            raise ValueError(f"Lidar.dead must hold pairs of a direction and a width, got {self.dead!r}.") from None
-        if len(sectors) > DEAD_SECTORS or not all(
-            len(s) == 2 and 0.0 <= s[1] <= TWO_PI and abs(s[0]) <= LARGEST for s in sectors
-        ):
-            raise ValueError(
-                f"Lidar.dead must hold at most {DEAD_SECTORS} pairs of a direction and a width, got {self.dead!r}."
-            )
+        pair, width = Numbers(FINITE, 2), Range(0.0, TWO_PI, unit="rad")
+        if not isinstance(self.dead, (list, tuple)) or len(self.dead) > DEAD_SECTORS:
+            raise refusal("Lidar.dead", f"at most {DEAD_SECTORS} pairs of a direction and a width", self.dead)
+        sectors = tuple(pair.check(f"Lidar.dead[{at}]", sector) for at, sector in enumerate(self.dead))
+        for at, sector in enumerate(sectors):
+            width.check(f"Lidar.dead[{at}][1]", sector[1])
         object.__setattr__(self, "dead", sectors + ((0.0, 0.0),) * (DEAD_SECTORS - len(sectors)))
 
 

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from turtlebot_gym.validation import LARGEST, choose, require, typed
+from turtlebot_gym.validation import (
+    LARGEST,
+    NON_NEGATIVE,
+    POSITIVE,
+    POSITIVE_OR_INFINITE,
+    PROBABILITY,
+    Numbers,
+    choose,
+    refusal,
+    typed,
+)
 
 GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
 """Kinds of rooms: a given one, obstacles at random places, rooms with doors, and caves by a cellular automaton."""
@@ -24,29 +35,29 @@ class RoomRules:
 
     kind: float = SCATTERED
     """Kind of room, a value of `KINDS`."""
-    half_length: float = 2.5
+    half_length: Annotated[float, POSITIVE] = 2.5
     """Half the room's extent along x, m."""
-    half_width: float = 2.5
+    half_width: Annotated[float, POSITIVE] = 2.5
     """Half its extent along y, m."""
-    circles: tuple[float, ...] = (6.0, 14.0)
+    circles: Annotated[tuple[float, ...], Numbers(NON_NEGATIVE, 2)] = (6.0, 14.0)
     """Fewest and most circles; the number is drawn uniformly."""
-    boxes: tuple[float, ...] = (0.0, 4.0)
+    boxes: Annotated[tuple[float, ...], Numbers(NON_NEGATIVE, 2)] = (0.0, 4.0)
     """Fewest and most boxes."""
-    radius: tuple[float, ...] = (0.1, 0.3)
+    radius: Annotated[tuple[float, ...], Numbers(POSITIVE, 2)] = (0.1, 0.3)
     """Least and greatest radius of a circle, and half extent of a box, m."""
-    total: float = math.inf
+    total: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Most circles and boxes together; circles are left out beyond it."""
-    speed: tuple[float, ...] = (0.0, 0.0)
+    speed: Annotated[tuple[float, ...], Numbers(NON_NEGATIVE, 2)] = (0.0, 0.0)
     """Least and greatest speed of circles that walk, m/s; 0 for static ones."""
-    courtesy: float = 0.0
+    courtesy: Annotated[float, NON_NEGATIVE] = 0.0
     """Distance from a robot's centre within which walkers wait instead of coming nearer, m."""
-    fill: float = 0.2
+    fill: Annotated[float, PROBABILITY] = 0.2
     """Share of cells filled before the automaton smooths them, for the kind "cellular"."""
     through: bool = False
     """Whether the robot starts in the first fifth of the room's length and its goal is in the last fifth."""
-    min_distance: float = 1.5
+    min_distance: Annotated[float, NON_NEGATIVE] = 1.5
     """Least distance between start and goal, m."""
-    max_distance: float = math.inf
+    max_distance: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Greatest distance between start and goal along each axis, m, if the start is known before the goal is drawn."""
     start: tuple[float, ...] = ANYWHERE
     """Start pose of the robot; NaN to draw it."""
@@ -56,10 +67,6 @@ class RoomRules:
     def __post_init__(self) -> None:
         typed(self)
         choose("RoomRules.kind", self.kind, dict.fromkeys(KINDS.values()))
-        require(self, "positive", "half_length", "half_width", "radius")
-        require(self, "positive or infinite", "max_distance", "total")
-        require(self, "non-negative", "circles", "boxes", "speed", "courtesy", "min_distance")
-        require(self, "a probability", "fill")
         if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
             raise ValueError(
                 f"RoomRules must have at most {MAX_CIRCLES} circles and {MAX_BOXES} boxes, "
@@ -73,13 +80,13 @@ class RoomRules:
         for name in ("start", "goal"):
             pose = getattr(self, name)
             if len(pose) != 3 or not (all(map(math.isnan, pose)) or all(abs(value) <= LARGEST for value in pose)):
-                raise ValueError(f"RoomRules.{name} must be a pose (x, y, theta), or NaN where it is drawn, got {pose!r}.")
+                raise refusal(f"RoomRules.{name}", "a pose (x, y, theta), or NaN where it is drawn", pose)
         for name in ("circles", "boxes", "radius", "speed"):
             value = getattr(self, name)
-            if len(value) != 2 or value[0] > value[1]:
-                raise ValueError(f"RoomRules.{name} must be a least and a greatest value, got {value!r}.")
+            if value[0] > value[1]:
+                raise refusal(f"RoomRules.{name}", "a least and a greatest value", value)
             if name in ("circles", "boxes") and any(number % 1.0 for number in value):
-                raise ValueError(f"RoomRules.{name} must be whole numbers, got {value!r}.")
+                raise refusal(f"RoomRules.{name}", "whole numbers", value)
 
 
 ROOMS = {

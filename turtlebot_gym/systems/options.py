@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,9 +18,9 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
-from turtlebot_gym.systems.parameters import MAX_DELAY, MAX_DT, MIN_DT, OBSERVED, Parameters, make_room
+from turtlebot_gym.systems.parameters import DT, MAX_DELAY, OBSERVED, Parameters, make_room
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
-from turtlebot_gym.validation import LARGEST, choose, made, number, shown, whole
+from turtlebot_gym.validation import LARGEST, choose, did_you_mean, made, refusal, shown, whole
 from turtlebot_gym.values import Pose
 
 MAX_DEPTH = 25
@@ -99,9 +98,7 @@ class Options:
         known = [item.name for item in fields(cls)]
         for name in given:
             if name not in known:
-                near = get_close_matches(name, known, 1)
-                hint = f": did you mean {near[0]!r}?" if near else "."
-                raise TypeError(f"There is no option {name!r}{hint} Options are {', '.join(known)}.")
+                raise TypeError(f"There is no option {name!r}; options are {', '.join(known)}.{did_you_mean(name, known)}")
         return cls(**given)
 
     def changed(self) -> dict[str, Any]:
@@ -144,9 +141,7 @@ class Options:
             ImportError: If the plant needs an engine that is not installed.
         """
         task, waypoints = self.course()
-        late, dt = whole("delay", self.delay, 0, MAX_DELAY), number("dt", self.dt)
-        if not MIN_DT <= dt <= MAX_DT:
-            raise ValueError(f"dt must be positive, from {MIN_DT:g} to {MAX_DT:g} s, got {self.dt!r}.")
+        late, dt = whole("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
         fix = () if self.fix is None else make_fix(self.fix)
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
@@ -203,9 +198,7 @@ def _poses(waypoints: Any) -> tuple[Pose, ...]:
     except (TypeError, ValueError):
         poses = ()
     if not poses or not all(abs(number) <= LARGEST for pose in poses for number in pose):
-        raise ValueError(
-            f"waypoints must be one or more finite poses (x, y, theta), at most {LARGEST:g} m away, got {shown(waypoints)}."
-        )
+        raise refusal("waypoints", f"one or more finite poses (x, y, theta), at most {LARGEST:g} m away", waypoints)
     return tuple(Pose(pose.x, pose.y, wrap(pose.theta)) for pose in poses)
 
 

@@ -10,6 +10,7 @@ from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.tasks import Task
+from turtlebot_gym.validation import Range
 
 BELIEVED, MEASURED, TRUE = 0.0, 1.0, 2.0
 OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
@@ -17,8 +18,8 @@ OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
-MIN_DT, MAX_DT = 1e-4, 10.0
-"""Shortest and longest control interval, s."""
+DT = Range(1e-4, 10.0, unit="s")
+"""What a control interval may be."""
 
 
 class Parameters(NamedTuple):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 from turtlebot_gym.models.angles import PI, wrap
-from turtlebot_gym.validation import require, typed
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, typed
 from turtlebot_gym.values import Pose
 
 
@@ -16,34 +17,30 @@ class Task:
 
     random: bool = True
     """Whether start pose and goal are drawn in the arena; if not, the robot starts at the origin and has given waypoints."""
-    arena: float = 2.0
+    arena: Annotated[float, POSITIVE] = 2.0
     """Half the side of the square in which starts and goals are drawn, m."""
-    min_distance: float = 0.5
+    min_distance: Annotated[float, NON_NEGATIVE] = 0.5
     """Least distance between a drawn start and its goal, m."""
-    radius: float = 0.15
+    radius: Annotated[float, POSITIVE] = 0.15
     """A waypoint is reached within this distance, m ..."""
-    heading_tolerance: float = math.inf
+    heading_tolerance: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """... this heading error, rad ..."""
-    turn_tolerance: float = math.inf
+    turn_tolerance: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """... and at most this turning rate, rad/s."""
     on_belief: bool = False
     """Whether the pose that the policy observes, instead of the true one, decides on arrival, as in a node ..."""
-    margin: float = 0.05
+    margin: Annotated[float, NON_NEGATIVE] = 0.05
     """... and this margin by which it must be inside, m, at most a third of the radius: a robot whose belief is only just
     inside is outside half of the time."""
-    switch_period: float = math.inf
+    switch_period: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
-    laps: float = 1.0
+    laps: Annotated[float, POSITIVE_OR_INFINITE] = 1.0
     """Number of rounds through the waypoints."""
-    max_steps: float = math.inf
+    max_steps: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Steps after which an episode is truncated; infinite to leave that to the environment."""
 
     def __post_init__(self) -> None:
         typed(self)
-        require(self, "positive", "arena", "radius")
-        without_limit = ("heading_tolerance", "turn_tolerance", "switch_period", "laps", "max_steps")
-        require(self, "positive or infinite", *without_limit)
-        require(self, "non-negative", "min_distance", "margin")
         if not self.min_distance <= self.arena:
             raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
 

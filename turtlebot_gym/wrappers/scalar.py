@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.wrappers.draws import Draws
 from turtlebot_gym.wrappers.transition import (
+    SHARE,
     Moment,
     Transition,
     appended,
@@ -21,7 +22,6 @@ from turtlebot_gym.wrappers.transition import (
     moment,
     own_seeds,
     require_box,
-    require_share,
     seeds_of,
 )
 
@@ -115,7 +115,7 @@ class SmoothAction(gym.Wrapper, RecordConstructorArgs):
     def __init__(self, env: gym.Env, share: float) -> None:
         RecordConstructorArgs.__init__(self, share=share)
         gym.Wrapper.__init__(self, env)
-        self._share = require_share(share)
+        self._share = SHARE.check("share", share)
         self._last: Any = np.zeros_like(require_box(env.action_space, "action").low)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -9,6 +9,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.validation import Range
+
+SHARE = Range(0.0, 1.0, open_low=True)
+"""What the share of an action that is carried out in a step may be."""
+
 
 class Moment(NamedTuple):
     """Observation and info between two steps."""
@@ -73,17 +78,6 @@ def require_box(space: spaces.Space, what: str, dimensions: int | None = None) -
         kind = "a Box" if dimensions is None else f"a Box of {dimensions} dimension"
         raise ValueError(f"The {what} space must be {kind}, got {space}.")
     return space
-
-
-def require_share(share: float) -> float:
-    """Return a share in (0, 1].
-
-    Raises:
-        ValueError: If it is none.
-    """
-    if not 0.0 < share <= 1.0:
-        raise ValueError(f"share must be in (0, 1], got {share!r}.")
-    return float(share)
 
 
 def longer(space: spaces.Space, low: ArrayLike, high: ArrayLike) -> spaces.Box:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.envs.common import of_rows
 from turtlebot_gym.wrappers.draws import Draws
 from turtlebot_gym.wrappers.transition import (
+    SHARE,
     Moment,
     Transition,
     appended,
@@ -27,7 +28,6 @@ from turtlebot_gym.wrappers.transition import (
     moment,
     own_seeds,
     require_box,
-    require_share,
     seeds_of,
 )
 
@@ -208,7 +208,7 @@ class SmoothAction(_RowsWrapper, RecordConstructorArgs):
     def __init__(self, env: VectorEnv, share: float) -> None:
         RecordConstructorArgs.__init__(self, share=share)
         super().__init__(env)
-        self._share = require_share(share)
+        self._share = SHARE.check("share", share)
         self._last: Any = np.zeros_like(require_box(env.action_space, "action").low)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -18,12 +18,11 @@ import numpy as np
 
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import Range, choose
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
 from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers, layout_of_baseline
 from turtlebot_gym_agents.policies.fit import describe_robot
-from turtlebot_gym_agents.policies.geometric import Range
 from turtlebot_gym_agents.provenance import plain, provenance
 
 TUNING_SEED = 2**39
@@ -81,7 +80,8 @@ def tune_baseline(
     if path.suffix != ".json":
         raise ValueError(f"out must be a file *.json, got {str(path)!r}.")
     robot, dt = options.get("robot", "burger"), options.get("dt", REFERENCE_PERIOD)
-    config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": kind.RANGES, **options})
+    ranges = {name: (span.low, span.high, span.log) for name, span in kind.RANGES.items()}
+    config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": ranges, **options})
     made = {"format": FORMAT, "policy": policy, "layout": layout_of_baseline(policy), "robot": describe_robot(robot), "dt": dt}
     done = _read(path, {**made, "config": config})
     path.parent.mkdir(parents=True, exist_ok=True)

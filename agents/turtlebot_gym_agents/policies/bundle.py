@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.systems import SIZES
-from turtlebot_gym.systems.parameters import MAX_DT, MIN_DT, OBSERVED
-from turtlebot_gym.validation import choose, number, shown
+from turtlebot_gym.systems.parameters import DT, OBSERVED
+from turtlebot_gym.validation import choose, shown
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.policies.weights import require_own_finite_weights
 from turtlebot_gym_agents.provenance import plain
@@ -175,8 +175,7 @@ def _read_card(path: str | Path, told: Any) -> Card:
     for name in ("robot", "training"):
         if not isinstance(told.get(name, {}), Mapping):
             raise ValueError(f"{path}: {name} on its card must be a mapping, got {shown(told[name])}.")
-    if not MIN_DT <= number(f"{path}: dt on its card", told["dt"]) <= MAX_DT:
-        raise ValueError(f"{path}: dt on its card must be from {MIN_DT:g} to {MAX_DT:g} s, got {shown(told['dt'])}.")
+    DT.check(f"{path}: dt on its card", told["dt"])
     return Card(**{item.name: told[item.name] for item in fields(Card) if item.name in told})
 
 

@@ -12,7 +12,8 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym_agents.policies.geometric import Range, action_of, require_non_negative, require_positive
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
+from turtlebot_gym_agents.policies.geometric import action_of, check
 from turtlebot_gym_agents.policies.reactive import SEEING
 from turtlebot_gym_agents.policies.sight import arc, look
 
@@ -74,8 +75,8 @@ class DynamicWindowPolicy:
         margin: float = 0.075,
         lag: float = 0.06,
     ) -> None:
-        require_positive(dt=dt, horizon=horizon, aim=aim, brake=brake)
-        require_non_negative(heading=heading, clear=clear, margin=margin, lag=lag)
+        check(POSITIVE, dt=dt, horizon=horizon, aim=aim, brake=brake)
+        check(NON_NEGATIVE, heading=heading, clear=clear, margin=margin, lag=lag)
         self._robot, self._dt, self._lag, self._radius = make_robot(robot), dt, lag, make_robot(robot).radius + margin
         self._heading, self._clear, self._horizon, self._aim, self._brake = heading, clear, horizon, aim, brake
         length = self._robot.max_linear * horizon * np.arange(1, _POINTS + 1) / _POINTS

@@ -6,7 +6,6 @@ They need only numpy, so that a robot can run them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
@@ -18,17 +17,9 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import SIZES
 from turtlebot_gym.tasks import Observation
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
 
 _TINY = 1e-12  # instead of zero in a denominator
-
-
-class Range(NamedTuple):
-    """Range in which a number of a policy is tuned."""
-
-    low: float
-    high: float
-    log: bool = False
-    """Whether values are drawn uniformly on a logarithmic scale."""
 
 
 class ProportionalPolicy:
@@ -49,7 +40,7 @@ class ProportionalPolicy:
     def __init__(
         self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, kv: float = 0.5, komega: float = 1.5
     ) -> None:
-        require_positive(dt=dt, kv=kv, komega=komega)
+        check(POSITIVE, dt=dt, kv=kv, komega=komega)
         self._robot, self._kv, self._komega = make_robot(robot), kv, komega
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
@@ -97,8 +88,8 @@ class BearingPolicy:
         tolerance: float = 0.03,
         slow: float = 0.05,
     ) -> None:
-        require_positive(dt=dt, gain=gain, slow=slow)
-        require_non_negative(focus=focus, tolerance=tolerance)
+        check(POSITIVE, dt=dt, gain=gain, slow=slow)
+        check(NON_NEGATIVE, focus=focus, tolerance=tolerance)
         self._robot, self._dt = make_robot(robot), dt
         self._gain, self._focus, self._tolerance, self._slow = gain, focus, tolerance, slow
 
@@ -145,9 +136,8 @@ class CornerPolicy:
         depth: float = 0.75,
         **steering: float,
     ) -> None:
-        require_positive(cut=cut)
-        if not 0.0 <= depth < 1.0:
-            raise ValueError(f"depth must be at least 0 and less than 1, got {depth!r}.")
+        check(POSITIVE, cut=cut)
+        check(Range(0.0, 1.0, open_high=True), depth=depth)
         self._drive = BearingPolicy(robot, dt, **steering)
         self._robot, self._dt, self._cut, self._depth = make_robot(robot), dt, cut, depth
 
@@ -195,7 +185,7 @@ class PolarPolicy:
         k: float = 2.0,
         h: float = 2.0,
     ) -> None:
-        require_positive(dt=dt, gamma=gamma, k=k, h=h)
+        check(POSITIVE, dt=dt, gamma=gamma, k=k, h=h)
         self._robot, self._dt, self._gamma, self._k, self._h = make_robot(robot), dt, gamma, k, h
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
@@ -225,7 +215,7 @@ class RotateDriveRotatePolicy:
     def __init__(
         self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, stop: float = 0.1, **steering: float
     ) -> None:
-        require_positive(dt=dt, stop=stop)
+        check(POSITIVE, dt=dt, stop=stop)
         self._drive, self._robot = BearingPolicy(robot, dt, **steering), make_robot(robot)
         self._dt, self._stop = dt, stop
 
@@ -276,15 +266,7 @@ def action_of(forward: Any, turn: Any) -> NDArray[np.float32]:
     return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
 
 
-def require_positive(**numbers: float) -> None:
-    """Raise ValueError unless numbers are positive and finite."""
+def check(rule: Range, **numbers: float) -> None:
+    """Raise ValueError unless all numbers are in a range."""
     for name, number in numbers.items():
-        if not 0.0 < number < math.inf:
-            raise ValueError(f"{name} must be positive and finite, got {number!r}.")
-
-
-def require_non_negative(**numbers: float) -> None:
-    """Raise ValueError unless numbers are at least 0 and finite."""
-    for name, number in numbers.items():
-        if not 0.0 <= number < math.inf:
-            raise ValueError(f"{name} must be >= 0 and finite, got {number!r}.")
+        rule.check(name, number)

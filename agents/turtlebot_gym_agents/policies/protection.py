@@ -11,7 +11,8 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym_agents.policies.geometric import require_non_negative, require_positive
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
+from turtlebot_gym_agents.policies.geometric import check
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
 from turtlebot_gym_agents.policies.sight import look, time_to_contact
 
@@ -50,8 +51,8 @@ class SafetyLayer:
         margin: float = 0.05,
         lag: float = 0.1,
     ) -> None:
-        require_positive(dt=dt, reserve=reserve)
-        require_non_negative(margin=margin, lag=lag)
+        check(POSITIVE, dt=dt, reserve=reserve)
+        check(NON_NEGATIVE, margin=margin, lag=lag)
         self.card = getattr(policy, "card", None)
         """Card of the policy, if it has one."""
         self._policy, self._robot, self._dt = policy, make_robot(robot), dt

@@ -16,7 +16,8 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym_agents.policies.geometric import Range, action_of, require_non_negative, require_positive, wrap
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
+from turtlebot_gym_agents.policies.geometric import action_of, check, wrap
 from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, look, time_to_contact
 
 _TURNS = 72
@@ -60,8 +61,8 @@ class _Reactive:
         focus: float,
         caution: float,
     ) -> None:
-        require_positive(dt=dt, sight=sight, gain=gain, caution=caution)
-        require_non_negative(margin=margin, lag=lag, focus=focus)
+        check(POSITIVE, dt=dt, sight=sight, gain=gain, caution=caution)
+        check(NON_NEGATIVE, margin=margin, lag=lag, focus=focus)
         self._robot, self._dt, self._margin, self._lag, self._sight = make_robot(robot), dt, margin, lag, sight
         self._gain, self._focus, self._caution = gain, focus, caution
 

@@ -12,7 +12,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Robot
-from turtlebot_gym.validation import choose, flag, number, shown, whole
+from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, flag, shown, whole
 from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 
 MAX_STEPS = 10**12
@@ -76,10 +76,8 @@ class TrainingConfig:
         whole("seed", self.seed, 0, 2**20 - 1)
         flag("randomize", self.randomize)
         choose("device", self.device, dict.fromkeys(DEVICES))
-        if not 0.0 <= number("speed_error", self.speed_error) < 1.0:
-            raise ValueError(f"speed_error must be at least 0 and less than 1, got {self.speed_error!r}.")
-        if not number("checkpoint_seconds", self.checkpoint_seconds) >= 0.0:
-            raise ValueError(f"checkpoint_seconds must be at least 0, got {self.checkpoint_seconds!r}.")
+        Range(0.0, 1.0, open_high=True).check("speed_error", self.speed_error)
+        NON_NEGATIVE.check("checkpoint_seconds", self.checkpoint_seconds)
         if not isinstance(self.env, str) or self.env not in registry:
             known = ", ".join(repr(spec.id) for spec in registry.values() if spec.namespace == "turtlebot_gym")
             raise ValueError(f"env must be one of {known}, or another id with their arguments, got {shown(self.env)}.")

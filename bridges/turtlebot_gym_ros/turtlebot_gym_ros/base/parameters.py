@@ -17,6 +17,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from turtlebot_gym.validation import Range, Rule, rules
+
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
@@ -25,8 +27,8 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
 
     Args:
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
-        *params: Dataclasses with defaults for all fields, whose docstrings are the descriptions; fields made by
-            `turtlebot_gym.validation.ranged` show their range. If two share a name, the later one counts.
+        *params: Dataclasses with defaults for all fields, whose docstrings are the descriptions; their rules of
+            `turtlebot_gym.validation` are shown. If two share a name, the later one counts.
 
     Raises:
         ValueError: With one line, if a given parameter does not exist, has the wrong type, or is refused by its class.
@@ -34,6 +36,7 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
     declared = {item.name: item for each in params for item in fields(each)}
     kinds = {name: kind for each in params for name, kind in get_type_hints(each).items()}
     texts = {name: text for each in params for name, text in _descriptions(each).items()}
+    constraints = {name: rule for each in params for name, rule in rules(each).items()}
     given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
     for name in given:
         if name not in declared and not name.startswith(_ROS_OWN):
@@ -45,10 +48,10 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
         for name, item in declared.items()
     }
     made = tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)
-    for name, item in declared.items():
+    for name in declared:
         if name in given:
             node.undeclare_parameter(name)
-        descriptor = _descriptor(item, texts.get(name, ""))
+        descriptor = _descriptor(constraints.get(name), texts.get(name, ""))
         try:
             node.declare_parameter(name, values[name], descriptor, ignore_override=True)
         except ParameterException as error:  # what only the range refuses
@@ -84,14 +87,12 @@ def _descriptions(params: type) -> dict[str, str]:
     }
 
 
-def _descriptor(item: Field[Any], description: str) -> ParameterDescriptor:
+def _descriptor(rule: Rule | None, description: str) -> ParameterDescriptor:
     """Return the description of a parameter for ``ros2 param describe``."""
     descriptor = ParameterDescriptor(read_only=True, description=description)
-    descriptor.additional_constraints = str(item.metadata.get("rule", ""))
-    if "range" in item.metadata:
-        low, high = item.metadata["range"]
-        if isinstance(item.default, int):
-            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
-        else:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    descriptor.additional_constraints = "" if rule is None else str(rule)
+    if isinstance(rule, Range) and rule.whole:
+        descriptor.integer_range = [IntegerRange(from_value=rule.low, to_value=rule.high)]
+    elif isinstance(rule, Range):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=rule.low, to_value=rule.high)]
     return descriptor

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import check_fields, ranged
+from turtlebot_gym.validation import POSITIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.node.block import Input, On, Output
 
@@ -87,17 +87,17 @@ class CalibrationDrive:
 
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
-        duration: float = ranged(300.0, 0.0, math.inf, " s", above=True, below=True)
+        duration: Annotated[float, POSITIVE.of("s")] = 300.0
         """Length of the drive, s."""
-        radius: float = ranged(2.0, 0.6, 100.0, " m")
+        radius: Annotated[float, Range(0.6, 100.0, unit="m")] = 2.0
         """Radius of the circle around the start in which the robot stays by its odometry, m."""
-        speed: float = ranged(0.2, 0.0, 10.0, " m/s", above=True)
+        speed: Annotated[float, Range(0.0, 10.0, open_low=True, unit="m/s")] = 0.2
         """Highest speed, m/s; the robot's limits hold too."""
-        turning: float = ranged(1.5, 0.0, 10.0, " rad/s", above=True)
+        turning: Annotated[float, Range(0.0, 10.0, open_low=True, unit="rad/s")] = 1.5
         """Highest turning rate, rad/s; the robot's limits hold too."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
 
     inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Pooling, Scan
 from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
 from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, believed_to_arrive, observe, stated_deviations
-from turtlebot_gym.validation import check_fields, ranged
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
@@ -46,18 +46,18 @@ class VelocityController:
         """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
-        period: float = ranged(0.1, 0.001, 10.0, " s")
+        period: Annotated[float, Range(0.001, 10.0, unit="s")] = 0.1
         """Period for which the policy was made, s. Slower estimates are an error."""
-        goal_tolerance: float = ranged(0.15, 0.0, math.inf, " m", below=True)
+        goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
         """Distance to a last waypoint within which the robot is done, m; the belief must be inside by 0.05 m, or a third of it.
         With 0 it is never done."""
-        lidar_yaw: float = ranged(0.0, -math.inf, math.inf, " rad", above=True, below=True)
+        lidar_yaw: Annotated[float, FINITE.of("rad")] = 0.0
         """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4."""
-        lidar_beams: int = ranged(0, 0, 2**31)
+        lidar_beams: Annotated[int, Range(0, 2**31, whole=True)] = 0
         """Number of beams that a scan must have; 0 for any."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
             if 0.0 < self.goal_tolerance < 0.01:
                 rule = "must be 0, or at least 0.01 m, the resolution of a TurtleBot3"
                 raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")

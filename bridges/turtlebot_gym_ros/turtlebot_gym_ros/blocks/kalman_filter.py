@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
@@ -11,7 +11,7 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym.validation import check_fields, choose, ranged
+from turtlebot_gym.validation import Range, choose, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, senses_of
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 
@@ -56,9 +56,9 @@ class KalmanFilter:
         takes_fixes: bool = False
         """Whether to use external pose measurements on ``pose_fix`` too, such as localization in a map or motion capture: in
         the filter's frame, with their variances; a heading with a negative variance is ignored."""
-        period: float = ranged(0.1, 0.0, 60.0, " s", above=True)
+        period: Annotated[float, Range(0.0, 60.0, open_low=True, unit="s")] = 0.1
         """Longest interval predicted in one step, s."""
-        max_gap: float = ranged(1.0, 0.0, 60.0, " s", above=True, below=True)
+        max_gap: Annotated[float, Range(0.0, 60.0, open_low=True, open_high=True, unit="s")] = 1.0
         """Gap in the odometry after which the filter restarts, s."""
 
         publish_tf: bool = False
@@ -66,7 +66,7 @@ class KalmanFilter:
         owner: set it only if the robot's bring-up does not publish it. Needs a ROS installation."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
             if self.period > self.max_gap:
                 raise ValueError(f"period must be at most max_gap, {self.max_gap!r} s, got {self.period!r}.")
 

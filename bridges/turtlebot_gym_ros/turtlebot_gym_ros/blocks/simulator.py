@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import TWO_PI
@@ -16,7 +16,7 @@ from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Episode, Options
 from turtlebot_gym.tasks import NAV, ROOM
-from turtlebot_gym.validation import check_fields, ranged
+from turtlebot_gym.validation import Range, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
@@ -75,12 +75,12 @@ class TurtlebotSimulator:
         """External pose sensor, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
-        period: float = ranged(0.1, 0.0, 1000.0, " s", above=True, below=True)
+        period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
         """Period of the odometry and of the simulation, s."""
-        speed: float = ranged(1.0, 0.0, 1000.0, below=True)
+        speed: Annotated[float, Range(0.0, 1000.0, open_high=True)] = 1.0
         """Speed as a multiple of real time; at any but 1 the simulator publishes ``clock``. In lock-step this is the upper
         limit, and 0 means as fast as the nodes answer."""
-        seed: int = ranged(0, 0, MAX_SEED)
+        seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
         """Seed of the noise."""
         witness: bool = False
         """Whether in lock-step time also waits for the recorder of a `Graph`, which reports its progress on ``recorded``."""
@@ -96,13 +96,13 @@ class TurtlebotSimulator:
         """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
         plant: str = "unicycle"
         """Model that moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
-        friction: float = ranged(_BURGER.friction, 0.0, 10.0)
+        friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.friction
         """With the plant "mujoco", coefficient of friction between wheels and floor; 0.5 is slippery."""
-        caster_friction: float = ranged(_BURGER.caster_friction, 0.0, 10.0)
+        caster_friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.caster_friction
         """With the plant "mujoco", coefficient of friction between caster and floor; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
             if self.in_room and self.plant != "unicycle":
                 raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
             self.physics()

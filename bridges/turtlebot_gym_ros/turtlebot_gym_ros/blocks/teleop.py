@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from turtlebot_gym.validation import check_fields, ranged
+from turtlebot_gym.validation import Range, typed
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.node.block import Every, Output
 
@@ -32,13 +33,13 @@ class SimulatedTeleop:
     class Params:
         """Parameters of the scripted person."""
 
-        period: float = ranged(0.1, 0.0, 1000.0, " s", above=True, below=True)
+        period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
         """Period of the commands, s."""
         start_enabled: bool = True
         """Whether to drive at once, without a call of ``~/enable``."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
 
     inputs = {}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.validation import check_fields, ranged
+from turtlebot_gym.validation import POSITIVE, typed
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros.node.block import Input, On, Output
 
@@ -42,15 +41,15 @@ class Visualization:
     class Params:
         """Parameters of the visualization."""
 
-        period: float = ranged(0.2, 0.0, math.inf, " s", above=True, below=True)
+        period: Annotated[float, POSITIVE.of("s")] = 0.2
         """Least time between two pictures, and between two points of a path, s."""
-        trail: float = ranged(120.0, 0.0, math.inf, " s", above=True, below=True)
+        trail: Annotated[float, POSITIVE.of("s")] = 120.0
         """Time span of a path, s."""
-        radius: float = ranged(0.3, 0.0, math.inf, " m", above=True, below=True)
+        radius: Annotated[float, POSITIVE.of("m")] = 0.3
         """Distance within which a waypoint counts as reached, m, as in ``waypoint_generator``."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
             if not self.period <= self.trail <= 1e4 * self.period:
                 rule = "must satisfy period <= trail <= 10000 period"
                 raise ValueError(f"period and trail {rule}, got {self.period!r} and {self.trail!r}.")

@@ -7,14 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import load_yaml
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
-from turtlebot_gym.validation import check_fields, ranged, shown
+from turtlebot_gym.validation import POSITIVE, Range, shown, typed
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.node.block import Every, Input, Output
 
@@ -40,19 +40,19 @@ class WaypointGenerator:
         and theta (rad)."""
         switch: str = "arrival"
         """When to switch to the next waypoint: on "arrival" by the estimate, or after a "time", reached or not."""
-        switch_period: float = ranged(SQUARE_PERIOD, 0.0, math.inf, " s", above=True, below=True)
+        switch_period: Annotated[float, POSITIVE.of("s")] = SQUARE_PERIOD
         """Time after which the next waypoint becomes current, s, with the switch by "time"."""
-        radius: float = ranged(0.3, 0.0, math.inf, " m", above=True, below=True)
+        radius: Annotated[float, POSITIVE.of("m")] = 0.3
         """Distance within which a waypoint counts as reached, m; the belief must be inside by 0.05 m, or a third of it."""
-        laps: int = ranged(1, 1, 2**31)
+        laps: Annotated[int, Range(1, 2**31, whole=True)] = 1
         """Number of rounds through the waypoints."""
         relative: bool = False
         """Whether waypoints are relative to the first estimate instead of the world frame."""
-        period: float = ranged(0.1, 0.0, 1000.0, " s", above=True, below=True)
+        period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
         """Period of publishing, s."""
 
         def __post_init__(self) -> None:
-            check_fields(self)
+            typed(self, "")
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False),

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.callback_groups import CallbackGroup
@@ -30,7 +30,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 
-from turtlebot_gym.validation import check_fields, named, ranged
+from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
@@ -57,15 +57,15 @@ class Parameters:
 
     output: str = ""
     """New folder for the bag and ``snapshots.csv``; by default named ``bags/``, the namespace and the time."""
-    storage: str = named("sqlite3", "sqlite3", "mcap")
+    storage: Annotated[str, Names(("sqlite3", "mcap"))] = "sqlite3"
     """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
-    snapshot_period: float = ranged(0.1, 0.0, 3600.0, " s")
+    snapshot_period: Annotated[float, Range(0.0, 3600.0, unit="s")] = 0.1
     """Time between two rows of the CSV file, s, by the ROS clock; 0 writes none."""
     enable_stamped_cmd_vel: bool = True
     """Type to record if a topic has both: TwistStamped (true) or Twist (false)."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        typed(self, "")
 
 
 class Topic(NamedTuple):

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from turtlebot_gym.files import is_file
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.validation import check_fields, named, ranged
+from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits, Scan
@@ -40,7 +40,7 @@ BLIND = 0.5
 class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
-    robot: str = named("burger", *ROBOTS, or_else=is_file, other=", or a FILE.yaml")
+    robot: Annotated[str, Names(tuple(ROBOTS), or_else=is_file, other=", or a FILE.yaml")] = "burger"
     """Preset, or file (see `turtlebot_gym.files`), whose limits hold per axis and per wheel."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
@@ -50,49 +50,49 @@ class Parameters:
     """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
     start_enabled: bool = True
     """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
-    max_age: float = ranged(0.4, 0.0, 0.5, " s", above=True)
+    max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
     """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
-    rate: float = ranged(50.0, 50.0, 200.0, " Hz")
+    rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
     """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
-    max_acceleration: float = ranged(2.5, 0.0, 1000.0, " m/s^2", above=True)
+    max_acceleration: Annotated[float, Range(0.0, 1000.0, open_low=True, unit="m/s^2")] = 2.5
     """Limit of each wheel's acceleration at the rim, m/s^2. It never delays a stop."""
-    speed_scale: float = ranged(1.0, 0.0, 1.0, above=True)
+    speed_scale: Annotated[float, Range(0.0, 1.0, open_low=True)] = 1.0
     """Factor on every command, at most 1."""
-    geofence: float = ranged(0.0, 0.0, 1e6, " m")
+    geofence: Annotated[float, Range(0.0, 1e6, unit="m")] = 0.0
     """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
-    geofence_topic: str = named("odom", "odom", "estimate")
+    geofence_topic: Annotated[str, Names(("odom", "estimate"))] = "odom"
     """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
     collision_monitor: bool = False
     """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
-    collision_margin: float = ranged(0.05, 0.0, 1.0, " m")
+    collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
     """Width of the stop zone around the footprint, m."""
-    collision_time: float = ranged(1.0, 0.5, 10.0, " s")
+    collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
     """Time to collision below which a command is slowed down, s."""
-    escape_speed: float = ranged(0.05, 0.0, 0.1, " m/s")
+    escape_speed: Annotated[float, Range(0.0, 0.1, unit="m/s")] = 0.05
     """Speed at which a robot may creep away from obstacles in its stop zone, m/s; with 0 it stands."""
-    scan_age: float = ranged(0.4, 0.0, 0.5, " s", above=True)
+    scan_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
     """Age from which a scan no longer counts, s. It counts from when the scan was sent."""
-    scan_period: float = ranged(0.2, 0.0, 0.5, " s")
+    scan_period: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Time of one revolution of the LiDAR, s."""
-    scan_error: float = ranged(0.085, 0.0, 0.5)
+    scan_error: Annotated[float, Range(0.0, 0.5)] = 0.085
     """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
-    reaction: float = ranged(0.2, 0.0, 0.5, " s")
+    reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
-    scan_mount: str = named("robot", "robot", "given")
+    scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
     """Whether to use the preset's footprint and mount, or the five parameters below."""
-    footprint_x: float = ranged(0.0, -1.0, 1.0, " m")
+    footprint_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
     """Centre of the footprint ahead of the axle, m; its radius is that of the preset."""
-    scan_x: float = ranged(0.0, -1.0, 1.0, " m")
+    scan_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
     """Position of the LiDAR ahead of the axle, m."""
-    scan_y: float = ranged(0.0, -1.0, 1.0, " m")
+    scan_y: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
     """Position of the LiDAR to the left, m."""
-    scan_yaw: float = ranged(0.0, -2.0 * math.pi, 2.0 * math.pi, " rad")
+    scan_yaw: Annotated[float, Range(-2.0 * math.pi, 2.0 * math.pi, unit="rad")] = 0.0
     """Direction of the scan's angle 0 in the robot's frame, rad."""
     scan_frame: str = "base_scan"
     """Frame of the scans, without a prefix; scans of other frames are refused."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        typed(self, "")
         if self.collision_monitor and self.scan_mount == "robot" and self.robot not in MOUNTS:
             raise ValueError(f"scan_mount must be 'given' for a robot from a file, got {self.scan_mount!r}.")
 
