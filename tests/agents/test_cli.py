@@ -158,7 +158,7 @@ def test_evaluate_drives_in_mujoco_on_a_floor_of_ones_own(tmp_path, capsys):
         (["--plant", "mujoco", "--friction", "-1"], "MujocoBurger.friction must be a number from 0 to 1e+09, got -1.0."),
         (
             ["--plant", "mujoco", "--env", "turtlebot_gym/TurtleBotRooms-v0"],
-            "plant must be 'unicycle' for turtlebot_gym/TurtleBotR",
+            "plant must be 'unicycle' in a room",
         ),
         (["--plant", "mujoco", "--robot", "waffle"], "plant is a robot with a track of 0.16 m, so robot must be 'burger'"),
     ],

@@ -12,7 +12,7 @@ import pytest
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
 from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, Output, kinds_of, outputs_of, require_outputs
 
-READ = {"config", "check", "file", "files", "log", "model", "drive"}
+READ = {"config", "against", "check", "file", "files", "log", "model", "drive"}
 """Options that name files to be read."""
 NEEDED = {"replay": ["drive.csv"], "calibrate": ["drive.csv"], "export": ["drive.csv"], "study": ["drive.csv"]}
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in kinds_of(command)]

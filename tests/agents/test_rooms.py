@@ -97,7 +97,7 @@ def test_an_unknown_world_or_lidar_is_one_line(capsys, option, told):
     [
         (["evaluate", "--world", "dense"], "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
         (["train", "--lidar", "a1"], "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
-        (["evaluate", "--env", ROOMS, "--laps", "2"], "switch and laps are for tasks with given waypoints"),
+        (["evaluate", "--env", ROOMS, "--laps", "2"], "laps are for tasks with given waypoints"),
     ],
 )
 def test_options_of_another_environment_are_refused(capsys, argv, told, tmp_path):

@@ -46,35 +46,38 @@ class Options:
     """
 
     task: str | Task | None = None
-    """"nav", "pose", "square", "room" or a `turtlebot_gym.Task`; None for "room" where `world` or `lidar` is given, otherwise
-    for "nav". Registered ids set it. A finite ``max_steps`` of a Task truncates too."""
+    """What to reach: nav, pose, square or room; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps`` truncates
+    too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
-    """"burger", "waffle", "turtlebot4", "tutorial", a file (FILE.yaml), or a `turtlebot_gym.Robot`."""
+    """Robot: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml); in Python also a `turtlebot_gym.Robot` or
+    a mapping of its fields."""
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
-    """"clean", "tutorial", "documented", "wheel", "rough", a file (FILE.yaml), or a `turtlebot_gym.Noise`."""
+    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python also a
+    `turtlebot_gym.Noise` or a mapping of its fields."""
     filter: str | Mapping[str, Any] | FilterTuning = "matched"
-    """"matched", "tutorial", "gated", "mixture", "slip", "scale", or a `turtlebot_gym.FilterTuning`."""
+    """Filter: matched, tutorial, gated, mixture, slip or scale; in Python also a `turtlebot_gym.FilterTuning` or a mapping of
+    its fields."""
     observation: str = "ekf"
-    """The robot's pose that the policy observes: "ekf" (the estimated one), "odometry" or "truth"."""
+    """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
-    """An external pose sensor that gives the filter a measurement now and then: "beacons", "late", "localization", "markers",
-    "motion-capture", a file (FILE.yaml), or a `turtlebot_gym.FixNoise`; None for none."""
+    """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
+    file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
     world: World | None = None
-    """In rooms: "clutter", "dense", "corridor", "office", "cellular", "crowd", the path of a Gazebo world (``.world``,
-    ``.sdf``) or of a map (``.yaml``), a `turtlebot_gym.rooms.rules.RoomRules` or a `turtlebot_gym.rooms.plan.FloorPlan`; None
-    for "dense"."""
+    """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, a Gazebo world (FILE.world, FILE.sdf) or a
+    map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
+    `turtlebot_gym.rooms.plan.FloorPlan`."""
     lidar: str | Mapping[str, Any] | Lidar | None = None
-    """In rooms: "lds01", "lds02", "a1", "ideal", or a `turtlebot_gym.rooms.lidar.Lidar`; None for "lds01"."""
+    """Rooms only: lds01 (the default), lds02, a1 or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a mapping of
+    its fields."""
     arrival: str | None = None
-    """Pose that decides on arrival: "truth", or "belief", the pose that the policy observes, as on a robot; None for the
-    task's own, which is "truth" unless it is a Task that says otherwise."""
+    """Pose that decides on arrival: truth (the default), or belief, the pose that the policy observes, as on a robot; in Python
+    None leaves it to a Task."""
     switch: str | None = None
-    """When the next waypoint becomes current: on "arrival", or after a "time" of 15 s, reached or not; like the next two, for
-    tasks with given waypoints."""
+    """Square only: the next waypoint becomes current on arrival, or after a time of 15 s, reached or not."""
     laps: int | None = None
-    """Number of rounds through the waypoints."""
+    """Square only: number of rounds through the waypoints."""
     waypoints: Sequence[Sequence[float]] | None = None
-    """Poses to visit instead of the square: x, y and heading; m, rad."""
+    """Square only: poses to visit instead of the square: x, y and heading; m, rad."""
     reward: Reward | Mapping[str, float] | None = None
     """Weights, a `turtlebot_gym.Reward`, or a mapping of some of them."""
     delay: int = 0
@@ -82,11 +85,11 @@ class Options:
     dt: float = REFERENCE_PERIOD
     """Control interval, s."""
     integrator: str = "euler"
-    """"euler" or "midpoint"."""
+    """Integrator of the motion: euler or midpoint."""
     plant: str | MujocoBurger = "unicycle"
-    """Model of the motion, on open ground: "unicycle", "mujoco" or a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo the wheels
-    creep and slip by contact physics instead of the noise of execution, and odometry comes from their angles; it needs the
-    extra [mujoco], and a step takes a hundred times as long."""
+    """Model that moves the robot: unicycle, or on open ground mujoco, a Burger with wheels that creep and slip, which needs the
+    extra [mujoco]; in Python also a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo contact physics replaces the noise of
+    execution, odometry comes from the angles of the wheels, and a step takes a hundred times as long."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Options:
@@ -122,7 +125,9 @@ class Options:
         if task.random and (self.waypoints is not None or self.switch == "time" or self.laps not in (None, 1)):
             raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
         if self.in_room and (name in ("nav", "pose", "square") or not task.random):
-            raise ValueError(f"world and lidar are for the task 'room' or a Task that draws its goal, got {shown(name)}.")
+            raise ValueError(
+                f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0, and its task 'room', got the task {shown(name)}."
+            )
         changes: dict[str, Any] = {}
         if self.arrival is not None:
             changes["on_belief"] = choose("arrival", self.arrival, {"truth": False, "belief": True})
@@ -179,9 +184,7 @@ class Options:
         plant = make_plant(self.plant)
         if plant:
             if self.in_room:
-                raise ValueError(
-                    f"plant must be 'unicycle' in a room, got {shown(self.plant)}: MuJoCo supports open ground only."
-                )
+                raise ValueError("plant must be 'unicycle' in a room: MuJoCo supports open ground only.")
             plant.steps(dt)
             if robot.wheel_separation != plant.wheel_separation:
                 raise ValueError(

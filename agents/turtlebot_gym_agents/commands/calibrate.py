@@ -11,8 +11,10 @@ import tyro
 
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import Output
+from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration, Log
@@ -21,6 +23,7 @@ PARTS = 3
 """Parts of a calibration for its progress bar: alignment, and two that depend on what it is fitted to."""
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(Writing):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.

@@ -17,15 +17,17 @@ import tyro
 
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.driven import Driven
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
+from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
 from turtlebot_gym_agents.commands.watch import Watch
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
+from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
@@ -39,8 +41,12 @@ class Command(Protocol):
         ...
 
 
+_SEVERAL = flags(several=("noise", "observation"))
+
+
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Driven, Placement, Writing):
+class Evaluate(Placement, Writing, _SEVERAL, Driven):
     """Drive policies on the same seeds and compare how well they do.
 
     Evaluates every combination of policy, noise and observation.
@@ -50,10 +56,6 @@ class Evaluate(Driven, Placement, Writing):
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
     policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or module:callable for
     one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
-    noise: tuple[str, ...] = ("tutorial",)
-    """Noise presets: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    observation: tuple[str, ...] = ("ekf",)
-    """The robot's pose that policies observe: ekf, odometry, truth."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
     json: JsonFile = None
@@ -69,7 +71,7 @@ class Evaluate(Driven, Placement, Writing):
         if not combinations:
             raise ValueError("policy, noise and observation must name at least one each.")
         names, common = ("policy", "noise", "observation"), {"env": self.env, "episodes": self.episodes, "seed": self.seed}
-        asked = [common | dict(zip(names, one, strict=True)) | self.options() for one in combinations]
+        asked = [common | self.options() | dict(zip(names, values, strict=True)) for values in combinations]
         with progress(self.episodes * len(combinations)) as advance_to:
             found = (self._spread if self.spread else self._here)(asked, advance_to)
         evaluations = dict(zip(itertools.starmap(self._label, combinations), found, strict=True))
@@ -108,18 +110,15 @@ class Evaluate(Driven, Placement, Writing):
         return ", ".join(told or names[:1])
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Video(Driven, Writing):
+class Video(Writing, Driven):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
     policies shipped with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
     own; NAME+safety drives within a safety layer."""
-    noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    observation: str = "ekf"
-    """The robot's pose that the policy observes: ekf, odometry, truth."""
     out: Annotated[Path, Output((".gif", ".mp4"))] = Path("episode.gif")
     """Output file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
     seed: int = 0
@@ -145,8 +144,6 @@ class Video(Driven, Writing):
                 fps=self.fps,
                 width=self.width,
                 progress=lambda steps, limit: advance_to(100 * steps // limit),
-                noise=self.noise,
-                observation=self.observation,
                 **self.options(),
             )
         print(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from turtlebot_gym.systems.options import Options
+from turtlebot_gym_agents.commands.flags import flags
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 
 if TYPE_CHECKING:
@@ -40,39 +42,26 @@ class Writing:
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setting:
-    """Environment, filter, robot and seed of a command."""
+_OPTIONS = flags("robot", "noise", "filter", "observation", "fix", "world", "lidar", "arrival", "delay")
 
+
+@dataclass(frozen=True, kw_only=True)
+class _Episodes:
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0 or
     .../TurtleBotRooms-v0."""
-    filter: str = "matched"
-    """The filter: matched, tutorial, gated, mixture, slip or scale."""
-    robot: str = "burger"
-    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
-    world: str | None = None
-    """Rooms only: clutter, dense, corridor, office, cellular, crowd, a Gazebo world (FILE.world) or a map (FILE.yaml)."""
-    lidar: str | None = None
-    """Rooms only: lds01, lds02, a1 or ideal."""
-    fix: str | None = None
-    """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
-    file of your own (FILE.yaml)."""
-    arrival: str = "truth"
-    """Pose that decides on arrival: the true one ("truth"), or the observed one ("belief"), as on a robot."""
     seed: int = 0
     """The first seed."""
 
-    def given(self) -> dict[str, str]:
-        """Return the optional keyword arguments of an environment.
 
-        Raises:
-            ValueError: If arguments for rooms are given for another environment.
-        """
-        given = {name: value for name in ("world", "lidar") if (value := getattr(self, name)) is not None}
-        if given and self.env != ROOMS:
-            raise ValueError(f"world and lidar are for {ROOMS}, not for {self.env}.")
-        return given | ({} if self.fix is None else {"fix": self.fix})
+@dataclass(frozen=True, kw_only=True)
+class Setting(_OPTIONS, _Episodes):
+    """Environment, filter, robot and seeds of a command."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the keyword arguments of the environment."""
+        names = (item.name for item in fields(Options) if hasattr(self, item.name))
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
 @contextmanager
@@ -128,13 +117,6 @@ def print_tables(*tables: Table, keys: int | None = None) -> None:
     console = Console()
     width = console.width if console.is_terminal or "COLUMNS" in os.environ else 160
     Console(width=width).print(*(part for table in tables for part in fitted(table, width, keys=keys)))
-
-
-def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:
-    """Write a result as `turtlebot_gym_agents.provenance.write_json` does."""
-    from turtlebot_gym_agents import provenance
-
-    provenance.write_json(path, result, config=config)
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -8,12 +8,17 @@ from pathlib import Path
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure, write_json
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.evaluation.columns import Columns
+from turtlebot_gym_agents.provenance import write_json
+
+_ESTIMATED = flags("noise", "robot", "dt", "integrator")
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Estimate(Writing):
+class Estimate(Writing, _ESTIMATED):
     """Compare filters with the best that any filter could do, and with their own stated uncertainty.
 
     All filters see the same short drives, whose commands do not depend on the estimate.
@@ -21,20 +26,12 @@ class Estimate(Writing):
 
     filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
     """Filters: matched, tutorial, gated, mixture, slip, scale."""
-    noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     runs: int = 2000
     """Number of drives; drive i has the seed SEED + i. The default determines an RMSE to 3 %, 20000 drives to 1 %."""
     seconds: float = 3.0
     """Length of a drive."""
     seed: int = 0
     """The first seed."""
-    robot: str = "burger"
-    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
-    dt: float = 0.1
-    """Control interval, s."""
-    integrator: str = "euler"
-    """euler or midpoint."""
     bias: bool = True
     """Whether odometry has the preset's bias, which no filter can detect."""
     slip: bool = True
@@ -61,8 +58,12 @@ class Estimate(Writing):
             save_figure(report.estimation_figure(result), self.plot)
 
 
+_REPLAYED = flags("filter", noise="documented", integrator="midpoint")
+
+
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Replay(Writing):
+class Replay(Writing, _REPLAYED):
     """Run the filter over recorded drives with known truth.
 
     The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
@@ -71,18 +72,12 @@ class Replay(Writing):
 
     files: tyro.conf.Positional[tuple[Path, ...]]
     """Tables with named columns, separated by commas, semicolons or blanks."""
-    noise: str = "documented"
-    """Noise preset of the measured poses: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    filter: str = "matched"
-    """The filter: matched, tutorial, gated, mixture, slip or scale."""
     seed: int = 0
     """The first seed of the noise."""
     seeds: int = 20
     """Number of seeds to average over."""
     rate: float = 10.0
     """Measured poses per second."""
-    integrator: str = "midpoint"
-    """euler or midpoint."""
     columns: Columns = field(default_factory=Columns)
     """Names of the columns."""
     json: JsonFile = None

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, JsonFile, Setting, Writing, needs, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import File, JsonFile, Setting, Writing, needs, print_tables, progress
+from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.outputs import FOLDER, Output
+from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -23,18 +25,13 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.training.train import TrainingResult
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class _Learned(Setting, Writing):
+class _Learned(Writing, Setting):
     """Environment and algorithm of a training."""
 
     algo: str = "ppo"
     """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
-    noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    observation: str = "ekf"
-    """The robot's pose that the policy observes: ekf, odometry, truth."""
-    delay: int = 0
-    """Delay of commands in steps."""
     randomize: bool = False
     """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
     evaluation."""
@@ -54,13 +51,14 @@ class _Learned(Setting, Writing):
         """Return the configuration of a training."""
         from turtlebot_gym_agents.training.config import TrainingConfig
 
-        self.given()
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Learned)}
-        return TrainingConfig(**{name: getattr(self, name) for name in names} | changes)
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        return TrainingConfig(**given | changes)
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Train(_Learned, Placement):
+class Train(Placement, _Learned):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
     out: Annotated[Path, FOLDER] = Path("runs/nav")
@@ -147,8 +145,9 @@ class Train(_Learned, Placement):
             raise ImportError("wandb is not installed: pip install 'turtlebot-gym[wandb]'.")
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Tune(_Learned, Placement):
+class Tune(Placement, _Learned):
     """Search for hyper-parameters with Optuna, and write the best as OUT/best.yaml for train --config.
 
     The same command resumes an interrupted search.
@@ -204,8 +203,12 @@ class Tune(_Learned, Placement):
             return search(self.training(), self.out, generation=self._generation() or 1, **common, **place._asdict())
 
 
+_TRAINED = flags(robot=None, noise=None, filter=None, observation=None)
+
+
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Export(Writing):
+class Export(Writing, _TRAINED):
     """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both act alike.
 
     The settings of its training are read from the config.json beside it; without that file, give them as options.
@@ -219,16 +222,8 @@ class Export(Writing):
     """Confirm that you trust the zip file: loading it can run any code in it."""
     env: str | None = None
     """The environment's id."""
-    robot: str | None = None
-    """burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     rate: float | None = None
     """Commands per second; by default 10 unless config.json says otherwise."""
-    noise: str | None = None
-    """Noise preset."""
-    filter: str | None = None
-    """The filter's tuning."""
-    observation: str | None = None
-    """The robot's pose that the policy observes."""
 
     def run(self) -> None:
         """Export, and print the largest difference between the two."""

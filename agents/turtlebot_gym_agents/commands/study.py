@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym_agents.commands.console import JsonFile, Writing, print_tables, progress
+from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.outputs import FOLDER
 from turtlebot_gym_agents.provenance import write_json
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
 class Study(Placement, Writing):
     """Compare policies and trainings in every combination of settings that a YAML file names.

@@ -6,15 +6,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
-from turtlebot_gym_agents.commands.console import JsonFile, Setting, Writing, print_tables, progress, write_json
+from turtlebot_gym_agents.commands.console import JsonFile, Setting, Writing, print_tables, progress
+from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import JSON
+from turtlebot_gym_agents.provenance import write_json
 
 SHOWN = 5
 """Number of tries in the table, fastest first."""
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class TuneBaseline(Setting, Writing):
+class TuneBaseline(Writing, Setting):
     """Tune a baseline's numbers for a scenario, and write the best to OUT, a file for --policy.
 
     A policy trained for a scenario should be compared with a baseline tuned for it. The same command resumes an interrupted
@@ -23,12 +26,6 @@ class TuneBaseline(Setting, Writing):
 
     policy: str = "bearing"
     """The baseline: proportional, bearing, corner, polar, rotate-drive-rotate, and for rooms vfh, gap or dwa."""
-    noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    observation: str = "ekf"
-    """The robot's pose that the baseline observes: ekf, odometry, truth."""
-    delay: int = 0
-    """Delay of commands in steps."""
     tries: int = 40
     """Total number of tries, earlier ones included; the first one has the baseline's defaults."""
     episodes: int = 2000
@@ -46,7 +43,6 @@ class TuneBaseline(Setting, Writing):
 
         from turtlebot_gym_agents.evaluation.tune_baseline import tune_baseline
 
-        names = ("filter", "robot", "arrival", "noise", "observation", "delay")
         with progress(self.tries) as advance_to:
             tries = tune_baseline(
                 self.policy,
@@ -56,8 +52,7 @@ class TuneBaseline(Setting, Writing):
                 episodes=self.episodes,
                 seed=self.seed,
                 progress=advance_to,
-                **{name: getattr(self, name) for name in names},
-                **self.given(),
+                **self.options(),
             )
         table = Table("try", "time, s", "success, %", "numbers", title=f"{self.env}, {self.policy}: the best of {len(tries)}")
         ranked = sorted(range(len(tries)), key=lambda at: tries[at].time)

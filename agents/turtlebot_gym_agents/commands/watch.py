@@ -10,11 +10,13 @@ import tyro
 
 from turtlebot_gym_agents.commands.console import Writing, needs
 from turtlebot_gym_agents.commands.driven import Driven
+from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import Output
 
 
+@own_first
 @dataclass(frozen=True, kw_only=True)
-class Watch(Driven, Writing):
+class Watch(Writing, Driven):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [watch].
@@ -22,10 +24,6 @@ class Watch(Driven, Writing):
 
     policy: tuple[str, ...] = ("bearing",)
     """Policies as for evaluate; all drive the same episode."""
-    noise: str = "tutorial"
-    """Noise preset: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    observation: str = "ekf"
-    """The robot's pose that policies observe: ekf, odometry, truth."""
     seed: int = 0
     """Seed of the episode."""
     drive: tuple[Path, ...] = ()
@@ -48,9 +46,9 @@ class Watch(Driven, Writing):
             tracks = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
-            told = {"noise": self.noise, "observation": self.observation, **self.options()}
-            tracks = [record_episode(policy, env=self.env, seed=self.seed, **told) for policy in self.policy]
-            title = ", ".join([self.env.partition("/")[2], *self.given().values(), f"seed {self.seed}", f"noise {self.noise}"])
+            tracks = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
+            around = [name for name in (self.world, self.lidar, self.fix) if name]
+            title = ", ".join([self.env.partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
         if self.html is not None:
             print(f"{self.html}: {write_html(tracks, self.html, title=title):,} bytes; open it in a browser.")
             return
