@@ -175,6 +175,9 @@ faults: $(READY)  ## 1000 faults injected into live guards, with an independent 
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
 
+capabilities: $(READY)  ## run what the CHANGELOG says that there is, command by command, into out/capabilities.md (15 minutes)
+	$(RUN)python benchmarks/capabilities.py --data $(DATA) --markdown $(OUT)/capabilities.md
+
 ##@ Package
 build: $(READY)  ## build the wheel, install it alone, and try it
 	rm -rf dist && $(RUN)python -m build --quiet

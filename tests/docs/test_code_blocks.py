@@ -9,7 +9,7 @@ import gymnasium as gym
 import pytest
 import tomllib
 import yaml
-from pages import ROOT, blocks_of, environment, parsed
+from pages import PAGES, ROOT, blocks_of, environment, parsed
 
 import turtlebot_gym
 
@@ -18,6 +18,11 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
+LONG = (
+    "README", "belief", "rooms", "transfer", "calibrate", "cluster", "fix", "libraries", "policy", "robot", "train", "video",
+    "watch", "wrappers", "preset", "gallery", "start", "tutorial",
+)  # fmt: skip
+"""Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
     "evaluate": {"episodes": "5"},
     "estimate": {"runs": "20"},
@@ -35,9 +40,8 @@ CLIENTS = tomllib.loads((ROOT / "tests" / "clients" / "clients.toml").read_text(
 def shortened(line):
     """Return a command with the options of `QUICK`."""
     command = re.match(r"(?:turtlebot-gym|python -m turtlebot_gym_ros) ([\w-]+)", line)
-    options = QUICK.get(command[1], {}) if command else {}
     code = line.partition("  #")[0]
-    for name, value in options.items():
+    for name, value in QUICK.get(command[1] if command else "", {}).items():
         code = re.sub(rf" --{name} \S+", "", code) + f" --{name} {value}"
     return code
 
@@ -55,18 +59,22 @@ def write_drive(path):
     path.write_text("\n".join(["t,vx,gyro,px,py,theta", *rows]))
 
 
-def test_code_blocks_work(page, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.nightly] * (path.stem in LONG), id=path.stem) for path in PAGES if blocks_of(path)],
+)
+def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_drive(tmp_path / "drive.csv")
     names = {"__name__": "page"}
     with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
-        for block in blocks_of(page):
+        for block in blocks_of(path):
             if not CLIENTS.get(Path(block.title).stem, {}).get("in_make_test", True):
                 continue
             if block.title:
                 Path(block.title).write_text(block.text)
             if block.kind == "python":
-                exec(compile("\n" * block.line + block.text, page, "exec"), names)
+                exec(compile("\n" * block.line + block.text, path, "exec"), names)
             elif block.kind == "bash":
                 run(block.text)
             elif block.kind == "yaml":
@@ -80,8 +88,13 @@ def test_no_code_block_is_left_out(page):
     assert not [line for line in shown if re.match(r"(\$ |turtlebot-gym |python |pip |ros2 |make )", line)]
 
 
-def test_the_commands_of_the_pages_are_made_short():
-    assert (
-        shortened("turtlebot-gym evaluate --episodes 1000 --seed 3  # long") == "turtlebot-gym evaluate --seed 3 --episodes 5"
-    )
+def test_python_blocks_of_every_page_are_valid(page):
+    for block in blocks_of(page):
+        if block.kind == "python":
+            compile("\n" * block.line + block.text, page, "exec")
+
+
+def test_commands_are_made_short():
+    long = "turtlebot-gym evaluate --episodes 1000 --seed 3  # long"
+    assert shortened(long) == "turtlebot-gym evaluate --seed 3 --episodes 5"
     assert shortened("python -m turtlebot_gym_ros bringup") == "python -m turtlebot_gym_ros bringup --duration 3"

@@ -77,7 +77,8 @@ def check(line, ros):
             assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
         case ["turtlebot-gym", command, *given]:
             options = {item.name for item in fields(COMMANDS[command])}
-            assert {word[2:] for word in given if word.startswith("--")} <= options
+            flags = [word[2:].removeprefix("no-").partition(".")[0] for word in given if word.startswith("--")]
+            assert {flag.replace("-", "_") for flag in flags} <= options
         case ["tensorboard", "--logdir", "runs"]:
             pass
         case ["wandb", "sync", run]:
@@ -99,10 +100,10 @@ def check(line, ros):
             pytest.fail(f"this command is neither run nor checked: {line}")
 
 
-def test_commands_that_cannot_be_run_name_what_there_is(page, ros):
+def test_commands_of_the_pages_name_what_exists(page, ros):
     for block in blocks_of(page):
-        if block.kind == "console":
-            for line in block.text.splitlines():
+        for line in block.text.splitlines():
+            if block.kind == "console" or (block.kind == "bash" and line.startswith("turtlebot-gym ")):
                 check(line, ros)
 
 

@@ -15,7 +15,7 @@ from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
-from turtlebot_gym.systems import Parameters
+from turtlebot_gym.systems import Parameters, system_of
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
@@ -69,8 +69,8 @@ def record_episode(
 
 def _scene_of(envs: VectorEnv) -> Scene | None:
     """Return the surroundings of the first robot, whose arrays the environment updates; None on open ground."""
-    truth = getattr(envs.unwrapped, "truth", None)
-    return scene_at(truth()[0], 0) if truth else None
+    env: Any = envs.unwrapped
+    return scene_at(env.truth()[0], 0) if system_of(env.parameters).surroundings else None
 
 
 def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
