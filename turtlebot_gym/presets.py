@@ -144,7 +144,7 @@ def make_robot(robot: str | Path | Mapping[str, Any] | Robot) -> Robot:
     """Return a robot, given as such, by a name in `turtlebot_gym.robots.ROBOTS`, or by a file (see `turtlebot_gym.files`).
 
     Raises:
-        ValueError: If there is none of that name, or the file holds none.
+        ValueError: If the name is unknown, or the file does not contain one.
     """
     return _found(Robot, robot, ROBOTS)
 
@@ -153,7 +153,7 @@ def make_noise(noise: str | Path | Mapping[str, Any] | Noise) -> Noise:
     """Return a noise model, given as such, by a name in `NOISES`, or by a file (see `turtlebot_gym.files`).
 
     Raises:
-        ValueError: If there is none of that name, or the file holds none.
+        ValueError: If the name is unknown, or the file does not contain one.
     """
     return _found(Noise, noise, NOISES)
 
@@ -162,7 +162,7 @@ def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
     """Return an external pose sensor, given as such, by a name in `FIXES`, or by a file.
 
     Raises:
-        ValueError: If there is none of that name, or the file holds none.
+        ValueError: If the name is unknown, or the file does not contain one.
     """
     return _found(FixNoise, fix, FIXES)
 

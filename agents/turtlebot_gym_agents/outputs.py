@@ -1,4 +1,4 @@
-"""Files and folders that a command is told to write: tried before the work that fills them, and never an input.
+"""Output files and folders of a command: checked for writability before the work starts, and never an input.
 
 One rule for all commands. An output is refused before anything starts if it cannot be written, if it is a folder where a file
 is needed (or the other way round), if its suffix is not that of what is written, or if it is an input or another output of the

@@ -1,4 +1,4 @@
-"""The command line's reference: what each command says of itself."""
+"""The command line's reference: the help of each command."""
 
 import os
 from contextlib import redirect_stdout, suppress

@@ -1,4 +1,4 @@
-"""The presets' page: every robot, noise and filter that has a name, with its numbers and with what its source says of it."""
+"""The presets' page: every robot, noise and filter that has a name, with its numbers and with the comment on its source."""
 
 from dataclasses import fields, is_dataclass
 

@@ -92,10 +92,10 @@ def test_one_that_cannot_be_made_is_refused(name, told):
 ANSWERS = [
     ("raises", r"drivers:raises: ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
     ("deep", r"drivers:deep: LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
-    ("nan", "drivers:nan: it must answer with finite numbers, got nan"),
-    ("one", r"drivers:one: it must answer with the shape \(5, 2\), got \(5, 1\)"),
-    ("text", "drivers:text: it must answer with numbers, got str"),
-    ("nothing", r"drivers:nothing: it must answer with (numbers|the shape)"),
+    ("nan", "drivers:nan: it must return finite numbers, got nan"),
+    ("one", r"drivers:one: it must return an array of shape \(5, 2\), got \(5, 1\)"),
+    ("text", "drivers:text: it must return numbers, got str"),
+    ("nothing", r"drivers:nothing: it must return (numbers|an array)"),
 ]
 
 

@@ -25,9 +25,11 @@ ROOT = Path(__file__).parents[2]
 WORDS = Path(__file__).with_name("words.toml")
 WHOLE = (
     "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "docs", "notebooks", "agents", "benchmarks", "bridges",
-    "turtlebot_gym",
+    "checker", "tests", "turtlebot_gym",
 )  # fmt: skip
 """What `make check` reads."""
+SAMPLES = "test_prose.py"
+"""File with wrong sentences on purpose."""
 MESSAGE = 4
 """Strings of fewer words are names and options, not sentences."""
 
@@ -39,7 +41,8 @@ class Rule(NamedTuple):
     write: str
     """What stands there instead."""
     at: str
-    """Where it counts: in ``pages`` only, at the ``start`` of a sentence only, or, if empty, everywhere."""
+    """Where it counts: in ``pages`` only, at the ``start`` of a sentence only, or, if empty, everywhere; ``warn`` is only
+    printed."""
     sample: str
     """A sentence in which it is found."""
     allow: str
@@ -61,10 +64,16 @@ class Finding(NamedTuple):
     path: Path
     line: int
     found: str
-    write: str
+    rule: Rule
 
     def __str__(self) -> str:
-        return f"{self.path}:{self.line}: {self.found!r}: write {self.write!r}"
+        warning = "warning: " if self.warning else ""
+        return f"{warning}{self.path}:{self.line}: {self.found!r}: write {self.rule.write!r}"
+
+    @property
+    def warning(self) -> bool:
+        """Whether it is only printed."""
+        return "warn" in self.rule.at or "tests" in self.path.parts
 
 
 def read_rules() -> list[Rule]:
@@ -106,8 +115,10 @@ def of_notebook(text: str) -> Iterator[Passage]:
 
 
 def of_python(text: str) -> Iterator[Passage]:
-    """Return docstrings, comments and messages of a module, by paragraphs."""
+    """Return docstrings, comments and messages of a module, by paragraphs, and the names of its tests as sentences."""
     for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+            yield Passage(node.name.replace("_", " "), node.lineno, in_page=False)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and len(node.value.split()) >= MESSAGE:
             line = node.lineno
             for paragraph in re.split(r"(\n\s*\n|\n(?=\s*[*-] ))", node.value):
@@ -142,21 +153,21 @@ def of_launch_file(text: str) -> Iterator[Passage]:
 READERS = {".md": of_markdown, ".ipynb": of_notebook, ".py": of_python, ".yaml": of_yaml, ".xml": of_launch_file}
 
 
-def check(passage: Passage, rules: Iterable[Rule]) -> Iterator[tuple[int, str, str]]:
-    """Return line, phrase and remedy of all that the rules find in a passage."""
+def check(passage: Passage, rules: Iterable[Rule]) -> Iterator[tuple[int, str, Rule]]:
+    """Return line, phrase and rule of all that the rules find in a passage."""
     for rule in rules:
         if "pages" in rule.at and not passage.in_page:
             continue
         for match in rule.pattern.finditer(passage.text):
             line = passage.line + passage.text[: match.start()].count("\n")
-            yield line, " ".join(match[0].split())[:60], rule.write
+            yield line, " ".join(match[0].split())[:60], rule
 
 
 def findings(paths: Iterable[Path], rules: Iterable[Rule]) -> Iterator[Finding]:
     """Return all findings in files, and in the files below folders."""
     for path in paths:
-        files = [path] if path.is_file() else sorted(each for each in path.rglob("*") if each.suffix in READERS)
-        for file in files:
+        files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.suffix in READERS)
+        for file in (file for file in files if file.name != SAMPLES):
             for passage in READERS[file.suffix](file.read_text(encoding="utf-8")):
                 yield from (Finding(file, *found) for found in check(passage, rules))
 
@@ -165,9 +176,8 @@ def main() -> int:
     """Check the paths of the command line, or the whole project."""
     paths = [Path(word) for word in sys.argv[1:]] or [ROOT / name for name in WHOLE if (ROOT / name).exists()]
     found = list(findings(paths, read_rules()))
-    for each in found:
-        print(each)
-    return 1 if found else 0
+    print(*found, sep="\n")
+    return int(any(not finding.warning for finding in found))
 
 
 if __name__ == "__main__":

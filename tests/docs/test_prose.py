@@ -16,7 +16,7 @@ def test_each_entry_of_the_word_list_is_found_in_its_sample(rule):
 
 
 def test_the_examples_of_the_house_style_are_found():
-    told = [
+    texts = [
         "it stops where it believes to be",
         "What a step has come to.",
         "and write there what has come of it",
@@ -29,8 +29,18 @@ def test_the_examples_of_the_house_style_are_found():
         "Whether lost messages are sent again; without, publishers of either kind are understood.",
         "what a timer moves by is not asked for by anybody",
         "a page for who comes from the tutorial",
+        "of it an environment is told nothing",
+        "Of each the lowest 63 bits count.",
+        "truth values are none",
+        "If there is none of that name",
+        "or the file holds none",
+        "it must answer with the shape",
+        "Output files that a command is told to write: tried before the work that fills them",
+        "because a robot does the hitting",
+        "From a wall, a person can turn the robot",
+        "test silence is not judged by one who did not listen",
     ]
-    for text in told:
+    for text in texts:
         assert list(prose.check(prose.Passage(text, 1), RULES)), text
 
 
@@ -43,6 +53,7 @@ def test_the_examples_of_the_house_style_are_found():
         ("message.py", "\n\n\nraise ValueError(f'{1} believes to be there')\n"),
         ("params.yaml", "a: 1\nb: 2\nc:\n  d: 3  # It believes to be there\n"),
         ("robot.launch.xml", '<launch>\n  <arg name="a"/>\n\n  <arg name="b" description="it believes to be"/>\n</launch>\n'),
+        ("test_name.py", "\n\n\ndef test_it_believes_to_be_there():\n    pass\n"),
         ("comment.py", "x = 1\n\n# It stops where it\n# believes to be.\n"),
     ],
 )
@@ -61,4 +72,5 @@ def test_code_is_not_read(tmp_path):
 
 def test_the_project_is_clean():
     found = list(prose.findings([prose.ROOT / name for name in prose.WHOLE if (prose.ROOT / name).exists()], RULES))
-    assert not found, "\n".join(map(str, found))
+    wrong = [str(finding) for finding in found if not finding.warning]
+    assert not wrong, "\n".join(wrong)

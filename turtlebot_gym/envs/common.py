@@ -109,7 +109,7 @@ def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
     """Return the seed of each environment: ``seed + i`` for a whole number, those of a sequence, None where there is none.
 
-    They may be as large as those that Gymnasium draws; of each the lowest 63 bits count.
+    They may be as large as those that Gymnasium draws; only the lowest 63 bits of each are used.
 
     Raises:
         ValueError: If it is something else, negative, or a sequence of another length.

@@ -183,7 +183,7 @@ def _verified_hash(path: str | Path, content: bytes) -> str:
     """Return the hash in a bundle.
 
     Raises:
-        ValueError: If the bundle holds none, or another one than its own.
+        ValueError: If the bundle does not contain one, or another one than its own.
     """
     found = _HASH.search(content)
     if found is None:

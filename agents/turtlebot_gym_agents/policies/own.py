@@ -70,11 +70,11 @@ class OwnPolicy:
         try:
             actions = np.asarray(answer, np.float32)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{self._name}: it must answer with numbers, got {type(answer).__name__}.") from error
+            raise ValueError(f"{self._name}: it must return numbers, got {type(answer).__name__}.") from error
         if actions.shape != wanted:
-            raise ValueError(f"{self._name}: it must answer with the shape {wanted}, got {actions.shape}.")
+            raise ValueError(f"{self._name}: it must return an array of shape {wanted}, got {actions.shape}.")
         if not np.isfinite(actions).all():
-            raise ValueError(f"{self._name}: it must answer with finite numbers, got {actions[~np.isfinite(actions)][0]}.")
+            raise ValueError(f"{self._name}: it must return finite numbers, got {actions[~np.isfinite(actions)][0]}.")
         return actions
 
 

@@ -1,6 +1,6 @@
 """Rules of hyper-parameters: what each may be, how it is read, and the words that say so where it is something else.
 
-YAML takes ``1e-3`` for text, so text that is a number is one; truth values are none.
+YAML takes ``1e-3`` for text, so text that is a number is read as one; booleans are refused.
 """
 
 from __future__ import annotations

@@ -120,6 +120,6 @@ class VelocityController:
         self.observation = np.array((*seen, *ranges), np.float32)
         self.action = np.asarray(self._policy(self.observation), np.float32)
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
-            raise ValueError(f"a policy must answer with two finite numbers, got {self.action!r}")
+            raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
         forward, turn = (min(max(part, -1.0), 1.0) for part in self.action.tolist())
         return {"command": limit(Command(forward * self._robot.max_linear, turn * self._robot.max_angular), self._robot)}
