@@ -246,19 +246,3 @@ def test_results_carry_their_provenance(tmp_path):
         content["episodes"]["estimate"]["position_mean"], result.episodes.estimate.position_mean, rtol=1e-6
     )
     assert plain({"a": np.float64("nan"), "b": (np.int64(1), np.bool_(True))}) == {"a": None, "b": [1, True]}
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"env": "CartPole-v1"}, "env must be one of .*TurtleBotNav-v0"),
-        ({"episodes": 0}, "episodes must be a whole number of at least 1, got 0"),
-        ({"seed": -1}, "seed must be a whole number from 0 to 9223372036854775807, got -1"),
-        ({"noise": "loud"}, "noise must be one of 'clean'"),
-        ({"observation": "lidar"}, "observation must be one of 'ekf'"),
-        ({"switch": "time"}, "draws its goal"),
-    ],
-)
-def test_bad_arguments_are_named(options, message):
-    with pytest.raises(ValueError, match=message):
-        evaluate("bearing", **{"episodes": 2} | options)

@@ -84,22 +84,3 @@ def test_a_policy_of_open_ground_is_refused_in_a_room():
 def test_the_command_line_takes_worlds_and_lidars(capsys):
     main(["evaluate", "--env", ROOMS, "--world", "corridor", "--lidar", "a1", "--policy", "bearing", "--episodes", "5"])
     assert "SPL" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("option", "told"), [("--world", "world must be one of"), ("--lidar", "lidar must be one of")])
-def test_an_unknown_world_or_lidar_is_one_line(capsys, option, told):
-    assert main(["evaluate", "--env", ROOMS, option, "paper", "--episodes", "5"]) == 2
-    assert told in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("argv", "told"),
-    [
-        (["evaluate", "--world", "dense"], "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
-        (["train", "--lidar", "a1"], "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
-        (["evaluate", "--env", ROOMS, "--laps", "2"], "laps are for tasks with given waypoints"),
-    ],
-)
-def test_options_of_another_environment_are_refused(capsys, argv, told, tmp_path):
-    assert main([*argv, *(["--out", str(tmp_path)] if argv[0] == "train" else [])]) == 2
-    assert told in capsys.readouterr().err

@@ -153,33 +153,6 @@ def test_the_command_writes_what_it_says(tmp_path, capsys):
     assert [each.name for each in path.parent.iterdir()] == ["square.GIF"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--out", "a.avi"], "--out a.avi: its name must end with .gif or .mp4"),
-        (["--out", "a"], "--out a: its name must end with .gif or .mp4"),
-        (["--out", "a.gif", "--fps", "30"], "fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50"),
-        (["--out", "a.mp4", "--fps", "0"], "fps must be a positive whole number, got 0"),
-        (["--speed", "nan"], "speed must be positive and finite, got nan"),
-        (["--width", "641"], "width must be an even whole number from 160 to 640, got 641"),
-        (["--seed", "-1"], "seed must be a whole number from 0 to 9223372036854775807, got -1"),
-        (["--env", "CartPole-v1"], "env must be one of "),
-        (["--policy", "clever"], "policy must be one of "),
-        (["--noise", "loud"], "noise must be one of 'clean', "),
-        (["--laps", "2"], "draws its goal"),
-    ],
-)
-def test_what_is_not_possible_is_told_in_one_line(arguments, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["video", *arguments]) == 2
-    told = capsys.readouterr()
-    assert not told.out
-    assert told.err.startswith("turtlebot-gym: ")
-    assert message in told.err
-    assert told.err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 def test_an_mp4_without_ffmpeg_names_what_to_install(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert main(["video", "--out", str(tmp_path / "a.mp4")]) == 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.error import Error, InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import RecordVideo
@@ -118,83 +117,6 @@ def test_actions_beyond_one_are_clipped():
     assert ends[0] == ends[1] == ends[2]
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_actions_that_are_not_finite_are_refused_with_the_environments_index(bad):
-    env = gym.make(NAV)
-    env.reset(seed=0)
-    for at in range(2):
-        action = STRAIGHT.copy()
-        action[at] = bad
-        with pytest.raises(InvalidAction, match=r"Environment 0: .*finite"):
-            env.step(action)
-    many = gym.make_vec(NAV, num_envs=5)
-    many.reset(seed=0)
-    actions = np.zeros((5, 2), np.float32)
-    actions[[3, 4], 1] = bad
-    with pytest.raises(InvalidAction, match=r"Environment 3: .*finite"):
-        many.step(actions)
-    # Opposite infinities must not cancel.
-    with pytest.raises(InvalidAction):
-        env.step(np.array([np.inf, -np.inf], np.float32))
-
-
-def test_a_refused_action_changes_nothing(maker):
-    one, action = maker()
-    two, _ = maker()
-    for env in (one, two):
-        env.reset(seed=0)
-        env.step(action)
-    with pytest.raises(InvalidAction):
-        one.step(action * np.nan)
-    np.testing.assert_array_equal(one.step(action)[0], two.step(action)[0])
-
-
-@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 1), (1, 2), (0,)])
-def test_actions_of_another_shape_are_refused(shape):
-    env = gym.make(NAV)
-    env.reset(seed=0)
-    with pytest.raises(InvalidAction, match="shape"):
-        env.step(np.zeros(shape, np.float32))
-    many = gym.make_vec(NAV, num_envs=3)
-    many.reset(seed=0)
-    with pytest.raises(InvalidAction, match="shape"):
-        many.step(np.zeros(shape, np.float32))
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [{"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * STRAIGHT, STRAIGHT.astype("M8[s]")],
-    ids=str,
-)
-def test_actions_that_hold_no_real_numbers_are_refused(maker, bad):
-    env, _ = maker()
-    env.reset(seed=0)
-    with pytest.raises(InvalidAction, match=r"^An action must hold real numbers, got ") as caught:
-        env.step(bad)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_step_before_reset_is_refused(maker):
-    env, action = maker()
-    with pytest.raises(ResetNeeded):
-        env.step(action)
-    with pytest.raises(ResetNeeded):
-        env.unwrapped.step(action)
-
-
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_a_mask_cannot_leave_out_what_was_never_reset(mode):
-    env = gym.make_vec(NAV, num_envs=3, autoreset_mode=mode)
-    for _ in range(2):  # a refused reset begins nothing
-        with pytest.raises(ResetNeeded, match=r"^Environment 1: call reset\(\) for all before a reset_mask leaves it out.$"):
-            env.reset(seed=0, options={"reset_mask": np.array([True, False, True])})
-        with pytest.raises(ResetNeeded):
-            env.step(np.zeros((3, 2), np.float32))
-    whole, _ = env.reset(seed=0, options={"reset_mask": np.ones(3, np.bool_)})
-    np.testing.assert_array_equal(whole, gym.make_vec(NAV, num_envs=3).reset(seed=0)[0])
-    env.reset(options={"reset_mask": np.array([True, False, True])})
-
-
 @pytest.mark.parametrize("info", ["default", "full"])
 def test_a_reset_of_some_tells_of_those_alone(info):
     env = gym.make_vec(NAV, num_envs=3, info=info)
@@ -235,18 +157,6 @@ def test_same_step_tells_last_observations_as_gymnasium_does():
                     assert one.dtype == np.float32
                     np.testing.assert_array_equal(one, other)
     assert ends == 8  # rows 0 and 2 after steps 5 and 10, the others after 7 and 12
-
-
-def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
-    env = gym.make_vec(NAV, num_envs=3, autoreset_mode=DISABLED, max_episode_steps=3)
-    env.reset(seed=0)
-    env.step(np.zeros((3, 2), np.float32))
-    env.reset(options={"reset_mask": np.array([True, False, False])})
-    for _ in range(2):
-        _, _, _, truncated, _ = env.step(np.zeros((3, 2), np.float32))
-    assert truncated.tolist() == [False, True, True]
-    with pytest.raises(Error, match="Environment 1"):
-        env.step(np.zeros((3, 2), np.float32))
 
 
 @pytest.mark.parametrize("seed", [0, 2**31 - 1, 2**63 - 2, 2**80])
@@ -356,12 +266,6 @@ def test_record_video_films_an_episode(tmp_path, monkeypatch):
     assert min(film.stat().st_size for film in films) > 1000
 
 
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_the_autoreset_mode_stands_where_clients_look_for_it(mode):
-    envs = gym.make_vec(NAV, num_envs=2, autoreset_mode=mode)
-    assert envs.unwrapped.autoreset_mode is envs.metadata["autoreset_mode"] is mode
-
-
 def square(n, **options):
     options = {"autoreset_mode": NEXT_STEP, "max_episode_steps": 4, "render_mode": "rgb_array"} | options
     return gym.make_vec("turtlebot_gym/TurtleBotSquare-v0", num_envs=n, **options)
@@ -421,18 +325,6 @@ def test_other_parameters_are_drawn():
     p = envs.unwrapped.parameters
     envs.unwrapped.set_parameters(p._replace(robot=make_robot("waffle")))
     assert (envs.render()[0] != burger).any()
-
-
-def test_what_cannot_be_drawn_is_said():
-    with pytest.raises(ValueError, match="render_mode must be one of"):
-        NavigationVectorEnv(2, render_mode="human")
-    for rows in (0, 2.5):
-        with pytest.raises(ValueError, match=f"render_rows must be a whole number from 1 to 16777216, got {rows}"):
-            NavigationVectorEnv(2, render_rows=rows)
-    with pytest.raises(ResetNeeded, match="before render"):
-        square(2).render()
-    with pytest.warns(UserWarning, match="needs a render_mode"):
-        assert NavigationVectorEnv(2).render() is None
 
 
 def test_gymnasium_records_videos_of_vector_environments(tmp_path, monkeypatch):

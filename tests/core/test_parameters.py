@@ -19,47 +19,6 @@ NAV, SQUARE = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotSquare-v0
 Q, R = (0.1,) * 5, (0.1,) * 3
 
 
-@pytest.mark.parametrize("maker", [gym.make, gym.make_vec], ids=["scalar", "vector"])
-@pytest.mark.parametrize(
-    ("name", "known"),
-    [
-        ("robot", ["burger", "waffle", "turtlebot4", "tutorial"]),
-        ("noise", ["clean", "tutorial", "documented", "wheel", "rough"]),
-        ("filter", ["matched", "tutorial", "gated", "mixture", "slip", "scale"]),
-        ("integrator", ["euler", "midpoint"]),
-        ("observation", ["ekf", "odometry", "truth"]),
-        ("arrival", ["truth", "belief"]),
-        ("task", ["nav", "pose", "square", "room"]),
-    ],
-)
-def test_unknown_names_are_answered_with_the_known_ones(maker, name, known):
-    with pytest.raises(ValueError, match=f"{name} must be one of {', '.join(map(repr, known))}, got 'nonsense'"):
-        maker(NAV, **{name: "nonsense"})
-
-
-@pytest.mark.parametrize(
-    ("maker", "options", "message"),
-    [
-        (gym.make, {"dt": 0.0}, "dt must be a number from 0.0001 to 10 s"),
-        (gym.make, {"dt": -0.1}, "dt must be a number from 0.0001 to 10 s"),
-        (gym.make, {"dt": NAN}, "dt must be a number from 0.0001 to 10 s"),
-        (gym.make_vec, {"dt": INF}, "dt must be a number from 0.0001 to 10 s"),
-        (gym.make, {"laps": 0}, "laps must be a whole number of at least 1, got 0"),
-        (gym.make, {"switch": "sometimes"}, "switch must be one of 'arrival', 'time', got 'sometimes'"),
-        (gym.make, {"waypoints": []}, "waypoints must be"),
-        (gym.make, {"waypoints": [(0.0, NAN, 0.0)]}, "waypoints must be"),
-        (gym.make_vec, {"num_envs": 0}, "num_envs must be"),
-        (gym.make_vec, {"info": "some"}, "info must be one of 'default', 'full', got 'some'"),
-        (gym.make_vec, {"autoreset_mode": "later"}, "autoreset_mode must be one of"),
-        (gym.make_vec, {"max_episode_steps": 0}, "Task.max_steps must be a positive number"),
-        (gym.make_vec, {"max_episode_steps": -5}, "Task.max_steps must be a positive number"),
-    ],
-)
-def test_other_bad_arguments_are_named(maker, options, message):
-    with pytest.raises(ValueError, match=message):
-        maker(SQUARE, **options)
-
-
 def test_arguments_that_do_not_go_together_are_refused():
     with pytest.raises(ValueError, match="waypoints"):
         gym.make(NAV, waypoints=[(1.0, 0.0, 0.0)])

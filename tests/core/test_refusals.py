@@ -1,140 +1,243 @@
-"""Whatever an environment is given, it works with finite numbers or answers with one line that names what is wrong."""
+"""Whatever environments, resets and steps are given, they accept it or answer with one line that names what is wrong."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
-from typing import get_type_hints
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.error import Error, InvalidAction, ResetNeeded
 
-from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task, make_parameters
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, Options, ProcessNoise, Reward, Robot, make_parameters
+from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.rooms.lidar import Lidar
-from turtlebot_gym.rooms.rules import RoomRules
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
-VALID = [
-    Robot(max_linear=0.2, max_angular=2.0),
-    ProcessNoise(),
-    OdometryNoise(),
-    Noise(),
-    FixNoise(R=(0.1, 0.1, 0.1)),
-    FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3),
-    Reward(),
-    Task(),
-    RoomRules(),
-    Lidar(),
-    MujocoBurger(),
-]
-FIELDS = [(value, item.name) for value in VALID for item in fields(value)]
-NUMBERS = [(value, name) for value, name in FIELDS if get_type_hints(type(value))[name] in (float, int)]
-FLAGS = [(value, name) for value, name in FIELDS if get_type_hints(type(value))[name] is bool]
-NO_NUMBERS = (None, "1", "", b"1", True, [], [1.0], {}, object(), 1j, math.nan, -math.inf, -1e308, 1e308)
+STRAIGHT = np.array([1.0, 0.0], np.float32)
+NAN, INF = math.nan, math.inf
 
 
-def named(value):
-    return value if isinstance(value, str) else type(value).__name__
-
-
-@pytest.mark.parametrize(("value", "name"), NUMBERS, ids=named)
-def test_no_number_is_anything_else(value, name):
-    for bad in NO_NUMBERS:
-        with pytest.raises(ValueError, match=rf"^{named(value)}\.{name} ") as caught:
-            replace(value, **{name: bad})
-        assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(("value", "name"), FLAGS, ids=named)
-def test_no_truth_value_is_anything_else(value, name):
-    for bad in (None, "x", "True", 0, 1, math.nan, 1e308, []):
-        with pytest.raises(ValueError, match=rf"^{named(value)}\.{name} must be True or False, got"):
-            replace(value, **{name: bad})
-
-
-@pytest.mark.parametrize(("value", "name"), [pair for pair in FIELDS if pair not in NUMBERS + FLAGS], ids=named)
-def test_no_sequence_and_no_part_is_anything_else(value, name):
-    for bad in (None, "x", 0, 1.0, math.nan, ["x"], [[None]], {"x": 1}, object()):
-        with pytest.raises(ValueError, match=rf"^{named(value)}\.{name}[: \[]"):
-            replace(value, **{name: bad})
-
-
-@pytest.mark.parametrize(("value", "name"), NUMBERS, ids=named)
-def test_numbers_of_numpy_are_numbers(value, name):
-    kept = getattr(value, name)
-    for given_ in (np.float64(kept), np.array(kept)) if type(kept) is float else (np.int64(kept), np.array(kept)):
-        again = replace(value, **{name: given_})
-        assert again == value
-        assert type(getattr(again, name)) is type(kept)
-
-
-@pytest.mark.parametrize("maker", [gym.make, gym.make_vec], ids=["scalar", "vector"])
-@pytest.mark.parametrize("name", ["reward", "robot", "noise", "filter"])
-@pytest.mark.parametrize("bad", ["", [], 0, 0.5, True, ["x"], {"nonsense": 1.0}, Ellipsis], ids=str)
-def test_parameters_are_given_as_such_or_by_their_fields(maker, name, bad):
-    with pytest.raises(ValueError, match=rf"^{name}\b") as caught:
-        maker(NAV, **{name: bad})
+def refused(call, rule, error=ValueError):
+    """Require an error of one line that begins with a rule, a regular expression."""
+    with pytest.raises(error, match=f"^{rule}") as caught:
+        call()
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["task", "integrator", "observation", "arrival", "fix", "plant"])
-@pytest.mark.parametrize("bad", ["", [], {}, 0, True, {"nonsense": 1.0}, Ellipsis], ids=str)
-def test_choices_are_one_of_those_that_there_are(name, bad):
-    for maker in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=rf"^{name}\b"):
-            maker(NAV, **{name: bad})
+@pytest.fixture(params=["scalar", "vector"])
+def maker(request):
+    """Make an environment of one or of three."""
+    return gym.make if request.param == "scalar" else lambda id, **options: gym.make_vec(id, num_envs=3, **options)
+
+
+NAMES = {
+    "robot": "'burger', 'waffle', 'turtlebot4', 'tutorial'",
+    "noise": "'clean', 'tutorial', 'documented', 'wheel', 'rough'",
+    "filter": "'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale'",
+    "integrator": "'euler', 'midpoint'",
+    "observation": "'ekf', 'odometry', 'truth'",
+    "arrival": "'truth', 'belief'",
+    "switch": "'arrival', 'time'",
+    "task": "'nav', 'pose', 'square', 'room'",
+    "plant": "'unicycle', 'mujoco'",
+    "fix": "'beacons', 'late', 'localization', 'markers', 'motion-capture'",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_unknown_names_are_answered_with_the_known_ones(maker, name):
+    refused(lambda: maker(SQUARE, **{name: "nonsense"}), f"{name} must be one of {NAMES[name]}, got 'nonsense'")
+
+
+@pytest.mark.parametrize("name", [*NAMES, "reward", "world", "lidar"])
+@pytest.mark.parametrize("bad", ["", [], 0, 0.5, True, ["x"], {"nonsense": 1.0}, Ellipsis], ids=str)
+def test_an_option_of_another_type_is_refused_by_its_name(maker, name, bad):
+    refused(lambda: maker(ROOMS if name in ("world", "lidar") else NAV, **{name: bad}), rf"{name}\b")
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "rule"),
     [
-        ({"dt": "0.1"}, "dt must be a number from 0.0001 to 10 s, got '0.1'"),
-        ({"dt": True}, "dt must be a number from 0.0001 to 10 s, got True"),
-        ({"dt": 1e300}, "dt must be a number from 0.0001 to 10 s, got 1e\\+300"),
-        ({"dt": 1e-5}, "dt must be a number from 0.0001 to 10 s, got 1e-05"),
-        ({"delay": 1.0}, "delay must be a whole number from 0 to 3, got 1.0"),
-        ({"delay": 4}, "delay must be a whole number from 0 to 3, got 4"),
-        ({"delay": True}, "delay must be a whole number from 0 to 3, got True"),
-        ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late, got 0.3 s with dt 0.0001 s"),
-        ({"laps": True}, "laps must be a whole number of at least 1, got True"),
-        (
-            {"waypoints": [(1e300, 0.0, 0.0)]},
-            r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+09 m away",
+        *(
+            ({"dt": dt}, "dt must be a number from 0.0001 to 10 s, got ")
+            for dt in ("0.1", True, 1e300, 1e-5, 0.0, -0.1, NAN, INF)
         ),
-        ({"waypoints": 3}, "waypoints must be one or more finite poses"),
-        ({"waypoints": "abc"}, "waypoints must be one or more finite poses"),
+        *(({"delay": delay}, "delay must be a whole number from 0 to 3, got ") for delay in (1.0, 4, True)),
+        *(({"laps": laps}, "laps must be a whole number of at least 1, got ") for laps in (0, True)),
+        *(
+            ({"waypoints": given}, r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+09 m away, got ")
+            for given in ([], 3, "abc", [(1e300, 0.0, 0.0)], [(0.0, NAN, 0.0)])
+        ),
+        ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late, got 0.3 s with dt 0.0001 s"),
         ({"robot": {"max_linear": 0.2}}, "robot: Robot needs max_angular"),
         ({"noise": {"odometry": {"R": [1, 2]}}}, "OdometryNoise.R must be 3 numbers or a diagonal"),
         ({"reward": {"time": "much"}}, "Reward.time must be a number from .*, got 'much'"),
+        (
+            {"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]},
+            "waypoints, .* are for tasks with given waypoints: this one draws its",
+        ),
+        (
+            {"world": "dense"},
+            "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task",
+        ),
+        ({"task": "room", "plant": "mujoco"}, "plant must be 'unicycle' in a room"),
     ],
+    ids=str,
 )
-def test_other_arguments_are_refused_by_name(options, told):
-    for maker in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=f"^{told}"):
-            maker(SQUARE, **options)
+def test_options_that_cannot_be_are_refused_by_name(maker, options, rule):
+    refused(lambda: maker(SQUARE, **options), rule)
 
 
-@pytest.mark.parametrize("name", ["world", "lidar"])
-@pytest.mark.parametrize("bad", ["", [], 0, True, {"nonsense": 1.0}, Ellipsis], ids=str)
-def test_rooms_are_refused_by_name(name, bad):
-    for maker in (gym.make, gym.make_vec):
-        with pytest.raises(ValueError, match=rf"^{name}\b"):
-            maker(ROOMS, **{name: bad})
+@pytest.mark.parametrize(
+    ("options", "rule"),
+    [
+        ({"num_envs": 0}, "num_envs must be a whole number from 1 to 16777216, got 0"),
+        ({"info": "some"}, "info must be one of 'default', 'full', got 'some'"),
+        ({"autoreset_mode": "later"}, "autoreset_mode must be one of"),
+        ({"render_mode": "human"}, "render_mode must be one of"),
+        *(({"max_episode_steps": steps}, "Task.max_steps must be a positive number") for steps in (0, -5)),
+        *(({"render_rows": rows}, f"render_rows must be a whole number from 1 to 16777216, got {rows}") for rows in (0, 2.5)),
+    ],
+    ids=str,
+)
+def test_arguments_of_a_vector_environment_are_refused_by_name(options, rule):
+    refused(lambda: gym.make_vec(NAV, **options), rule)
+
+
+def test_an_unknown_option_is_answered_with_the_nearest_one(maker):
+    for make in (
+        lambda: maker(NAV, nois="clean"),
+        lambda: make_parameters(nois="clean"),
+        lambda: Options.of({"nois": "clean"}),
+    ):
+        refused(make, "There is no option 'nois'; options are task, robot, .* Did you mean 'noise'", TypeError)
+
+
+@pytest.mark.parametrize("seed", [1.5, True, "1", -1, NAN, np.float32(1.0), b"1", {}], ids=str)
+def test_a_seed_is_a_whole_number(maker, seed):
+    refused(lambda: maker(NAV).reset(seed=seed), "seed must be a whole number of at least 0, got ")
+
+
+@pytest.mark.parametrize(
+    ("seed", "rule"),
+    [
+        ([1, 2], "seed must hold 3 seeds, got 2"),
+        ((), "seed must hold 3 seeds, got 0"),
+        ([1, 2, 3, 4], "seed must hold 3 seeds, got 4"),
+        ([1, 2.5, 3], r"seed\[1\] must be a whole number of at least 0, got 2.5"),
+        ([1, 2, True], r"seed\[2\] must be a whole number"),
+        ([1, 2, -3], r"seed\[2\] must be a whole number"),
+        (np.array([0.5, 1.0, 2.0]), r"seed\[0\] must be a whole number"),
+    ],
+    ids=str,
+)
+def test_a_list_of_seeds_has_one_for_each_environment(seed, rule):
+    refused(lambda: gym.make_vec(NAV, num_envs=3).reset(seed=seed), rule)
+
+
+@pytest.mark.parametrize("id", [NAV, ROOMS])
+@pytest.mark.parametrize(
+    "options", [{"begin": 1}, {"resetmask": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]], ids=str
+)
+def test_unknown_options_of_a_reset_are_refused(maker, id, options):
+    env = maker(id)
+    refused(lambda: env.reset(seed=0, options=options), r"options must be \w")
+    refused(lambda: env.unwrapped.step(np.zeros(env.action_space.shape)), r"Call reset\(\) before step", ResetNeeded)
+
+
+OTHER_MASKS = [[True, False, True], np.ones(2, np.bool_), np.ones((3, 1), np.bool_), np.array([1, 0, 1]), np.zeros(3, np.bool_)]
+
+
+@pytest.mark.parametrize("mask", OTHER_MASKS, ids=["list", "short", "deep", "numbers", "empty"])
+def test_a_mask_of_another_form_is_refused(mask):
+    envs = gym.make_vec(NAV, num_envs=3)
+    envs.reset(seed=0)
+    refused(lambda: envs.reset(options={"reset_mask": mask}), "reset_mask must be")
+
+
+def test_a_mask_cannot_leave_out_what_was_never_reset():
+    envs = gym.make_vec(NAV, num_envs=3)
+    for _ in range(2):  # a refused reset begins nothing
+        refused(
+            lambda: envs.reset(seed=0, options={"reset_mask": np.array([True, False, True])}),
+            r"Environment 1: call reset\(\) for all before a reset_mask leaves it out.$",
+            ResetNeeded,
+        )
+        refused(lambda: envs.step(np.zeros((3, 2))), "Call reset", ResetNeeded)
+
+
+@pytest.mark.parametrize("bad", [NAN, INF, -INF])
+@pytest.mark.parametrize("at", [0, 1])
+def test_an_action_that_is_not_finite_is_refused_with_the_environments_index(maker, bad, at):
+    env, row = maker(NAV), 0 if maker is gym.make else 2
+    env.reset(seed=0)
+    actions = np.tile(STRAIGHT, (*env.action_space.shape[:-1], 1))
+    np.atleast_2d(actions)[row, at] = bad
+    refused(lambda: env.step(actions), f"Environment {row}: .*finite", InvalidAction)
+
+
+def test_opposite_infinities_do_not_cancel():
+    env = gym.make(NAV)
+    env.reset(seed=0)
+    refused(lambda: env.step(np.array([INF, -INF], np.float32)), "Environment 0: .*finite", InvalidAction)
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 1), (1, 2), (0,)], ids=str)
+def test_actions_of_another_shape_are_refused(maker, shape):
+    env = maker(NAV)
+    env.reset(seed=0)
+    refused(lambda: env.step(np.zeros(shape, np.float32)), ".*shape", InvalidAction)
+
+
+NO_ACTIONS = ({"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * STRAIGHT, STRAIGHT.astype("M8[s]"))
+
+
+@pytest.mark.parametrize("bad", NO_ACTIONS, ids=str)
+def test_actions_that_hold_no_real_numbers_are_refused(maker, bad):
+    env = maker(NAV)
+    env.reset(seed=0)
+    refused(lambda: env.step(bad), "An action must hold real numbers, got ", InvalidAction)
+
+
+def test_a_refused_action_changes_nothing(maker):
+    one, two = maker(NAV), maker(NAV)
+    actions = np.full(one.action_space.shape, 0.5, np.float32)
+    for env in (one, two):
+        env.reset(seed=0)
+        env.step(actions)
+    refused(lambda: one.step(actions * NAN), "Environment 0", InvalidAction)
+    np.testing.assert_array_equal(one.step(actions)[0], two.step(actions)[0])
+
+
+def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
+    env = gym.make_vec(NAV, num_envs=3, autoreset_mode="DISABLED", max_episode_steps=3)
+    env.reset(seed=0)
+    env.step(np.zeros((3, 2), np.float32))
+    env.reset(options={"reset_mask": np.array([True, False, False])})
+    for _ in range(2):
+        _, _, _, truncated, _ = env.step(np.zeros((3, 2), np.float32))
+    assert truncated.tolist() == [False, True, True]
+    refused(lambda: env.step(np.zeros((3, 2), np.float32)), "Environment 1", Error)
+
+
+def test_what_cannot_be_drawn_is_refused(maker):
+    refused(lambda: NavigationEnv(render_mode="ansi"), "render_mode must be one of")
+    refused(lambda: maker(NAV, render_mode="rgb_array").unwrapped.render(), ".*before render", ResetNeeded)
+    with pytest.warns(UserWarning, match="needs a render_mode"):
+        assert maker(NAV).unwrapped.render() is None
 
 
 def test_mappings_stand_for_parameters():
-    given_ = make_parameters(
+    parameters = make_parameters(
         reward={"time": 0.2},
         noise={"odometry": {"R": (0.01, 0.01, 0.02)}, "process": {"alpha1": 0.1}},
         robot={"max_linear": 0.3, "max_angular": 1.0, "reverse": False},
         filter={"Q": (0.1,) * 5, "R": (0.1,) * 3},
         fix={"R": (0.1, 0.1)},
     )
-    assert given_.reward == Reward(time=0.2)
-    assert given_.noise == Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.02)), process=ProcessNoise(alpha1=0.1))
-    assert given_.robot == Robot(max_linear=0.3, max_angular=1.0, reverse=False)
-    assert given_.tuning == FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3)
-    assert given_.fix == FixNoise(R=(0.1, 0.1))
+    assert parameters.reward == Reward(time=0.2)
+    assert parameters.noise == Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.02)), process=ProcessNoise(alpha1=0.1))
+    assert parameters.robot == Robot(max_linear=0.3, max_angular=1.0, reverse=False)
+    assert parameters.tuning == FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3)
+    assert parameters.fix == FixNoise(R=(0.1, 0.1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from functools import partial
 
 import gymnasium as gym
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.vector.utils import batch_space
 from gymnasium.wrappers import vector
 
 import turtlebot_gym  # noqa: F401  # registers the environments
@@ -125,103 +123,4 @@ def test_every_environment_is_sync_vector_env(id, mode):
         assert compare(seen[-1], expected[-1]) > 0
 
 
-@pytest.mark.parametrize("id", IDS)
-def test_spaces_are_batches_of_the_scalar_ones(id):
-    envs, env = native(id), gym.make(id)
-    assert envs.num_envs == N
-    assert envs.single_observation_space == env.observation_space
-    assert envs.single_action_space == env.action_space
-    assert envs.observation_space == batch_space(env.observation_space, N)
-    assert envs.action_space == batch_space(env.action_space, N)
-    assert envs.spec.id == id
-    assert id in repr(envs)
-    envs.action_space.seed(0)
-    other = native(id)
-    other.action_space.seed(0)
-    envs.action_space.sample()
-    np.testing.assert_array_equal(other.action_space.sample(), native_sample(id))
-
-
-def native_sample(id):
-    space = native(id).action_space
-    space.seed(0)
-    return space.sample()
-
-
-@pytest.mark.parametrize("id", IDS)
-def test_seeds(id):
-    envs = native(id)
-    first, _ = envs.reset(seed=7)
-    assert len({row.tobytes() for row in first}) == N
-    for seed in (7, np.int64(7), [7, 8, 9], (7, 8, 9)):
-        np.testing.assert_array_equal(envs.reset(seed=seed)[0], first)
-    np.testing.assert_array_equal(envs.reset(seed=[9, 7, 8])[0], first[[2, 0, 1]])
-    envs.reset(seed=7)
-    then, _ = envs.reset()
-    assert (then != first).any(axis=1).all()
-    envs.reset(seed=7)
-    np.testing.assert_array_equal(envs.reset(seed=[None, None, None])[0], then)
-    for seeds in ([1, 2], [1, 2, 3, 4]):
-        with pytest.raises(ValueError, match=f"seed must hold 3 seeds, got {len(seeds)}"):
-            envs.reset(seed=seeds)
-    assert envs.np_random_seed == 7
-    assert isinstance(envs.np_random, np.random.Generator)
-
-
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_a_mask_seeds_the_rows_in_it(mode):
-    envs, mask = native(mode=mode), np.array([True, False, True])
-    before, _ = envs.reset(seed=1)
-    after, _ = envs.reset(seed=50, options={"reset_mask": mask})
-    np.testing.assert_array_equal(after[1], before[1])
-    np.testing.assert_array_equal(after[mask], native().reset(seed=50)[0][mask])
-
-
 OTHER_MASKS = [[True, False, True], np.ones(2, np.bool_), np.ones((3, 1), np.bool_), np.array([1, 0, 1]), np.zeros(3, np.bool_)]
-
-
-@pytest.mark.parametrize("mask", OTHER_MASKS, ids=["list", "short", "deep", "numbers", "empty"])
-def test_a_mask_of_another_form_is_refused(mask):
-    envs = native()
-    envs.reset(seed=0)
-    with pytest.raises(ValueError, match="reset_mask must be"):
-        envs.reset(options={"reset_mask": mask})
-
-
-def test_what_was_returned_stays():
-    envs = native(mode=SAME_STEP, info="full")
-    kept = []
-    for returned in drive(envs, SAME_STEP):
-        kept.append((returned, copy.deepcopy(returned)))
-    for returned, before in kept:
-        for one, other in zip(returned[:-1], before[:-1], strict=True):
-            np.testing.assert_array_equal(one, other)
-        assert compare(returned[-1], before[-1]) > 0
-
-
-def test_none_in_final_obs_is_what_clients_test_for():
-    envs, last = native(mode=SAME_STEP), []
-    envs.reset(seed=0)
-    envs.step(actions(0))
-    envs.reset(options={"reset_mask": np.array([False, True, False])})
-    for step in range(LIMIT):
-        observations, _, _, truncated, infos = envs.step(actions(step))
-        for row, obs in enumerate(infos.get("final_obs", [])):
-            if obs is not None:
-                assert obs in envs.single_observation_space
-                assert (obs != observations[row]).any()
-                last.append(row)
-        if "final_obs" in infos:
-            np.testing.assert_array_equal(infos["_final_obs"], truncated)
-            assert np.stack(infos["final_obs"][truncated]).shape == (truncated.sum(), 13)
-    assert last == [0, 2, 1]
-
-
-def test_closing_is_for_good_and_may_be_repeated():
-    envs = native(render_mode="rgb_array")
-    envs.reset(seed=0)
-    envs.render()
-    assert not envs.closed
-    for _ in range(2):
-        envs.close()
-    assert envs.closed

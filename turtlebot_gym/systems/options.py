@@ -126,7 +126,7 @@ class Options:
             raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
         if self.in_room and (name in ("nav", "pose", "square") or not task.random):
             raise ValueError(
-                f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0, and its task 'room', got the task {shown(name)}."
+                f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task {shown(name)}."
             )
         changes: dict[str, Any] = {}
         if self.arrival is not None:
