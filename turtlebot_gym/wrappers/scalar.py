@@ -10,19 +10,15 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.wrappers.draws import Draws
+from turtlebot_gym.wrappers.sensor import Sensor
 from turtlebot_gym.wrappers.transition import (
     SHARE,
     Moment,
     Transition,
-    appended,
     ask,
     doubled,
-    longer,
     moment,
-    own_seeds,
     require_box,
-    seeds_of,
 )
 
 _ALL = np.ones(1, np.bool_)
@@ -78,25 +74,23 @@ class AppendSensor(gym.Wrapper, RecordConstructorArgs):
     def __init__(self, env: gym.Env, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
         RecordConstructorArgs.__init__(self, measure=measure, low=low, high=high, draws=draws, _disable_deepcopy=True)
         gym.Wrapper.__init__(self, env)
-        self._space = self.observation_space = longer(env.observation_space, low, high)
-        self._measure, self._draws, self._old = measure, Draws(1, draws), require_box(env.observation_space, "").shape[0]
+        self._sensor = Sensor(env.observation_space, 1, measure, low, high, draws)
+        self.observation_space = self._sensor.space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
-        known = self._draws.seeded or seed is not None
-        self._draws.begin(_ALL, seeds_of(seed, 1) if known else own_seeds(self.env, 1))
+        self._sensor.reset(self.env, seed, _ALL)
         return self._with(observation, info), info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Make a step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._draws.advance(_ALL)
+        self._sensor.advance(_ALL)
         return self._with(observation, info), reward, terminated, truncated, info
 
     def _with(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float32]:
-        numbers = appended(self._measure, info, self._draws.now()[0], self._space, self._old)
-        return np.concatenate([observation, numbers]).astype(np.float32)
+        return np.concatenate([observation, self._sensor.values(info, alone=True)]).astype(np.float32)
 
 
 class SmoothAction(gym.Wrapper, RecordConstructorArgs):

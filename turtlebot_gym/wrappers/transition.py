@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from turtlebot_gym.validation import Range
 
@@ -78,40 +78,3 @@ def require_box(space: spaces.Space, what: str, dimensions: int | None = None) -
         kind = "a Box" if dimensions is None else f"a Box of {dimensions} dimension"
         raise ValueError(f"The {what} space must be {kind}, got {space}.")
     return space
-
-
-def longer(space: spaces.Space, low: ArrayLike, high: ArrayLike) -> spaces.Box:
-    """Return an observation space with appended numbers between two bounds."""
-    box = require_box(space, "observation", 1)
-    lows, highs = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
-    if lows.shape != highs.shape or lows.ndim != 1 or not (lows <= highs).all():
-        raise ValueError(f"low and high must be numbers of a sensor, low at most high, got {low!r} and {high!r}.")
-    return spaces.Box(np.concatenate([box.low, lows]).astype(np.float32), np.concatenate([box.high, highs]).astype(np.float32))
-
-
-def appended(
-    function: Callable[..., Any], info: dict[str, Any], draws: NDArray[np.float64], space: spaces.Box, old: int
-) -> NDArray[np.float32]:
-    """Return a sensor's values, clipped to the bounds of its part of an observation space, which begins at ``old``.
-
-    Raises:
-        ValueError: If their shape differs from that of the bounds.
-    """
-    low, high = space.low[old:], space.high[old:]
-    numbers, shape = ask(function, info, draws), (*draws.shape[:-1], len(low))
-    if numbers.shape != shape:
-        raise ValueError(f"measure must return shape {shape}, as low and high say, got {numbers.shape}.")
-    return np.clip(numbers, low, high).astype(np.float32)
-
-
-def seeds_of(seed: Any, rows: int) -> list[int | None]:
-    """Return the seed of each row after a reset with a seed: an int stands for ``seed + i``."""
-    if seed is None:
-        return [None] * rows
-    return [seed + row for row in range(rows)] if isinstance(seed, (int, np.integer)) else list(seed)
-
-
-def own_seeds(env: Any, rows: int) -> list[int]:
-    """Return the seeds that an environment drew because it was given none."""
-    drawn = env.unwrapped.np_random_seed
-    return list(drawn) if isinstance(drawn, (tuple, list)) else [drawn + row for row in range(rows)]

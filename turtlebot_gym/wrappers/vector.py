@@ -16,19 +16,15 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.envs.common import of_rows
-from turtlebot_gym.wrappers.draws import Draws
+from turtlebot_gym.wrappers.sensor import Sensor
 from turtlebot_gym.wrappers.transition import (
     SHARE,
     Moment,
     Transition,
-    appended,
     ask,
     doubled,
-    longer,
     moment,
-    own_seeds,
     require_box,
-    seeds_of,
 )
 
 
@@ -158,40 +154,35 @@ class AppendSensor(_RowsWrapper, RecordConstructorArgs):
     def __init__(self, env: VectorEnv, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
         RecordConstructorArgs.__init__(self, measure=measure, low=low, high=high, draws=draws, _disable_deepcopy=True)
         super().__init__(env)
-        self._space = self.single_observation_space = longer(env.single_observation_space, low, high)
-        self.observation_space = batch_space(self._space, env.num_envs)
-        self._measure, self._draws = measure, Draws(env.num_envs, draws)
-        self._old = require_box(env.single_observation_space, "").shape[0]
-        self._said = np.zeros((env.num_envs, self._space.shape[0] - self._old), np.float32)
+        self._sensor = Sensor(env.single_observation_space, env.num_envs, measure, low, high, draws)
+        self.single_observation_space = self._sensor.space
+        self.observation_space = batch_space(self._sensor.space, env.num_envs)
+        self._values = np.zeros((env.num_envs, len(self._sensor.low)), np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin episodes."""
         observations, infos, mask = self._reset(seed, options)
-        seeds = seeds_of(seed, self.num_envs)
-        if not self._draws.seeded and None in seeds:
-            drawn = own_seeds(self.env, self.num_envs)
-            seeds = [own if one is None else one for one, own in zip(seeds, drawn, strict=True)]
-        self._draws.begin(mask, seeds)
+        self._sensor.reset(self.env, seed, mask)
         return self._with(observations, infos, mask), infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Make a step."""
         it = self._step(actions)
-        self._draws.advance(~it.waited)
+        self._sensor.advance(~it.waited)
         last, final = it.last(), None
-        self._draws.begin(it.waited)
+        self._sensor.begin(it.waited)
         observations = self._with(last.observation, last.info)
         if self._mode is AutoresetMode.SAME_STEP and it.done.any():
             final = observations
-            self._draws.begin(it.done)
+            self._sensor.begin(it.done)
             observations = self._with(it.observations, it.infos, it.done)
         return it.returned(observations, final)
 
     def _with(self, observations: Any, infos: dict[str, Any], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
         """Return observations with new sensor values for the rows in a mask, and the previous values for the others."""
-        said = appended(self._measure, infos, self._draws.now(), self._space, self._old)
-        self._said = said if mask is None else np.where(mask[:, None], said, self._said)
-        return np.concatenate([observations, self._said], axis=1)
+        values = self._sensor.values(infos)
+        self._values = values if mask is None else np.where(mask[:, None], values, self._values)
+        return np.concatenate([observations, self._values], axis=1)
 
 
 class SmoothAction(_RowsWrapper, RecordConstructorArgs):
