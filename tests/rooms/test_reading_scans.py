@@ -12,12 +12,13 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.systems import Episode, make_parameters, make_room, system_of
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
 
 WALL, GOAL = 3.0, Pose(2.0, 0.0, 0.0)
-HALL = FloorPlan(walls=(0.0, 0.0, WALL, WALL), start=Pose(0.0, 0.0, 0.0), goal=GOAL)
+HALL = FloorPlan(walls=Walls(0.0, 0.0, WALL, WALL), start=Pose(0.0, 0.0, 0.0), goal=GOAL)
 
 
 @kernel
