@@ -12,6 +12,7 @@ from typing import Any
 import tyro
 
 from turtlebot_gym import FilterTuning, Noise, make_filter
+from turtlebot_gym.parameters import DeadReckoning
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.commands.report import estimation_table
 from turtlebot_gym_agents.evaluation.estimation import estimate, in_force
@@ -49,7 +50,9 @@ class Config:
 def tuning(name: str, noise: Noise) -> FilterTuning:
     """Return a filter's tuning by its name here."""
     found = make_filter(name.removesuffix(EXACT), noise)
-    exact = noise.odometry.R if found.odometry_input else found.R  # otherwise it includes spikes and quantization
+    exact = (
+        noise.odometry.R if isinstance(found.kind, DeadReckoning) else found.R
+    )  # otherwise it includes spikes and quantization
     return replace(found, Q=(0.0,) * 5, R=exact) if name.endswith(EXACT) else found
 
 

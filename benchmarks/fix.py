@@ -128,7 +128,7 @@ def told(interval: Any, digits: int) -> str:
 def main() -> None:
     """Drive, print a table, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    task, found = replace(SQUARE, laps=1e6, max_steps=1e9), {}
+    task, found = replace(SQUARE, laps=1_000_000, max_steps=1e9), {}
     table = Table(
         "fix", "position, m", "rms, m", "at the end, m", "heading, rad", "NEES of the pose", "µs a step",
         title=f"wheel odometry, {config.runs} drives of {config.seconds:g} s, means and 95 % intervals",

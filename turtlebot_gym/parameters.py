@@ -6,12 +6,13 @@ They are frozen dataclasses that check themselves, so every instance is valid. S
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Annotated
+from dataclasses import dataclass, field, is_dataclass
+from typing import Annotated, Any
 
 from turtlebot_gym.validation import (
     FINITE,
     NON_NEGATIVE,
+    ONE_OR_MORE,
     POSITIVE,
     POSITIVE_OR_INFINITE,
     PROBABILITY,
@@ -27,9 +28,6 @@ REFERENCE_PERIOD = 0.1
 
 MAX_FIX_AGE = 0.5
 """Greatest age at which an absolute fix is still used, s."""
-
-KALMAN, GATED, MIXTURE, SLIP, SCALE = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Kinds of filters; see `estimation.interface`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,8 +127,72 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Kalman:
+    """The extended Kalman filter, `estimation.ekf`: its own numbers beside those of `FilterTuning`, as for the next classes."""
+
+    remember_velocity: bool = False
+    """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
+    wrap_innovation: bool = True
+    """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial does not wrap it."""
+    gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
+    max_rejections: Annotated[int, ONE_OR_MORE] = 10
+    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeadReckoning:
+    """Odometry increments drive the prediction and nothing corrects it, as for `OdometryNoise.wheel`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gated:
+    """The extended Kalman filter with a gate on the heading alone, `estimation.gated`."""
+
+    heading_gate: Annotated[float, POSITIVE_OR_INFINITE]
+    """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
+    max_rejections: Annotated[int, ONE_OR_MORE] = 10
+    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mixture:
+    """The filter that models heading spikes, `estimation.mixture`."""
+
+    spike_probability: Annotated[float, PROBABILITY]
+    """Probability per measurement of a heading spike."""
+    spike: Annotated[float, NON_NEGATIVE]
+    """Size of a heading spike, rad."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slip(Mixture):
+    """The filter that models heading spikes, and slip as in `FilterTuning.process`: `estimation.slip`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """The filter that also estimates the executed share of a twist, `estimation.scale`."""
+
+    scale_deviation: Annotated[float, NON_NEGATIVE] = 0.05
+    """Initial standard deviation of the executed share of a commanded twist."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FilterTuning:
-    """A filter's kind, and its assumptions about the robot and its odometry."""
+    """A filter, and its assumptions about the robot and its odometry."""
 
     Q: Annotated[tuple[float, ...], variances(5)]
     """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much.
@@ -144,31 +206,13 @@ class FilterTuning:
     """Variances of the initial belief, used with `from_origin`. A diagonal 5 x 5 matrix is accepted."""
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
-    remember_velocity: bool = False
-    """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
-    wrap_innovation: bool = True
-    """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial does not wrap it."""
-    gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
-    """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
-    max_rejections: Annotated[float, POSITIVE_OR_INFINITE] = 10.0
-    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
-    odometry_input: bool = False
-    """Whether odometry increments drive the prediction and nothing corrects it, as for `OdometryNoise.wheel`."""
-    kind: float = KALMAN
-    """Kind of filter: `KALMAN`, `GATED`, `MIXTURE`, `SLIP` or `SCALE`."""
-    heading_gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
-    """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom); `GATED` only."""
-    spike_probability: Annotated[float, PROBABILITY] = 0.0
-    """Probability per measurement of a heading spike; like the next field, for `MIXTURE` and `SLIP`."""
-    spike: Annotated[float, NON_NEGATIVE] = 0.0
-    """Size of a heading spike, rad."""
-    scale_deviation: Annotated[float, NON_NEGATIVE] = 0.05
-    """Initial standard deviation of the executed share of a commanded twist; `SCALE` only."""
+    kind: Any = field(default_factory=Kalman)
+    """The filter, with what it alone reads: `Kalman`, `DeadReckoning`, `Gated`, `Mixture`, `Slip` or `Scale`."""
 
     def __post_init__(self) -> None:
         typed(self)
-        if self.kind not in (KALMAN, GATED, MIXTURE, SLIP, SCALE):
-            raise refusal("FilterTuning.kind", "one of the kinds in turtlebot_gym.parameters", self.kind)
+        if not is_dataclass(self.kind) or isinstance(self.kind, type):
+            raise refusal("FilterTuning.kind", "a filter's own tuning, such as Kalman(gate=9.0)", self.kind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

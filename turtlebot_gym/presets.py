@@ -8,7 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.files import KINDS, T, is_file, read_parameters
-from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, SLIP, FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import (
+    DeadReckoning,
+    FilterTuning,
+    FixNoise,
+    Gated,
+    Kalman,
+    Mixture,
+    Noise,
+    OdometryNoise,
+    ProcessNoise,
+    Scale,
+    Slip,
+)
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import choose, made
 
@@ -65,8 +77,7 @@ TUTORIAL_FILTER = FilterTuning(
     R=(0.05, 0.05, 0.1),
     from_origin=True,
     P0=(0.1, 0.1, 0.1, 1.0, 1.0),
-    remember_velocity=True,
-    wrap_innovation=False,
+    kind=Kalman(remember_velocity=True, wrap_innovation=False),
 )
 """The reference system's filter as written, for any noise: process noise that the plant does not have, a Jacobian that keeps
 the velocities of the previous step, and a heading innovation that jumps by 2 pi."""
@@ -91,7 +102,7 @@ def matched(noise: Noise) -> FilterTuning:
         Q=(0.0, 0.0, 0.0, SPEED_FLOOR**2, TURN_FLOOR**2),
         R=tuple(max(variance, VARIANCE_FLOOR) for variance in R),
         process=replace(process, scale=1.0, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
-        odometry_input=odometry.wheel,
+        kind=DeadReckoning() if odometry.wheel else Kalman(),
     )
 
 
@@ -99,27 +110,33 @@ def _without_spikes(noise: Noise) -> Noise:
     return replace(noise, odometry=replace(noise.odometry, spike_probability=0.0))
 
 
+def _of_kind(tuning: FilterTuning, kind: Any) -> FilterTuning:
+    """Return a tuning for a filter that corrects; with wheel odometry, which measures nothing, dead reckoning stays."""
+    return tuning if isinstance(tuning.kind, DeadReckoning) else replace(tuning, kind=kind)
+
+
 def gated(noise: Noise) -> FilterTuning:
     """Return the matched tuning for the noise without spikes, with a gate that refuses 1 % of correct headings."""
-    return replace(matched(_without_spikes(noise)), kind=GATED, heading_gate=HEADING_GATE)
+    return _of_kind(matched(_without_spikes(noise)), Gated(heading_gate=HEADING_GATE))
 
 
 def mixture(noise: Noise) -> FilterTuning:
     """Return the matched tuning, without spikes in R, of the filter that models spikes: `estimation.mixture`."""
     spikes, size = noise.odometry.spike_probability, noise.odometry.spike
-    return replace(matched(_without_spikes(noise)), kind=MIXTURE, spike_probability=spikes, spike=size)
+    return _of_kind(matched(_without_spikes(noise)), Mixture(spike_probability=spikes, spike=size))
 
 
 def slip(noise: Noise) -> FilterTuning:
     """Return the tuning of the filter that models spikes and slip: `estimation.slip`."""
-    process = noise.process
-    steady = mixture(replace(noise, process=replace(process, slip=0.0)))
-    return replace(steady, kind=SLIP, process=replace(process, scale=1.0))
+    process, odometry = noise.process, noise.odometry
+    steady = matched(_without_spikes(replace(noise, process=replace(process, slip=0.0))))
+    kind = Slip(spike_probability=odometry.spike_probability, spike=odometry.spike)
+    return _of_kind(replace(steady, process=replace(process, scale=1.0)), kind)
 
 
 def scale(noise: Noise) -> FilterTuning:
     """Return the matched tuning of the filter that estimates the executed share of a twist: `estimation.scale`."""
-    return replace(matched(noise), kind=SCALE)
+    return _of_kind(matched(noise), Scale())
 
 
 FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {

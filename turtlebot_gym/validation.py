@@ -106,6 +106,7 @@ POSITIVE_OR_INFINITE = Range(LEAST, kind="positive number", infinite=True)
 NON_NEGATIVE = Range(0.0)
 FINITE = Range()
 PROBABILITY = Range(0.0, 1.0, kind="probability")
+ONE_OR_MORE = Range(1, 10**9, whole=True)
 
 
 @dataclass(frozen=True, slots=True)

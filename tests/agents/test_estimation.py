@@ -10,6 +10,7 @@ import pytest
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.consistency import cramer_rao_bound, heading_information, true_tuning
+from turtlebot_gym.parameters import DeadReckoning
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation import estimation
 from turtlebot_gym_agents.evaluation.estimation import estimate, innovations
@@ -120,7 +121,7 @@ def test_the_true_noise_has_no_floors():
     assert 0.03 < tuning.R[2] < 0.03 + 0.1 * 0.36
     assert (tuning.process.alpha1, tuning.process.scale, tuning.process.slip) == (0.01, 1.0, 0.0)
     assert true_tuning(Noise()).R == (0.0, 0.0, 0.0)
-    assert true_tuning(Noise(odometry=OdometryNoise(wheel=True))).odometry_input
+    assert true_tuning(Noise(odometry=OdometryNoise(wheel=True))).kind == DeadReckoning()
 
 
 def test_the_command_line_prints_a_table_and_writes_files(capsys, tmp_path):

@@ -15,7 +15,7 @@ from turtlebot_gym.estimation.filters import entries, jacobian, matrix, referenc
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import DOCUMENTED, NOISES, ROUGH, TUTORIAL_FILTER, matched
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Task
@@ -30,7 +30,7 @@ TUNINGS = {
     "rough": matched(ROUGH),
     "clean": matched(NOISES["clean"]),
     "every term": FilterTuning(
-        Q=(1e-3, 2e-3, 3e-3, 1e-4, 2e-4), R=(0.01, 0.02, 0.03), process=EXECUTION, remember_velocity=True
+        Q=(1e-3, 2e-3, 3e-3, 1e-4, 2e-4), R=(0.01, 0.02, 0.03), process=EXECUTION, kind=Kalman(remember_velocity=True)
     ),
 }
 
@@ -108,7 +108,7 @@ def test_jacobian_equals_differences(integrator):
 @pytest.mark.parametrize("remember", [False, True])
 def test_prediction_is_the_textbook_product(integrator, remember):
     rng = np.random.default_rng(3)
-    tuning = FilterTuning(Q=(1e-3, 2e-3, 3e-3, 1e-4, 9.0), R=(1.0,) * 3, process=EXECUTION, remember_velocity=remember)
+    tuning = FilterTuning(Q=(1e-3, 2e-3, 3e-3, 1e-4, 9.0), R=(1.0,) * 3, process=EXECUTION)
     for dt in (0.02, 0.1, 0.5):
         belief, command = random_belief(rng), Command(0.2, -1.5)
         F = jacobian(belief.mean, dt=dt, integrator=integrator)
@@ -119,7 +119,7 @@ def test_prediction_is_the_textbook_product(integrator, remember):
         Q[3, 3], Q[4, 4] = max(Q[3, 3], executed[0]), max(Q[4, 4], executed[1])
         assert Q[3, 3] == executed[0], "the assumed execution should count for the speed ..."
         assert Q[4, 4] == pytest.approx(9.0 * dt / 0.1), "... and the floor for the turning rate"
-        moved = ekf.predict(belief, command, tuning, dt, INTEGRATORS[integrator])
+        moved = ekf.predict(belief, command, tuning, dt, INTEGRATORS[integrator], remember)
         expected = F @ matrix(belief.covariance) @ F.T + Q
         np.testing.assert_allclose(matrix(moved.covariance), expected, rtol=1e-12, atol=1e-12)
         assert moved.mean[3:] == command
@@ -139,7 +139,7 @@ def test_update_is_the_textbook_one():
         nu = np.array(z) - H @ belief.mean
         nu[2] = wrap(nu[2])
         I_KH = np.eye(5) - K @ H
-        posterior, nis = ekf.correct(belief, z, tuning)
+        posterior, nis = ekf.correct(belief, z, tuning.R)
         change = np.array(posterior.mean) - belief.mean
         change[2] -= (K @ nu)[2]
         assert abs(wrap(change[2])) < 1e-9
@@ -152,7 +152,7 @@ def test_known_component_measured_without_noise():
     """P = 0 and R = 0: nothing is learned, and nothing divides by zero; R counts as (1 um)^2."""
     belief = Belief(State(1.0, 2.0, 0.5, 0.1, 0.2), NOWHERE)
     tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3)
-    posterior, nis = ekf.correct(belief, Pose(1.5, 2.0, 0.5), tuning)
+    posterior, nis = ekf.correct(belief, Pose(1.5, 2.0, 0.5), tuning.R)
     assert posterior == belief
     assert nis == pytest.approx(0.25e12)
 
@@ -161,7 +161,7 @@ def test_innovation_wraps_unless_told_otherwise():
     mean = State(0.0, 0.0, 3.1, 0.0, 0.0)
     tuning = FilterTuning(Q=(0.0,) * 5, R=(1.0,) * 3)
     assert ekf.innovation(mean, Pose(0.0, 0.0, -3.1), tuning).theta == pytest.approx(2.0 * math.pi - 6.2)
-    assert ekf.innovation(mean, Pose(0.0, 0.0, -3.1), replace(tuning, wrap_innovation=False)).theta == pytest.approx(-6.2)
+    assert ekf.innovation(mean, Pose(0.0, 0.0, -3.1), False).theta == pytest.approx(-6.2)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -177,7 +177,7 @@ def test_covariance_stays_positive_under_fuzzing(integrator):
         R = tuple((10.0 ** rng.uniform(-12.0, 2.0, 3) * (rng.random(3) > 0.1)).tolist())
         Q = tuple((10.0 ** rng.uniform(-12.0, 1.0, 5) * (rng.random(5) > 0.3)).tolist())
         gate = float(rng.choice([math.inf, 3.0]))
-        tuning = FilterTuning(Q=Q, R=R, gate=gate, max_rejections=3, remember_velocity=bool(rng.integers(2)))
+        tuning = FilterTuning(Q=Q, R=R, kind=Kalman(gate=gate, max_rejections=3, remember_velocity=bool(rng.integers(2))))
         belief = random_belief(rng, scale=scale, rank=int(rng.integers(0, 6)))
         estimate = ekf.Estimate(belief, 0.0, 0.0)
         largest = max(belief.covariance)
@@ -209,7 +209,7 @@ def test_prediction_only_when_a_measurement_drops_out():
     assert after.nis == 4.0  # still that of the last one
 
 
-GATED = FilterTuning(Q=(0.0, 0.0, 0.0, 1e-4, 1e-4), R=(0.01, 0.01, 0.01), gate=16.3, max_rejections=4)
+GATED = FilterTuning(Q=(0.0, 0.0, 0.0, 1e-4, 1e-4), R=(0.01, 0.01, 0.01), kind=Kalman(gate=16.3, max_rejections=4))
 """chi2.ppf(0.999, 3) = 16.27."""
 
 
@@ -219,8 +219,8 @@ def test_gate_refuses_outliers_and_nothing_else():
     prior = ekf.predict(estimate.belief, command, GATED, DT, 0.0)
     near, far = Pose(0.1, 0.0, 0.0), Pose(2.0, 0.0, 0.0)
     refused = step(estimate, command, near, far, True, GATED, DT, 0.0)
-    assert refused == ekf.Estimate(prior, ekf.correct(prior, far, GATED)[1], 1.0)
-    assert refused.nis > GATED.gate
+    assert refused == ekf.Estimate(prior, ekf.correct(prior, far, GATED.R)[1], 1.0)
+    assert refused.nis > GATED.kind.gate
     taken = step(refused, command, far, near, True, GATED, DT, 0.0)
     assert taken.rejections == 0.0
     assert taken.belief.mean.x > 0.0
@@ -242,7 +242,7 @@ def test_a_lost_filter_recovers_from_a_locked_gate():
 
 
 def test_odometry_as_input_moves_the_belief_and_does_not_correct_it():
-    tuning = replace(GATED, odometry_input=True, process=EXECUTION)
+    tuning = replace(GATED, kind=DeadReckoning(), process=EXECUTION)
     estimate = ekf.initialize(Pose(1.0, 1.0, math.pi / 2.0), tuning)
     command = Command(0.2, 0.1)
     # The odometry's frame is turned against the belief's by 90 degrees, and moves 0.5 m ahead, turning by 0.2.
@@ -307,7 +307,7 @@ def test_consistency_notices_a_wrong_model(what, factor):
 
 
 def test_consistency_notices_a_jacobian_that_remembers_the_twist():
-    error, _, _, _ = simulate(replace(TRUE_TUNING, remember_velocity=True))
+    error, _, _, _ = simulate(replace(TRUE_TUNING, kind=Kalman(remember_velocity=True)))
     low, high = mean_bounds(5, RUNS, false_alarm=FALSE_ALARM)
     assert not low < error.mean() < high
 

@@ -15,6 +15,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym
+from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Episode, Options
 
 STEPS, SEED, LIMIT = 1000, 7, 150
@@ -31,7 +32,7 @@ SHAKY = turtlebot_gym.Noise(
 )  # fmt: skip
 """Every kind of error at once."""
 GATED = turtlebot_gym.FilterTuning(
-    Q=(1e-4, 1e-4, 1e-4, 1e-3, 1e-3), R=(0.01, 0.02, 0.03), process=SHAKY.process, gate=9.0, max_rejections=2
+    Q=(1e-4, 1e-4, 1e-4, 1e-3, 1e-3), R=(0.01, 0.02, 0.03), process=SHAKY.process, kind=Kalman(gate=9.0, max_rejections=2)
 )
 """A gate that is often shut, and often enough for a restart."""
 

@@ -10,7 +10,7 @@ import pytest
 from turtlebot_gym.estimation import ekf, update
 from turtlebot_gym.estimation.update import Projection, innovation_variance
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
-from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.parameters import FilterTuning, Kalman
 from turtlebot_gym.values import Command, Odometry, Pose, Senses, State
 
 EULER = INTEGRATORS["euler"]
@@ -30,7 +30,7 @@ DRIVES = {  # Q, R, P0 and the control interval, s; the last ones diverge withou
 def error_of(name, *, steps=60):
     """Return the greatest error of position, m, of a drive without noise, after the first steps; infinity where it diverges."""
     Q, R, P0, dt = DRIVES[name]
-    tuning = FilterTuning(Q=Q, R=R, P0=P0, from_origin=True, remember_velocity=True)
+    tuning = FilterTuning(Q=Q, R=R, P0=P0, from_origin=True, kind=Kalman(remember_velocity=True))
     pose, twist = Pose(0.5, -0.3, 0.2), Command(0.0, 0.0)
     estimate, senses, worst = ekf.initialize(pose, tuning), Senses(Odometry(pose, twist, True)), 0.0
     for k in range(steps):

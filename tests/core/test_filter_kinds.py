@@ -15,6 +15,7 @@ from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.filters import KalmanFilter, matrix
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.estimation.mixture import exp_minus, merge
+from turtlebot_gym.parameters import Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 DT = 0.1
@@ -358,22 +359,29 @@ def test_tunings_by_name():
     """Numbers of the preset rough: 0.02 rad, spikes of 0.3 rad in 2 %, half of the motion lost in slip."""
     gated, mixture, slip, scale = (make_filter(name, ROUGH) for name in ("gated", "mixture", "slip", "scale"))
     matched = make_filter("matched", ROUGH)
-    assert (matched.kind, gated.kind, mixture.kind, slip.kind, scale.kind) == (0.0, 1.0, 2.0, 3.0, 4.0)
+    assert (matched.kind, gated.kind, scale.kind) == (Kalman(), Gated(heading_gate=6.635), Scale())
+    assert (type(mixture.kind), type(slip.kind)) == (Mixture, Slip)
     assert matched.R[2] == pytest.approx(0.02**2 + 0.02 * 0.3**2)
     assert gated.R[2] == mixture.R[2] == slip.R[2] == 0.02**2
-    assert scale == replace(matched, kind=4.0)
-    assert (gated.heading_gate, mixture.heading_gate) == (6.635, math.inf)
-    assert (mixture.spike_probability, mixture.spike) == (slip.spike_probability, slip.spike) == (0.02, 0.3)
-    assert gated.spike == scale.spike == 0.0
+    assert scale == replace(matched, kind=Scale())
+    assert (mixture.kind.spike_probability, mixture.kind.spike) == (slip.kind.spike_probability, slip.kind.spike) == (0.02, 0.3)
     assert mixture.process == gated.process == matched.process
     assert mixture.process.alpha1 > 0.05  # what slip adds in the mean
     assert slip.process == ProcessNoise(slip=0.5, slip_start=0.01, slip_end=0.2)
 
 
+def test_a_tuning_of_no_filter_is_refused():
+    with pytest.raises(ValueError, match=r"FilterTuning\.kind must be one of"):
+        filter_of(replace(make_filter("matched", NOISE), kind=NOISE))
+    with pytest.raises(ValueError, match="FilterTuning has no gate; it has Q, R"):
+        make_filter({"Q": (0.0,) * 5, "R": (1.0,) * 3, "gate": 9.0}, NOISE)
+
+
 @pytest.mark.parametrize("kind", ["mixture", "slip"])
 def test_what_is_certain_stays_certain(kind):
     """Neither the measurement nor the motion has any noise: then nothing can be weighed, and nothing may break."""
-    tuning = replace(make_filter(kind, NOISE), R=(0.0, 0.0, 0.0), Q=(0.0,) * 5, process=ProcessNoise(), spike=0.0)
+    tuning = replace(make_filter(kind, NOISE), R=(0.0, 0.0, 0.0), Q=(0.0,) * 5, process=ProcessNoise())
+    tuning = replace(tuning, kind=replace(tuning.kind, spike=0.0))
     start, step, *_ = filter_of(tuning)
     estimate = start(at(0.1, 0.2, 0.3), tuning)
     for _ in range(20):

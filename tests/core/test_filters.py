@@ -13,12 +13,12 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import KalmanFilter, entries, jacobian, matrix, reference_filter
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
 from turtlebot_gym.values import Command, Covariance, Odometry, Pose, Senses, State
 
 TUNING = matched(DOCUMENTED)
-GATED = replace(TUNING, gate=9.0, max_rejections=2)
+GATED = replace(TUNING, kind=Kalman(gate=9.0, max_rejections=2))
 
 
 def drive(seed, steps=300):
@@ -31,7 +31,7 @@ def drive(seed, steps=300):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("tuning", [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, odometry_input=True)])
+@pytest.mark.parametrize("tuning", [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning())])
 def test_steps_are_those_of_the_function(tuning, integrator):
     kf = KalmanFilter(tuning, integrator=integrator, dt=0.05)
     before = Pose(0.3, 0.2, 0.1)
@@ -77,7 +77,7 @@ def test_refused_measurements_can_be_looked_at():
     kf = KalmanFilter(GATED, covariance=np.diag([1e-4] * 5))
     kf.step(Command(0.0, 0.0), Pose(3.0, 0.0, 0.0))
     assert kf.rejections == 1
-    assert kf.nis > GATED.gate
+    assert kf.nis > GATED.kind.gate
     assert kf.innovation.tolist() == [3.0, 0.0, 0.0]
     assert kf.state[0] == 0.0
 

@@ -17,6 +17,7 @@ import turtlebot_gym
 from turtlebot_gym.compiled.batch import PARALLEL_FROM, Batch
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE
+from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.presets import NOISES, matched
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters, system_of
@@ -328,7 +329,6 @@ def test_matched_tunings_have_a_loop_in_common():
     for name, noise in NOISES.items():
         if name == "wheel":
             continue  # it has a filter, and so a system, of its own
-        started(2, p._replace(noise=noise, tuning=replace(matched(noise), gate=9.0), robot=ROBOTS["waffle"])).step(
-            np.zeros((2, 2), np.float32)
-        )
+        tuning = replace(matched(noise), kind=Kalman(gate=9.0))
+        started(2, p._replace(noise=noise, tuning=tuning, robot=ROBOTS["waffle"])).step(np.zeros((2, 2), np.float32))
     assert len(loop.signatures) == compiled

@@ -15,7 +15,19 @@ import pytest
 import turtlebot_gym
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.parameters import GATED, MIXTURE, SCALE, FilterTuning, FixNoise, OdometryNoise, ProcessNoise, Reward
+from turtlebot_gym.parameters import (
+    DeadReckoning,
+    FilterTuning,
+    FixNoise,
+    Gated,
+    Kalman,
+    Mixture,
+    OdometryNoise,
+    ProcessNoise,
+    Reward,
+    Scale,
+    Slip,
+)
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Episode, Options, Parameters
@@ -38,10 +50,9 @@ ODOMETRY = OdometryNoise(
 )  # fmt: skip
 TUNING = replace(
     matched(turtlebot_gym.Noise(process=PROCESS, odometry=ODOMETRY)),
-    Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3), gate=6.0, max_rejections=2, from_origin=True,
+    Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3), kind=Kalman(gate=6.0, max_rejections=2), from_origin=True,
 )  # fmt: skip
-MIXED = replace(TUNING, kind=MIXTURE, spike_probability=0.1, spike=0.4)
-TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2.0, max_steps=200.0)
+TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2, max_steps=200.0)
 FIX = FixNoise(R=(0.02, 0.03, 0.04), period=0.3, delay=0.2, dropout_probability=0.1)
 EASY = Task(random=False, radius=0.5)
 RANDOM = Task(radius=0.3)
@@ -86,17 +97,13 @@ CHANGES = {
         "from_origin": False,
         "P0": (0.2, 0.1, 0.1, 1.0, 1.0),
         "process": ProcessNoise(alpha1=0.3, alpha2=0.1, alpha3=0.3, alpha4=0.1),
-        "remember_velocity": True,
-        "wrap_innovation": False,
-        "gate": 3.0,
-        "max_rejections": 5,
-        "odometry_input": True,
-        "kind": GATED,
-        "heading_gate": (replace(TUNING, kind=GATED, heading_gate=4.0), replace(TUNING, kind=GATED, heading_gate=2.0)),
-        "spike_probability": (replace(MIXED, spike_probability=0.05), MIXED),
-        "spike": (replace(MIXED, spike=0.3), MIXED),
-        "scale_deviation": (replace(TUNING, kind=SCALE), replace(TUNING, kind=SCALE, scale_deviation=0.1)),
+        "kind": DeadReckoning(),
     },
+    Kalman: {"remember_velocity": True, "wrap_innovation": False, "gate": 3.0, "max_rejections": 5},
+    Gated: {"heading_gate": 2.0, "max_rejections": 5},
+    Mixture: {"spike_probability": 0.05, "spike": 0.3},
+    Slip: {"spike_probability": 0.05, "spike": 0.3},
+    Scale: {"scale_deviation": 0.1},
     Task: {
         "random": True,
         "radius": 0.2,
@@ -104,7 +111,7 @@ CHANGES = {
         "turn_tolerance": 0.3,
         "on_belief": True,
         "switch_period": 3.0,
-        "laps": 1.0,
+        "laps": 1,
         "max_steps": 100.0,
         "arena": (replace(RANDOM, arena=2.0), replace(RANDOM, arena=2.5)),
         "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
@@ -121,6 +128,7 @@ PLACES = {
     ProcessNoise: lambda p, value: p._replace(noise=replace(p.noise, process=value)),
     OdometryNoise: lambda p, value: p._replace(noise=replace(p.noise, odometry=value)),
     FilterTuning: lambda p, value: p._replace(tuning=value),
+    **dict.fromkeys((Kalman, Gated, Mixture, Slip, Scale), lambda p, value: p._replace(tuning=replace(TUNING, kind=value))),
     Task: lambda p, value: p._replace(task=value),
     FixNoise: lambda p, value: p._replace(fix=value),
     Reward: lambda p, value: p._replace(reward=value, task=EASY),
@@ -130,6 +138,11 @@ VALUES = {
     ProcessNoise: PROCESS,
     OdometryNoise: ODOMETRY,
     FilterTuning: TUNING,
+    Kalman: TUNING.kind,
+    Gated: Gated(heading_gate=4.0, max_rejections=2),
+    Mixture: Mixture(spike_probability=0.1, spike=0.4),
+    Slip: Slip(spike_probability=0.1, spike=0.4),
+    Scale: Scale(),
     Task: TASK,
     FixNoise: FIX,
     Reward: Reward(),

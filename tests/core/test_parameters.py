@@ -8,7 +8,7 @@ from dataclasses import asdict
 import gymnasium as gym
 import pytest
 
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Reward
+from turtlebot_gym.parameters import FilterTuning, Gated, Noise, OdometryNoise, ProcessNoise, Reward, Scale
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters
@@ -38,7 +38,7 @@ def test_values_pass_where_names_do():
 def test_infinite_limits_where_they_mean_none():
     assert Robot(max_linear=0.2, max_angular=1.0).max_wheel == INF
     assert Task(max_steps=INF).max_steps == INF
-    assert FilterTuning(Q=Q, R=R).gate == INF
+    assert FilterTuning(Q=Q, R=R).kind.gate == INF
 
 
 def test_the_defaults_are_no_noise():
@@ -66,17 +66,9 @@ def test_the_defaults_of_a_filter_and_of_the_reward():
         "R": (0.6, 0.7, 0.8),
         "from_origin": False,
         "P0": (0.1, 0.1, 0.1, 1.0, 1.0),
-        "remember_velocity": False,
-        "wrap_innovation": True,
-        "gate": INF,
-        "max_rejections": 10.0,
-        "odometry_input": False,
-        "kind": 0.0,
-        "heading_gate": INF,
-        "spike_probability": 0.0,
-        "spike": 0.0,
-        "scale_deviation": 0.05,
+        "kind": {"remember_velocity": False, "wrap_innovation": True, "gate": INF, "max_rejections": 10},
     }
+    assert (Gated(heading_gate=6.0).max_rejections, Scale().scale_deviation) == (10, 0.05)
     assert asdict(Reward()) == {
         "progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "collision": 50.0, "nearness": 0.5, "near": 0.15
     }  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import NOISES, TUTORIAL_FILTER, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS
 
@@ -63,16 +63,7 @@ def test_the_tutorials_filter_has_its_numbers():
         "from_origin": True,
         "P0": (0.1, 0.1, 0.1, 1.0, 1.0),
         "process": None,
-        "remember_velocity": True,
-        "wrap_innovation": False,
-        "gate": math.inf,
-        "max_rejections": 10.0,
-        "odometry_input": False,
-        "kind": 0.0,
-        "heading_gate": math.inf,
-        "spike_probability": 0.0,
-        "spike": 0.0,
-        "scale_deviation": 0.05,
+        "kind": {"remember_velocity": True, "wrap_innovation": False, "gate": math.inf, "max_rejections": 10},
     }
     assert asdict(TUTORIAL_FILTER.process) == {**STILL, "scale": 1.0}
 
@@ -108,15 +99,8 @@ def test_the_matched_filter_has_its_numbers(name):
     assert list(tuning.R) == pytest.approx(MATCHED_R[name], rel=1e-12)
     assert alphas(tuning.process) == pytest.approx(MATCHED_ALPHAS[name], rel=1e-7)
     assert tuning.process.slip == 0.0  # it is in the alphas: counted once
-    assert tuning.odometry_input == (name == "wheel")
-    others = {
-        "from_origin": False,
-        "remember_velocity": False,
-        "wrap_innovation": True,
-        "gate": math.inf,
-        "max_rejections": 10.0,
-    }
-    assert {field: getattr(tuning, field) for field in others} == others
+    assert tuning.kind == (DeadReckoning() if name == "wheel" else Kalman())
+    assert not tuning.from_origin
 
 
 def test_the_matched_filter_knows_nothing_of_a_speed_error():

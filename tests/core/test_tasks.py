@@ -77,7 +77,7 @@ def test_the_square_is_the_tutorials():
     square = [(2, 0, 0), (2, 2, math.pi / 2), (0, 2, -math.pi), (0, 0, -math.pi / 2)]
     np.testing.assert_allclose(Options(task="square").course()[1], square, atol=1e-15)
     task = Options(task="square").course()[0]
-    assert (task.radius, task.max_steps, task.random, task.laps) == (0.3, 600.0, False, 1.0)
+    assert (task.radius, task.max_steps, task.random, task.laps) == (0.3, 600.0, False, 1)
 
 
 def test_observation_does_not_depend_on_the_world_frame():

@@ -10,7 +10,7 @@ import pytest
 
 from turtlebot_gym.estimation.consistency import cramer_rao_bound
 from turtlebot_gym.estimation.filters import KalmanFilter, reference_filter
-from turtlebot_gym.parameters import FilterTuning, ProcessNoise
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, ProcessNoise
 from turtlebot_gym.values import Command, Pose
 
 MIDDLE = {"euler": 0.0, "midpoint": 0.5}
@@ -56,7 +56,7 @@ class Textbook:
         self.x = np.array(
             [x + v * math.cos(along) * dt, y + v * math.sin(along) * dt, difference(theta + omega * dt), *command]
         )
-        keep = 1.0 if t.remember_velocity else 0.0
+        keep = 1.0 if t.kind.remember_velocity else 0.0
         F = np.array(
             [
                 [1.0, 0.0, -v * math.sin(along) * dt, math.cos(along) * dt, -v * math.sin(along) * self.middle * dt**2],
@@ -75,7 +75,7 @@ class Textbook:
     def update(self, z):
         R = np.diag(self.tuning.R)
         nu = np.array(z) - self.x[:3]
-        nu[2] = difference(nu[2]) if self.tuning.wrap_innovation else nu[2]
+        nu[2] = difference(nu[2]) if self.tuning.kind.wrap_innovation else nu[2]
         S = H @ self.P @ H.T + R
         K = self.P @ H.T @ np.linalg.inv(S)
         rest = np.eye(5) - K @ H
@@ -95,7 +95,7 @@ def start():
 @pytest.mark.parametrize("name", TUNINGS)
 @pytest.mark.parametrize("change", [{}, {"remember_velocity": True}, {"wrap_innovation": False}], ids=str)
 def test_steps_are_the_textbooks(name, change, dt, integrator):
-    tuning = replace(TUNINGS[name], **change)
+    tuning = replace(TUNINGS[name], kind=Kalman(**change))
     x, P = start()
     ours = KalmanFilter(tuning, state=x, covariance=P, dt=dt, integrator=integrator)
     book = Textbook(x, P, tuning, dt, integrator)
@@ -145,7 +145,7 @@ def test_a_prediction_by_hand():
     expected = np.diag([0.1 + 0.2**2 * 0.4 + 0.02, 0.2 + 0.04, 0.3 + 0.2**2 * 0.5 + 0.06, 0.08, 0.1])
     np.testing.assert_allclose(kf.covariance, expected, atol=1e-15)
     assert kf.state.tolist() == [0.0, 0.0, 0.0, 0.3, -0.6]
-    remembers = KalmanFilter(replace(BY_HAND, remember_velocity=True), dt=0.2)
+    remembers = KalmanFilter(replace(BY_HAND, kind=Kalman(remember_velocity=True)), dt=0.2)
     remembers.predict(Command(0.3, -0.6))
     expected[3, 3], expected[4, 4] = 0.4 + 0.08, 0.5 + 0.1
     expected[0, 3] = expected[3, 0] = 0.2 * 0.4
@@ -178,12 +178,12 @@ def test_it_starts_at_the_first_measurement_or_at_the_origin():
     assert (origin.nis, origin.rejections) == (0.0, 0)
 
 
-CERTAIN = FilterTuning(Q=(0.0, 0.0, 0.0, 0.04, 0.05), R=(1.0, 1.0, 1.0), gate=9.0, max_rejections=3)
+CERTAIN = FilterTuning(Q=(0.0, 0.0, 0.0, 0.04, 0.05), R=(1.0, 1.0, 1.0), kind=Kalman(gate=9.0, max_rejections=3))
 
 
 def test_the_gate_lets_pass_what_just_reaches_it():
     for gate, rejections in ((9.0, 0), (math.nextafter(9.0, 0.0), 1)):
-        kf = KalmanFilter(replace(CERTAIN, gate=gate), covariance=np.zeros((5, 5)))
+        kf = KalmanFilter(replace(CERTAIN, kind=Kalman(gate=gate, max_rejections=3)), covariance=np.zeros((5, 5)))
         kf.step(Command(0.0, 0.0), Pose(3.0, 0.0, 0.0))  # 3^2 / (0 + 1)
         assert (kf.nis, kf.rejections) == (9.0, rejections)
 
@@ -202,7 +202,7 @@ def test_a_restart_takes_the_measurement_and_its_variances():
     assert kf.state.tolist() == [7.0, 8.0, 1.0, 0.3, 0.4]
     np.testing.assert_allclose(kf.covariance, np.diag([0.01, 0.04, 0.09, 0.08, 0.1]), atol=1e-15)  # 0.04 and 0.05 per 0.1 s
     # With a gate that is open it would have moved towards the measurement at once.
-    open_gate = KalmanFilter(replace(CERTAIN, gate=math.inf), covariance=0.1 * np.eye(5))
+    open_gate = KalmanFilter(replace(CERTAIN, kind=Kalman(max_rejections=3)), covariance=0.1 * np.eye(5))
     open_gate.step(Command(0.1, 0.2), Pose(7.0, 8.0, 1.0))
     assert open_gate.state[0] > 0.5
 
@@ -215,7 +215,7 @@ def test_a_measurement_that_is_taken_forgives_the_refused_ones():
 
 
 def test_odometry_as_input_carries_the_pose_along_by_hand():
-    tuning = replace(BY_HAND, odometry_input=True)
+    tuning = replace(BY_HAND, kind=DeadReckoning())
     kf = KalmanFilter(tuning, state=(5.0, 6.0, math.pi / 2.0, 0.0, 0.0))
     kf.step(Command(0.1, 0.2), Pose(1.0, 1.0, 0.0))  # the first one only says where the odometry is
     np.testing.assert_allclose(kf.state, [5.0, 6.0, math.pi / 2.0, 0.1, 0.2], atol=1e-15)
@@ -236,7 +236,7 @@ def test_without_a_start_a_lost_measurement_is_only_a_prediction():
 
 @pytest.mark.parametrize("remember", [False, True])
 def test_the_reference_filter_starts_at_the_origin_with_p0_and_is_the_textbooks(remember):
-    tuning = replace(BY_HAND, remember_velocity=remember)
+    tuning = replace(BY_HAND, kind=Kalman(remember_velocity=remember))
     reference = reference_filter(tuning)
     assert reference.x.tolist() == [0.0] * 5
     np.testing.assert_array_equal(reference.P, np.diag([0.1, 0.2, 0.3, 0.4, 0.5]))

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task
-from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
+from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.rooms.lidar import MAX_BEAMS, Lidar
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.validation import (
     FINITE,
     NON_NEGATIVE,
+    ONE_OR_MORE,
     POSITIVE,
     POSITIVE_OR_INFINITE,
     PROBABILITY,
@@ -264,15 +265,18 @@ RULES = {
     FilterTuning: {
         variances(5): "Q P0",
         variances(3): "R",
-        POSITIVE_OR_INFINITE: "gate max_rejections heading_gate",
-        PROBABILITY: "spike_probability",
-        NON_NEGATIVE: "spike scale_deviation",
     },
+    Kalman: {POSITIVE_OR_INFINITE: "gate", ONE_OR_MORE: "max_rejections"},
+    Gated: {POSITIVE_OR_INFINITE: "heading_gate", ONE_OR_MORE: "max_rejections"},
+    Mixture: {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"},
+    Slip: {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"},
+    Scale: {NON_NEGATIVE: "scale_deviation"},
     Reward: {FINITE: "progress time effort success collision nearness", POSITIVE: "near"},
     Task: {
         POSITIVE: "arena radius",
         NON_NEGATIVE: "min_distance margin",
-        POSITIVE_OR_INFINITE: "heading_tolerance turn_tolerance switch_period laps max_steps",
+        POSITIVE_OR_INFINITE: "heading_tolerance turn_tolerance switch_period max_steps",
+        ONE_OR_MORE: "laps",
     },
     RoomRules: {
         POSITIVE: "half_length half_width",
@@ -304,6 +308,9 @@ NEEDED = {
     Robot: {"max_linear": 0.2, "max_angular": 2.0},
     FixNoise: {"R": (0.1, 0.1)},
     FilterTuning: {"Q": (0.1,) * 5, "R": (0.1,) * 3},
+    Gated: {"heading_gate": 6.0},
+    Mixture: {"spike_probability": 0.1, "spike": 0.3},
+    Slip: {"spike_probability": 0.1, "spike": 0.3},
 }
 WITHOUT_RULE = {
     (FilterTuning, "kind"), (RoomRules, "kind"), (RoomRules, "start"), (RoomRules, "goal"), (Lidar, "dead")
@@ -334,10 +341,9 @@ def test_a_parameter_class_refuses_what_breaks_a_rule(cls, name):
     ("cls", "given", "message"),
     [
         *(
-            (FilterTuning, {"kind": kind}, "kind must be one of the kinds in turtlebot_gym.parameters")
-            for kind in (-1.0, 0.5, 5.0)
+            (FilterTuning, {"kind": kind}, "kind must be a filter's own tuning, such as Kalman(gate=9.0), got")
+            for kind in (1.0, "mixture", Kalman, None)
         ),
-        (FilterTuning, {"kind": "mixture"}, "kind must be a number, got 'mixture'"),
         (FixNoise, {"R": (0.1,)}, "R must be two or three variances, those of x and y finite, got (0.1,)."),
         (FixNoise, {"R": (0.1, 0.1, 0.1, 0.1)}, "R must be two or three variances, those of x and y finite"),
         (FixNoise, {"R": (0.1, math.inf)}, "R must be two or three variances, those of x and y finite, got (0.1, inf)."),

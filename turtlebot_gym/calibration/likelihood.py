@@ -26,7 +26,7 @@ from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Noise
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, State
 
 CERTAIN = 1.0 - 1e-13
@@ -102,7 +102,7 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale
                 belief = _surest(hypotheses, weights)
         if due[row] and (begins[row] or not running) and not is_last:
             hypotheses, weights = _depart(z, twist_then, tuning, time[after] - time[row], middle)
-            belief, running, alone = hypotheses.true, True, tuning.spike_probability == 0.0
+            belief, running, alone = hypotheses.true, True, tuning.kind.spike_probability == 0.0
     return total
 
 
@@ -156,8 +156,7 @@ def tuning_of(noise: Noise) -> FilterTuning:
         Q=(0.0,) * 5,
         R=odometry.R,
         process=noise.process,
-        spike_probability=odometry.spike_probability,
-        spike=odometry.spike,
+        kind=Mixture(spike_probability=odometry.spike_probability, spike=odometry.spike),
     )
 
 

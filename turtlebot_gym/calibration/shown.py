@@ -72,9 +72,9 @@ def _innovations(log: Log, noise: Noise, middle: float) -> Residuals:
             belief = ekf.predict(belief, following, tuning, dt, middle)
             if due[row]:
                 z, P = Pose(*poses[row]), belief.covariance
-                values.append(ekf.innovation(belief.mean, z, tuning))
+                values.append(ekf.innovation(belief.mean, z))
                 variances.append((P.xx + R[0], P.yy + R[1], P.tt + R[2] - spiky))
-                belief, _ = ekf.correct(belief, z, tuning)
+                belief, _ = ekf.correct(belief, z, tuning.R)
         elif due[row]:
             begun = ekf.initialize(Pose(*poses[row]), tuning).belief
             belief = ekf.predict(begun, following, tuning, float(log.time[row + 1] - log.time[row]), middle)
@@ -113,7 +113,7 @@ def _squares(log: Log, ends: NDArray[np.bool_], tuning: FilterTuning, scale: flo
             dt = float(log.time[row] - log.time[row - 1])
             belief = ekf.predict(belief, following, tuning, dt, middle)
             if ends[row]:
-                off, P = ekf.innovation(belief.mean, Pose(*truth[row]), tuning), belief.covariance
+                off, P = ekf.innovation(belief.mean, Pose(*truth[row])), belief.covariance
                 squares.append((off.x**2 + off.y**2, off.theta**2, P.xx + P.yy, P.tt))
         elif not ends[row]:
             belief = None

@@ -18,7 +18,7 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import jacobians, matrix
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise, OdometryNoise
+from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Command, Pose
 
@@ -125,7 +125,7 @@ def true_tuning(noise: Noise) -> FilterTuning:
     heading = 1.0 / heading_information(odometry) if spiky else odometry.R[2]
     R = (odometry.R[0] + steps[0], odometry.R[1] + steps[0], heading + steps[1])
     process = replace(noise.process, scale=1.0, slip=0.0)
-    return FilterTuning(Q=(0.0,) * 5, R=R, process=process, odometry_input=odometry.wheel)
+    return FilterTuning(Q=(0.0,) * 5, R=R, process=process, kind=DeadReckoning() if odometry.wheel else Kalman())
 
 
 def cramer_rao_bound(
@@ -147,7 +147,7 @@ def cramer_rao_bound(
         commands: Limited commands executed from each state on, without the noise of their execution (reduced by slip if that is
             assumed known), shape (T, 2) or (N, T, 2); m/s, rad/s.
         tuning: The *true* noise, as from `true_tuning`: Q and ``process`` of the execution; R of the measurement, with ``1 /
-            heading_information(noise)`` for the heading if there are spikes. With ``odometry_input`` nothing is measured after
+            heading_information(noise)`` for the heading if there are spikes. By `DeadReckoning` nothing is measured after
             the start.
         measured: Whether a measurement arrived, shape (T,) or (N, T); None if one always did.
         dt: Control interval, s.
@@ -160,14 +160,14 @@ def cramer_rao_bound(
     states = np.asarray(true_states, np.float64).reshape(-1, *np.shape(true_states)[-2:])
     inputs = np.asarray(commands, np.float64).reshape(len(states), -1, 2)
     arrived = np.ones(inputs.shape[:2], np.bool_) if measured is None else np.asarray(measured, np.bool_)
-    arrived = arrived.reshape(inputs.shape[:2]) & (not tuning.odometry_input)
+    arrived = arrived.reshape(inputs.shape[:2]) & (not isinstance(tuning.kind, DeadReckoning))
     certain = matrix(ekf.initialize(Pose(0.0, 0.0, 0.0), tuning).belief.covariance)
     P = np.broadcast_to(certain, (len(states), 5, 5)).copy()
     total = [P.mean(axis=0)]
     R, added = np.array(tuning.R), np.array(tuning.Q) * (dt / REFERENCE_PERIOD)
     for k in range(inputs.shape[1]):
         F = jacobians(states[:, k], dt=dt, middle=middle)
-        F[:, 3, 3] = F[:, 4, 4] = float(tuning.remember_velocity)
+        F[:, 3, 3] = F[:, 4, 4] = float(isinstance(tuning.kind, Kalman) and tuning.kind.remember_velocity)
         P = F @ P @ np.swapaxes(F, 1, 2)
         P[:, [0, 1, 2], [0, 1, 2]] += added[:3]
         twists = (Command(*twist) for twist in inputs[:, k].tolist())

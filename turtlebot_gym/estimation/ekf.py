@@ -49,7 +49,7 @@ def start(senses: Senses, tuning: FilterTuning) -> Estimate:
 
 
 @algebra
-def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, middle: float) -> Belief:
+def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, middle: float, keep: bool = False) -> Belief:
     """Move the belief by one control interval: the pose with the believed twist, then the twist to the executed one.
 
     Args:
@@ -58,17 +58,17 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
         tuning: Process noise.
         dt: Interval, s.
         middle: The integrator, a value of `INTEGRATORS`.
+        keep: Whether the new twist depends on the old one, `parameters.Kalman.remember_velocity`.
 
     Returns:
         ``f(mean, twist)`` and ``F P F' + Q`` with F the true Jacobian of f: since the input *replaces* the twist, its rows
-        for v and omega are zero (one, for a tuning with ``remember_velocity``).
+        for v and omega are zero (one, with ``keep``).
     """
     mean, P = belief
     moved = motion(mean.theta, mean.v, mean.omega, dt, middle)
     # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
     a, c, e = moved.x_theta, moved.x_v, moved.x_omega
     b, s, g = moved.y_theta, moved.y_v, moved.y_omega
-    keep = tuning.remember_velocity
     var_v, var_omega = execution_variances(twist, tuning.process, dt)
     share = dt / REFERENCE_PERIOD
     Q = tuning.Q
@@ -140,18 +140,19 @@ def wrapped(belief: Belief) -> Belief:
 
 
 @kernel
-def correct(belief: Belief, z: Pose, tuning: FilterTuning) -> tuple[Belief, float]:
+def correct(belief: Belief, z: Pose, R: Variances, wraps: bool = True) -> tuple[Belief, float]:
     """Condition the belief on a measured pose.
 
     Args:
         belief: Prior mean and covariance.
         z: Measured pose; m, m, rad.
-        tuning: Measurement variances, and whether the heading's innovation is wrapped.
+        R: Variances of the measured x, y and heading; m^2, m^2, rad^2.
+        wraps: Whether the heading's innovation is wrapped.
 
     Returns:
         The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
     """
-    belief, nis, _ = correct_pose(belief, z, tuning.R, innovation(belief.mean, z, tuning).theta)
+    belief, nis, _ = correct_pose(belief, z, R, innovation(belief.mean, z, wraps).theta)
     return belief, nis
 
 
@@ -177,19 +178,19 @@ def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Be
 
 
 @kernel
-def innovation(mean: State, z: Pose, tuning: FilterTuning) -> Pose:
+def innovation(mean: State, z: Pose, wraps: bool = True) -> Pose:
     """Return measured minus predicted pose, the heading wrapped unless the tuning says otherwise."""
     turn = z.theta - mean.theta
-    return Pose(z.x - mean.x, z.y - mean.y, wrap(turn) if tuning.wrap_innovation else turn)
+    return Pose(z.x - mean.x, z.y - mean.y, wrap(turn) if wraps else turn)
 
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
     """Predict with the executed twist, and correct by the measured pose if one arrived; see `interface.Filter`."""
     odometry = senses.odometry
-    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
-    posterior, nis = correct(prior, odometry.pose, tuning)
-    return settle(estimate, prior, posterior, prior, nis, nis > tuning.gate, odometry, tuning)
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle, tuning.kind.remember_velocity)
+    posterior, nis = correct(prior, odometry.pose, tuning.R, tuning.kind.wrap_innovation)
+    return settle(estimate, prior, posterior, prior, nis, nis > tuning.kind.gate, odometry, tuning)
 
 
 @kernel
@@ -220,12 +221,12 @@ def settle(
         nis: Normalized innovation squared of the measurement.
         is_outlier: Whether the measurement is refused.
         odometry: The measurement.
-        tuning: Its ``max_rejections`` says after how many refusals in a row the filter is lost.
+        tuning: The ``max_rejections`` of its kind says after how many refusals in a row the filter is lost.
     """
     measured = odometry.measured
     refused = measured and is_outlier
     rejections = estimate.rejections + 1.0 if refused else (0.0 if measured else estimate.rejections)
-    lost = rejections >= tuning.max_rejections
+    lost = rejections >= tuning.kind.max_rejections
     refused_belief = _restart(prior, odometry.pose, tuning) if lost else spared
     belief = refused_belief if refused else (posterior if measured else prior)
     return Estimate(belief, nis if measured else estimate.nis, 0.0 if lost else rejections)

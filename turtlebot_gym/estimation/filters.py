@@ -15,7 +15,7 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
-from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
@@ -89,6 +89,7 @@ class KalmanFilter:
         self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._filter = filter_of(tuning)
+        self._rules = tuning.kind if isinstance(tuning.kind, Kalman) else Kalman()
         self._estimate: Any = self._filter.start(_first(Pose(0.0, 0.0, 0.0)), tuning)
         self._is_simple = isinstance(self._estimate, Estimate)  # other kinds keep more than a belief
         if self._is_simple:
@@ -146,7 +147,7 @@ class KalmanFilter:
             ValueError: If the filter is of a kind that has no such halves.
         """
         self._require_halves()
-        belief = ekf.predict(self.belief, Command(*command), self.tuning, self.dt, self._middle)
+        belief = self._moved(Command(*command))
         self._estimate = self._estimate._replace(belief=belief)
 
     def update(self, odometry: Pose) -> None:
@@ -158,7 +159,7 @@ class KalmanFilter:
         self._require_halves()
         z = Pose(*odometry)
         self._note(self.belief, z)
-        belief, nis = ekf.correct(self.belief, z, self.tuning)
+        belief, nis = ekf.correct(self.belief, z, self.tuning.R, self._rules.wrap_innovation)
         self._estimate = Estimate(belief, nis, self._estimate.rejections)
 
     def step(self, command: Command, odometry: Pose | None = None) -> None:
@@ -167,11 +168,16 @@ class KalmanFilter:
         measured = odometry is not None
         mean = self.belief.mean
         z = Pose(*odometry) if measured else (self._odometry or Pose(mean.x, mean.y, mean.theta))
-        if measured and not self.tuning.odometry_input:
-            self._note(ekf.predict(self.belief, command, self.tuning, self.dt, self._middle), z)
+        if measured and not isinstance(self.tuning.kind, DeadReckoning):
+            self._note(self._moved(command), z)
         before, senses = Senses(Odometry(self._odometry or z, command, True)), Senses(Odometry(z, command, measured))
         self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._middle)
         self._odometry = z
+
+    def _moved(self, command: Command) -> Belief:
+        """Return the belief after a control interval."""
+        keep = self._rules.remember_velocity
+        return ekf.predict(self.belief, command, self.tuning, self.dt, self._middle, keep)
 
     def _require_halves(self) -> None:
         if not self._is_simple:
@@ -181,7 +187,7 @@ class KalmanFilter:
 
     def _note(self, prior: Belief, z: Pose) -> None:
         """Store the innovation nu of a measurement against the prior, and S = H P H' + R."""
-        self._innovation = np.array(ekf.innovation(prior.mean, z, self.tuning))
+        self._innovation = np.array(ekf.innovation(prior.mean, z, self._rules.wrap_innovation))
         self._innovation_covariance = matrix(prior.covariance)[:3, :3] + np.diag(self.tuning.R)
 
 
@@ -198,7 +204,7 @@ def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str =
     ``predict_update``, which has neither this motion nor the wrapped heading. It has no gate.
 
     Args:
-        tuning: Its Q, R, P0, ``process``, ``remember_velocity`` and ``wrap_innovation`` are used.
+        tuning: Its Q, R, P0, ``process``, and of `parameters.Kalman` ``remember_velocity`` and ``wrap_innovation`` are used.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
 
@@ -218,21 +224,23 @@ def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str =
         raise ImportError("The reference filter needs filterpy: pip install filterpy") from error
 
     dt, middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
+    rules = tuning.kind if isinstance(tuning.kind, Kalman) else Kalman()
     H = np.eye(3, 5)
     certain = Covariance(*[0.0] * 15)
 
     def residual(z: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
         x, y, theta = np.asarray(pose, np.float64).tolist()
-        return np.array(ekf.innovation(State(x, y, theta, 0.0, 0.0), Pose(*np.asarray(z, np.float64).tolist()), tuning))
+        measured = Pose(*np.asarray(z, np.float64).tolist())
+        return np.array(ekf.innovation(State(x, y, theta, 0.0, 0.0), measured, rules.wrap_innovation))
 
     class Reference(ExtendedKalmanFilter):
         def predict_x(self, u: Any = (0.0, 0.0)) -> None:
             mean = State(*self.x.tolist())
             self.F = jacobian(mean, dt=dt, integrator=integrator)
-            self.F[3, 3] = self.F[4, 4] = float(tuning.remember_velocity)
+            self.F[3, 3] = self.F[4, 4] = float(rules.remember_velocity)
             # Predicting a belief without uncertainty gives f as the mean, and Q, which depends on the command, as the
             # covariance.
-            moved = ekf.predict(Belief(mean, certain), Command(*u), tuning, dt, middle)
+            moved = ekf.predict(Belief(mean, certain), Command(*u), tuning, dt, middle, rules.remember_velocity)
             self.x, self.Q = np.array(moved.mean), matrix(moved.covariance)
 
         def update(self, z: Any, HJacobian=lambda x: H, Hx=lambda x: x[:3], R=None, args=(), hx_args=(), residual=residual):

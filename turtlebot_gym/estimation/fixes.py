@@ -108,7 +108,7 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         filter: Any filter.
         depth: Number of stored steps.
     """
-    begin, step, fix_in, reads = filter
+    begin, step, fix_in, reads, kind = filter
     Read, values_of = senses_of(reads), _values_of(reads)  # only these are stored, for as many steps as a fix may be late
     fill, put, last = filled(depth + 1), _put(depth + 1), depth
 
@@ -144,4 +144,4 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
             newest = fixed(newest, told[0])
         return Remembered(newest.belief, newest.nis, newest, oldest, told, count)
 
-    return Filter(start, step_on, fix_in, (*reads, "fix"))
+    return Filter(start, step_on, fix_in, (*reads, "fix"), kind)

@@ -14,8 +14,8 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
     """Predict, and correct by the position, and by the heading if it is plausible; see `interface.Filter`."""
     odometry = senses.odometry
     prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
-    turn = innovation(prior.mean, odometry.pose, tuning).theta
+    turn = innovation(prior.mean, odometry.pose).theta
     placed, nis, _, turn = correct_position(prior, odometry.pose, tuning.R, turn)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
-    is_outlier = nis_theta > tuning.heading_gate
+    is_outlier = nis_theta > tuning.kind.heading_gate
     return settle(estimate, prior, wrapped(turned), wrapped(placed), nis + nis_theta, is_outlier, odometry, tuning)

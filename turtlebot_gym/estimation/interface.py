@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation import dead_reckoning, ekf, gated, mixture, scale, slip
-from turtlebot_gym.parameters import GATED, KALMAN, MIXTURE, SCALE, SLIP, FilterTuning
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
+from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Pose
 
 
@@ -29,22 +30,34 @@ class Filter(NamedTuple):
     """
     reads: tuple[str, ...] = ("odometry",)
     """Names of the sensors that ``step`` reads."""
+    kind: Any = Kalman()
+    """Example of its own numbers, `FilterTuning.kind`; their class chooses the filter."""
 
 
 EXTENDED_KALMAN = Filter(ekf.start, ekf.step, ekf.fix)
 """Predicts with the executed twist and corrects by the measured pose."""
-DEAD_RECKONING = Filter(ekf.start, dead_reckoning.step, ekf.fix)
+DEAD_RECKONING = Filter(ekf.start, dead_reckoning.step, ekf.fix, kind=DeadReckoning())
 """Moves as the wheel odometry moves."""
+_SPIKES = {"spike_probability": 0.02, "spike": 0.3}
 FILTERS = {
-    KALMAN: EXTENDED_KALMAN,
-    GATED: Filter(ekf.start, gated.step, ekf.fix),
-    MIXTURE: Filter(mixture.start, mixture.step, mixture.fix),
-    SLIP: Filter(slip.start, slip.step, slip.fix),
-    SCALE: Filter(scale.start, scale.step, scale.fix),
+    type(filter.kind): filter
+    for filter in (
+        EXTENDED_KALMAN,
+        DEAD_RECKONING,
+        Filter(ekf.start, gated.step, ekf.fix, kind=Gated(heading_gate=6.635)),
+        Filter(mixture.start, mixture.step, mixture.fix, kind=Mixture(**_SPIKES)),
+        Filter(slip.start, slip.step, slip.fix, kind=Slip(**_SPIKES)),
+        Filter(scale.start, scale.step, scale.fix, kind=Scale()),
+    )
 }
-"""Filters that correct by a measured pose, by kind."""
+"""Filters by the class of their own numbers."""
 
 
 def filter_of(tuning: FilterTuning) -> Filter:
-    """Return the filter for a tuning."""
-    return DEAD_RECKONING if tuning.odometry_input else FILTERS[tuning.kind]
+    """Return the filter for a tuning; a class of numbers from elsewhere names its filter as its attribute ``filter``.
+
+    Raises:
+        ValueError: If its kind belongs to no filter.
+    """
+    own = getattr(type(tuning.kind), "filter", None)
+    return own if isinstance(own, Filter) else choose("FilterTuning.kind", type(tuning.kind), FILTERS)

@@ -134,9 +134,13 @@ def _turned(belief: Belief, turn: float) -> Belief:
 def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
     """Return a belief for each explanation of the first heading, and their probabilities."""
     belief = ekf.initialize(z, tuning).belief
-    spike = 0.0 if tuning.from_origin else tuning.spike
-    half = 0.5 * tuning.spike_probability
-    return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike)), (1.0 - tuning.spike_probability, half, half)
+    spike = 0.0 if tuning.from_origin else tuning.kind.spike
+    half = 0.5 * tuning.kind.spike_probability
+    return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike)), (
+        1.0 - tuning.kind.spike_probability,
+        half,
+        half,
+    )
 
 
 @kernel
@@ -149,9 +153,9 @@ def start(senses: Senses, tuning: FilterTuning) -> MixtureEstimate:
 @kernel
 def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> Tracked:
     """Predict a hypothesis, and correct it by a measurement that arrived, weighed by its three explanations."""
-    R, share, spike, measured = tuning.R, tuning.spike_probability, tuning.spike, odometry.measured
+    R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
     prior = predict(belief, odometry.twist, tuning, dt, middle)
-    turn = innovation(prior.mean, odometry.pose, tuning).theta
+    turn = innovation(prior.mean, odometry.pose).theta
     placed, nis, precision, turn = correct_position(prior, odometry.pose, R, turn)
     h = of_heading(placed.covariance)
     inverse = inverse_of(innovation_variance(h, R[2]))

@@ -44,7 +44,7 @@ class ScaleEstimate(NamedTuple):
 def start(senses: Senses, tuning: FilterTuning) -> ScaleEstimate:
     """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
     belief = ekf.initialize(senses.odometry.pose, tuning).belief
-    deviation = tuning.scale_deviation
+    deviation = tuning.kind.scale_deviation
     return ScaleEstimate(belief, 0.0, 1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
 
 
@@ -100,7 +100,7 @@ def step(
     """Predict with the executed share of the twist, and correct by the measured pose; see `interface.Filter`."""
     z = senses.odometry.pose
     prior = _predict(estimate, senses.odometry.twist, tuning, dt, middle)
-    now = _correct(prior, z, tuning.R, innovation(prior.belief.mean, z, tuning).theta)
+    now = _correct(prior, z, tuning.R, innovation(prior.belief.mean, z).theta)
     return now if senses.odometry.measured else prior
 
 

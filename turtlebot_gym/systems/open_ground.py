@@ -5,6 +5,7 @@ The kernels of a step, in the order in which they run; `systems.system` document
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from turtlebot_gym.estimation.interface import Filter
@@ -137,6 +138,7 @@ def open_ground(filter: Filter) -> System:
     def estimate(estimate, before, senses, p):
         return step(estimate, before, senses, p.tuning, p.dt, p.middle)
 
+    p = make_parameters()
     return System(
         lay_out=lay_out,
         start=start,
@@ -149,5 +151,5 @@ def open_ground(filter: Filter) -> System:
         layout=OBSERVATION_LAYOUT,
         low=OBSERVATION_LOW,
         high=OBSERVATION_HIGH,
-        example=make_parameters(),
+        example=p._replace(tuning=replace(p.tuning, kind=filter.kind)),
     )

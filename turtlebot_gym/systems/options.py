@@ -134,7 +134,7 @@ class Options:
         if self.switch is not None:
             changes["switch_period"] = choose("switch", self.switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
         if self.laps is not None:
-            changes["laps"] = float(whole("laps", self.laps, 1))
+            changes["laps"] = whole("laps", self.laps, 1)
         poses = _poses(SQUARE_WAYPOINTS if self.waypoints is None else self.waypoints)
         return replace(task, **changes), poses[:1] if task.random else poses
 

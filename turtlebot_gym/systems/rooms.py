@@ -22,7 +22,6 @@ from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.open_ground import look, open_ground
-from turtlebot_gym.systems.options import make_parameters
 from turtlebot_gym.systems.parameters import Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.system import Surroundings, System
@@ -147,13 +146,14 @@ def make(parameters: Sequence[Parameters]) -> Scene:
 @cache
 def rooms(filter: Filter) -> System:
     """Return the system of rooms with a filter."""
-    return open_ground(filter)._replace(
+    plain = open_ground(filter)
+    return plain._replace(
         lay_out=lay_out,
         observe=observe,
         layout=ROOM_LAYOUT,
         low=(*OBSERVATION_LOW, *(0.0,) * SECTORS, 0.0),
         high=(*OBSERVATION_HIGH, *(1.0,) * SECTORS, MAX_AGE),
-        example=make_parameters()._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
+        example=plain.example._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
         surroundings=Surroundings(make, scene_at, first_look, look_round, complete, ranges, SECTORS),
     )
 

@@ -47,9 +47,9 @@ QUIET = Special(
         ("noise.odometry.quantization[0]", 0.0),
         ("noise.odometry.quantization[1]", 0.0),
         ("noise.odometry.wheel", 0.0),
-        ("tuning.remember_velocity", 0.0),
-        ("tuning.wrap_innovation", 1.0),
-        ("tuning.gate", math.inf),
+        ("tuning.kind.remember_velocity", 0.0),
+        ("tuning.kind.wrap_innovation", 1.0),
+        ("tuning.kind.gate", math.inf),
         ("task.on_belief", 0.0),
         ("task.switch_period", math.inf),
         ("task.laps", 1.0),
@@ -83,5 +83,5 @@ def special_of(system: System, numbers: dict[str, float], waypoints: int) -> Spe
         numbers: The parameters by dotted path.
         waypoints: Number of waypoints.
     """
-    is_quiet = waypoints == QUIET.waypoints and all(numbers[path] == value for path, value in QUIET.parameters)
+    is_quiet = waypoints == QUIET.waypoints and all(numbers.get(path) == value for path, value in QUIET.parameters)
     return QUIET if is_quiet and system == open_ground(EXTENDED_KALMAN) else GENERAL

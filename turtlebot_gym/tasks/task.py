@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from turtlebot_gym.models.angles import PI, wrap
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, typed
+from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, POSITIVE_OR_INFINITE, typed
 from turtlebot_gym.values import Pose
 
 
@@ -34,7 +34,7 @@ class Task:
     inside is outside half of the time."""
     switch_period: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
-    laps: Annotated[float, POSITIVE_OR_INFINITE] = 1.0
+    laps: Annotated[int, ONE_OR_MORE] = 1
     """Number of rounds through the waypoints."""
     max_steps: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Steps after which an episode is truncated; infinite to leave that to the environment."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import execution_variances
-from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
+from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, Noise
 from turtlebot_gym.presets import matched
 from turtlebot_gym.values import Covariance, Odometry, Senses
 
@@ -37,7 +37,7 @@ class OdometryUncertainty:
     def hear(self, odometry: Odometry) -> None:
         """Take the odometry after a control interval, or at the start."""
         senses = Senses(odometry)
-        if self._tuning.odometry_input:
+        if isinstance(self._tuning.kind, DeadReckoning):
             self._estimate = (
                 self._filter.start(senses, self._tuning)
                 if self._estimate is None or self._before is None
