@@ -1,6 +1,6 @@
-"""Read and write noise models, robots and fixes as files, so that a custom robot needs no edit of the source.
+"""Files of users: any JSON or YAML, read within bounds; noise models, robots and fixes, written and read without code.
 
-A file is YAML with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; omitted fields keep their defaults::
+A file of parameters is YAML with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; others keep their defaults::
 
     process: {alpha1: 0.01, alpha4: 0.02}
     odometry: {R: [0.0009, 0.0009, 0.0025], dropout_probability: 0.1}
@@ -8,8 +8,11 @@ A file is YAML with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
@@ -23,7 +26,13 @@ SUFFIXES = (".yaml", ".yml")
 KINDS = {Robot: "robot", Noise: "noise", FixNoise: "fix"}
 """Names of the possible contents in messages."""
 
+MAX_DEPTH, MAX_VALUES = 100, 100_000
+"""How deep the contents of a file may be nested, and how many values a YAML file may have."""
+
 T = TypeVar("T", Noise, Robot, FixNoise)
+
+_TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
+_WITH_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
 
 
 def is_file(name: object) -> TypeGuard[str | Path]:
@@ -43,9 +52,12 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
             file and field.
         ImportError: If PyYAML is not installed.
     """
-    said = _with_numbers(_read(Path(path), KINDS[kind]))
     try:
-        return made(kind, said, KINDS[kind])
+        content = load(path)
+    except OSError as error:
+        raise ValueError(f"There is no {KINDS[kind]} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
+    try:
+        return made(kind, content, KINDS[kind])
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
@@ -67,46 +79,82 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def load_yaml(path: Path) -> Any:
-    """Return the contents of a YAML file.
+def load(path: str | Path) -> Any:
+    """Return the contents of a file: JSON if it ends in .json, otherwise YAML.
+
+    Numbers such as 1e-3 and 1e6, which YAML 1.1 takes for text, are numbers; 1e6 is a whole one.
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If the file is not YAML; the message gives the reason on one line.
-        ImportError: If PyYAML is not installed.
+        ValueError: If it is something else, nested too deep or too large; the message is one line and names the file.
+        ImportError: If it is YAML and PyYAML is not installed.
     """
+    path = Path(path)
+    kind, read = ("JSON", _from_json) if path.suffix == ".json" else ("YAML", _from_yaml)
+    content = path.read_bytes()
     try:
-        import yaml  # needed for files only
+        return read(content.decode("utf-8"))
     except ImportError as error:
         raise ImportError(f"{path} needs PyYAML: pip install pyyaml") from error
-
-    text = path.read_bytes()
-    try:
-        return yaml.safe_load(text.decode("utf-8"))
-    except yaml.YAMLError as error:
-        raise ValueError(" ".join(str(error).split())) from error
     except UnicodeDecodeError as error:
-        raise ValueError(f"it is no text: {error.reason} at byte {error.start}") from error
-    except (ValueError, LookupError, AttributeError, TypeError, RecursionError) as error:  # a tag on what it is not for
-        raise ValueError(f"a value cannot be read: {type(error).__name__} {' '.join(str(error).split())}") from error
+        raise ValueError(f"{path} is not {kind}: it is no text: {error.reason} at byte {error.start}.") from error
+    except RecursionError as error:
+        raise ValueError(f"{path} is not {kind}: {_TOO_DEEP}.") from error
+    except Exception as error:  # PyYAML raises many kinds of errors for a tag on what it is not for
+        raise ValueError(f"{path} is not {kind}: {' '.join(str(error).split())}.") from error
 
 
-def _read(path: Path, what: str) -> Any:
-    try:
-        return load_yaml(path)
-    except OSError as error:
-        raise ValueError(f"There is no {what} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
-    except ValueError as error:
-        raise ValueError(f"{path} is not YAML: {error}.") from error
+def _from_json(text: str) -> Any:
+    content = json.loads(text)
+    level = [content]
+    for _ in range(MAX_DEPTH):
+        level = [item for part in level if isinstance(part, (dict, list)) for item in _items(part)]
+    if level:
+        raise ValueError(_TOO_DEEP)
+    return content
 
 
-def _with_numbers(said: Any) -> Any:
-    """Return a file's contents with numeric text converted to numbers: YAML reads 1e-3 as text."""
-    if isinstance(said, Mapping):
-        return {name: _with_numbers(value) for name, value in said.items()}
-    if isinstance(said, list):
-        return [_with_numbers(value) for value in said]
-    try:
-        return float(said) if isinstance(said, str) else said
-    except ValueError:
-        return said
+def _items(part: dict[str, Any] | list[Any]) -> Iterable[Any]:
+    return part.values() if isinstance(part, dict) else part
+
+
+def _from_yaml(text: str) -> Any:
+    import yaml
+
+    return yaml.load(text, _yaml_loader())
+
+
+@cache
+def _yaml_loader() -> Any:
+    """Return PyYAML's safe loader with bounds."""
+    import yaml  # needed for files only
+
+    class Loader(yaml.SafeLoader):
+        """Refuses what is nested too deep, or has too many values once every alias stands for what it repeats."""
+
+        def __init__(self, stream: Any) -> None:
+            super().__init__(stream)
+            self.depth, self.values, self.sizes = 0, 0, {}
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            before, repeats = self.values, self.check_event(yaml.AliasEvent)
+            self.depth, self.values = self.depth + 1, self.values + 1
+            if self.depth > MAX_DEPTH:
+                raise ValueError(_TOO_DEEP)
+            node = super().compose_node(parent, index)
+            if repeats:  # inside of what it repeats an alias would have no end: that has no size yet
+                self.values += self.sizes.get(id(node), MAX_VALUES)
+            else:
+                self.sizes[id(node)] = self.values - before
+            if self.values > MAX_VALUES:
+                raise ValueError(f"it has more than {MAX_VALUES:,} values")
+            self.depth -= 1
+            return node
+
+    def number(loader: Any, node: Any) -> float:
+        value = loader.construct_yaml_float(node)
+        return int(value) if "e" in node.value.lower() and value.is_integer() else value
+
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _WITH_EXPONENT, list("-+.0123456789"))
+    Loader.add_constructor("tag:yaml.org,2002:float", number)
+    return Loader

@@ -7,13 +7,13 @@ says nothing about the code.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from harness.environments import OURS
 from harness.turns import Row
+from turtlebot_gym.files import load
 
 TOLERANCE = 0.25
 """Tolerated loss of a ratio, as a share of it."""
@@ -92,7 +92,7 @@ def read(path: Path) -> dict[str, Any]:
         ValueError: If it is another file.
     """
     try:
-        result = json.loads(path.read_text(encoding="utf-8"))
+        result = load(path)
         for row in result["environments"].values():
             if not {"by", "size", "threads", "base", "ratio", "cpu_ratio"} <= row.keys():
                 raise KeyError

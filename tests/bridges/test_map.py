@@ -78,8 +78,8 @@ def a_message():
     [
         (lambda message: setattr(message.info, "width", 4), "the map has 6 cells, but 2 rows of 4"),
         (lambda message: setattr(message.info, "height", 0), "the map has 6 cells, but 0 rows of 3"),
-        (lambda message: setattr(message.info, "resolution", 0.0), "GridMap.resolution must be positive"),
-        (lambda message: setattr(message.info, "resolution", math.nan), "GridMap.resolution must be positive"),
+        (lambda message: setattr(message.info, "resolution", 0.0), "GridMap.resolution must be a positive number"),
+        (lambda message: setattr(message.info, "resolution", math.nan), "GridMap.resolution must be a positive number"),
         (lambda message: setattr(message.info.origin.orientation, "w", 0.0), "has norm 0 instead of 1"),
         (lambda message: setattr(message.info.origin.position, "x", math.inf), "the pose must be finite"),
     ],

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import time
 
 import gymnasium as gym
 import numpy as np
@@ -20,6 +22,7 @@ from turtlebot_gym import (
     read_parameters,
     write_parameters,
 )
+from turtlebot_gym.files import load
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 
@@ -95,3 +98,66 @@ def test_what_is_wrong_with_a_file_is_one_line(tmp_path, kind, text, told):
     with pytest.raises(ValueError, match=told) as caught:
         read_parameters(kind, path)
     assert "\n" not in str(caught.value)
+
+
+def test_numbers_are_read_as_one_writes_them(tmp_path):
+    (tmp_path / "a.yaml").write_text("[1e-3, 1e6, -2.5e3, .5E1, 1.5, 3, 0x10, 1.0, .inf, e3, '1e3', 1e400]")
+    content = load(tmp_path / "a.yaml")
+    assert content == [0.001, 1_000_000, -2500, 5, 1.5, 3, 16, 1.0, math.inf, "e3", "1e3", math.inf]
+    assert [type(number) for number in content[:5]] == [float, int, int, int, float]
+    (tmp_path / "a.json").write_text('{"a": [1e6, null, "x"]}')
+    assert load(tmp_path / "a.json") == {"a": [1e6, None, "x"]}
+
+
+def bomb(alias):
+    levels = ["a0: &a0 [x, x]" if alias != "<<" else "a0: &a0 {x: 1, y: 2}"]
+    for k in range(12):
+        parts = ", ".join([f"*a{k}"] * 9)
+        levels.append(f"a{k + 1}: &a{k + 1} [{parts}]" if alias != "<<" else f"a{k + 1}: &a{k + 1} {{<<: [{parts}], k{k}: 1}}")
+    return "\n".join(levels)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("a.json", b"[" * 100_000, "nested deeper than 100 levels"),
+        ("a.json", b"[" * 101 + b"]" * 101, "nested deeper than 100 levels"),
+        ("a.json", b'{"a":' * 101 + b"1" + b"}" * 101, "nested deeper than 100 levels"),
+        ("a.json", b"{", "Expecting property name"),
+        ("a.json", b"", "Expecting value"),
+        ("a.json", b"\xff", "it is no text: invalid start byte at byte 0"),
+        ("a.yaml", b"[" * 100_000, "nested deeper than 100 levels"),
+        ("a.yaml", b"- " * 101 + b"1", "nested deeper than 100 levels"),
+        ("a.yaml", bomb("*").encode(), "more than 100,000 values"),
+        ("a.yaml", bomb("<<").encode(), "more than 100,000 values"),
+        ("a.yaml", b"&a [*a]", "more than 100,000 values"),
+        ("a.yaml", b"a: [", "while parsing a flow"),
+        ("a.yaml", b"\xff", "it is no text: invalid start byte at byte 0"),
+        ("a.yaml", b"!!python/object/apply:os.system [ls]", "could not determine a constructor"),
+        ("a.yaml", b"!!timestamp 2001-99-99", "month must be in 1..12"),
+        ("a.yaml", b"!!int ''", "string index out of range"),
+    ],
+    ids=lambda value: value[:20] if isinstance(value, str) else None,
+)
+def test_a_file_that_cannot_be_read_is_refused_within_a_second(tmp_path, name, content, reason):
+    (tmp_path / name).write_bytes(content)
+    start = time.process_time()
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(tmp_path / name))} is not (JSON|YAML): .*{reason}") as caught:
+        load(tmp_path / name)
+    assert "\n" not in str(caught.value)
+    assert time.process_time() - start < 1.0
+
+
+def test_what_is_as_deep_and_as_large_as_allowed_is_read(tmp_path):
+    (tmp_path / "a.json").write_text("[" * 100 + "]" * 100)
+    (tmp_path / "a.yaml").write_text("- " * 99 + "1")
+    (tmp_path / "b.yaml").write_text("a: &a {x: 1}\nb: [*a, *a]\nc: {<<: *a, y: 2}")
+    assert load(tmp_path / "a.json")
+    assert load(tmp_path / "a.yaml")
+    assert load(tmp_path / "b.yaml") == {"a": {"x": 1}, "b": [{"x": 1}, {"x": 1}], "c": {"x": 1, "y": 2}}
+
+
+def test_a_missing_file_is_an_error_of_the_system(tmp_path):
+    for name in ("a.json", "a.yaml"):
+        with pytest.raises(FileNotFoundError):
+            load(tmp_path / name)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from turtlebot_gym import FixNoise, Noise, Robot, read_parameters
 from turtlebot_gym.calibration.tables import read_table
-from turtlebot_gym.files import load_yaml
+from turtlebot_gym.files import load
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.worlds import find_world
@@ -61,7 +61,7 @@ TEXTS = st.one_of(
 
 @fuzzed(150, 1500, text=TEXTS)
 def test_any_text_is_yaml_or_one_line_says_why_not(text):
-    answered("YAML", lambda: (load_yaml(written("a.yaml", text)), True))
+    answered("YAML", lambda: (load(written("a.yaml", text)), True))
 
 
 @pytest.mark.parametrize("kind", EXAMPLES, ids=lambda kind: kind.__name__)

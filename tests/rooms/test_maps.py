@@ -366,14 +366,18 @@ def bad(**changes):
 @pytest.mark.parametrize(
     ("made", "told"),
     [
-        (bad(resolution=0), "must have a positive resolution, got 0"),
-        (bad(resolution="fine"), "must have finite numbers for resolution, got 'fine'"),
-        (bad(occupied_thresh=0.2, free_thresh=0.6), "must have 0 <= free_thresh <= occupied_thresh <= 1, got 0.6 and 0.2"),
-        (bad(occupied_thresh=65), "must have 0 <= free_thresh <= occupied_thresh <= 1"),
-        (bad(negate=2), "must have 0 or 1 for negate, got 2"),
+        (bad(resolution=0), "resolution of the map .* must be a positive number .*, got 0"),
+        (bad(resolution="fine"), "resolution of the map .* must be a positive number .*, got 'fine'"),
+        (
+            bad(occupied_thresh=0.2, free_thresh=0.6),
+            "free_thresh of the map .* must be at most occupied_thresh, got 0.6 and 0.2",
+        ),
+        (bad(occupied_thresh=65), "occupied_thresh of the map .* must be a probability"),
+        (bad(negate=2), "negate of the map .* must be 0 or 1, got 2"),
         (bad(mode="colour"), "mode of the map .* must be one of 'trinary', 'scale', 'raw', got 'colour'"),
-        (bad(origin=[0.0, 1.0]), "must have an origin of x, y and yaw"),
-        (bad(origin="[0.0, 1.0, .nan]"), "must have finite numbers for origin, got nan"),
+        (bad(origin=[0.0, 1.0]), "origin of the map .* must be 3 numbers"),
+        (bad(origin="[0.0, 1.0, .nan]"), "origin of the map .* must be a number from .*, got nan"),
+        (bad(origin=[1e16, 0.0, 0.0]), r"origin of the map .*\[0\] must be a number from .*, got 10000000000000000"),
         (bad(free_thresh=None, negate=None), "must state negate, free_thresh"),
         (bad(pixels=np.zeros((3, 4), np.uint8)), "must hold a free cell; of 12 there is none"),
         (bad(pixels="no image at all"), "image .*map.pgm' cannot be read"),
@@ -385,6 +389,13 @@ def test_a_map_that_cannot_be_is_one_clear_line(tmp_path, made, told):
     with pytest.raises(ValueError, match=told) as caught:
         gym.make(ID, world=str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path):
+    path = write_map(tmp_path, HALL, image="large.png")
+    Image.new("1", (4_001, 4_000)).save(tmp_path / "large.png")
+    with pytest.raises(ValueError, match="cannot be read: it has 4001 x 4000 pixels, more than 16,000,000"):
+        find_world(path)
 
 
 def test_files_that_are_not_there_are_named(tmp_path, hall):

@@ -87,7 +87,10 @@ def test_all_environments_of_a_batch_have_the_plan_and_a_start_of_their_own():
 @pytest.mark.parametrize(
     ("world", "told"),
     [
-        ("denser", "world must be one of 'clutter', 'dense', .*, or a file \\(.world, .sdf, .yaml, .yml\\), got 'denser'"),
+        (
+            "denser",
+            "world must be one of 'clutter', .*, or a file \\(.world, .sdf, .yaml, .yml\\), got 'denser'. Did you mean 'dense'",
+        ),
         ("nowhere.world", "There is no Gazebo world 'nowhere.world'"),
     ],
 )
@@ -100,6 +103,8 @@ def test_a_world_that_is_not_there_is_refused(world, told):
     ("text", "told"),
     [
         ("no xml", "is not a Gazebo world"),
+        ("<?xml version='1.0' encoding='utf-99'?><sdf/>", "is not a Gazebo world: unknown encoding"),
+        ("<?xml version='1.0' encoding='shift-jis'?><sdf/>", "is not a Gazebo world: multi-byte encodings"),
         ("<sdf/>", "holds no static cylinder and no static box"),
         (WORLD.replace("0.4 0.2 1", "0.4 0.2"), "holds a shape or a pose with missing or malformed numbers"),
         (WORLD.replace("<radius>0.25", "<radius>wide"), "holds a shape or a pose with missing or malformed numbers"),
@@ -115,14 +120,16 @@ def test_a_file_that_is_no_world_is_refused(tmp_path, text, told):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"walls": (0.0, 0.0, 0.0, 1.0)}, "FloorPlan.walls must enclose a room"),
-        ({"walls": (0.0, 0.0, math.nan, 1.0)}, "FloorPlan.walls must hold 4 finite numbers"),
-        ({"walls": "wall"}, "FloorPlan.walls must hold 4 finite numbers, got 'wall'"),
-        ({"walls": 1.0}, "FloorPlan.walls must hold 4 finite numbers, got 1.0"),
-        ({"circles": ((None, 0.0, 1.0),)}, "FloorPlan.circles must hold 3 or 5 finite numbers"),
-        ({"circles": ((0.0, 0.0),)}, "FloorPlan.circles must hold 3 or 5 finite numbers"),
-        ({"circles": ((0.0, 0.0, -1.0),)}, "FloorPlan.circles must have positive radii"),
-        ({"boxes": ((0.0, 0.0, 1.0, 0.0),)}, "FloorPlan.boxes must have positive extents"),
+        ({"walls": (0.0, 0.0, 0.0, 1.0)}, "FloorPlan.walls must be around a room"),
+        ({"walls": (0.0, 0.0, math.nan, 1.0)}, r"FloorPlan.walls\[2\] must be a number from .*, got nan"),
+        ({"walls": "wall"}, "FloorPlan.walls must be 4 numbers, got 'wall'"),
+        ({"walls": 1.0}, "FloorPlan.walls must be 4 numbers, got 1.0"),
+        ({"map": "x"}, "FloorPlan.map must be a GridMap or None, got 'x'"),
+        ({"circles": 1.0}, "FloorPlan.circles must be a sequence, got 1.0"),
+        ({"circles": ((None, 0.0, 1.0),)}, r"FloorPlan.circles\[0\].* must be .* number"),
+        ({"circles": ((0.0, 0.0),)}, r"FloorPlan.circles\[0\].* must be .* number"),
+        ({"circles": ((0.0, 0.0, -1.0),)}, r"FloorPlan.circles\[0\] must be 3 or 5 numbers with positive extents"),
+        ({"boxes": ((0.0, 0.0, 1.0, 0.0),)}, r"FloorPlan.boxes\[0\] must be 4 or 5 numbers with positive extents"),
         ({"start": (5.0, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
         ({"goal": (1.0, 1.0, 0.0), "circles": ((1.1, 1.0, 0.2),)}, "FloorPlan.goal must be in the room and in no obstacle"),
         ({"goal": (1.0, 1.0, 0.0), "boxes": ((1.1, 1.0, 0.4, 0.4, 0.3),)}, "FloorPlan.goal must be in the room and in no obs"),

@@ -49,7 +49,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         root = ElementTree.parse(path).getroot()
     except OSError as error:
         raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: an encoding that is unknown
         raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
     circles: list[tuple[float, ...]] = []
     boxes: list[tuple[float, ...]] = []

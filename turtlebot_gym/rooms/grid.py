@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.rooms.cells import LARGEST
 from turtlebot_gym.rooms.scene import Scene, Walls
+from turtlebot_gym.validation import FINITE, POSITIVE, Numbers
 from turtlebot_gym.values import Pose
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
@@ -42,20 +43,17 @@ class GridMap:
         cells = np.asarray(self.cells)
         if cells.ndim != 2 or cells.size == 0:
             raise ValueError(f"GridMap.cells must have rows and columns, got an array of shape {cells.shape}.")
-        if not 0.0 < self.resolution < math.inf:
-            raise ValueError(f"GridMap.resolution must be positive, got {self.resolution!r}.")
-        if len(self.origin) != 3 or not all(map(math.isfinite, self.origin)):
-            raise ValueError(f"GridMap.origin must hold 3 finite numbers, got {self.origin!r}.")
+        resolution = POSITIVE.check("GridMap.resolution", self.resolution)
+        x, y, yaw = Numbers(FINITE, 3).check("GridMap.origin", self.origin)
         if not (cells == FREE).any():
             raise ValueError(f"GridMap.cells must hold a free cell; of {cells.size} there is none.")
-        x, y, yaw = map(float, self.origin)
         open_cells = np.pad(cells != OCCUPIED, 1)
         derived: dict[str, Any] = {
             "cells": cells.astype(np.int8),
             "origin": Pose(x, y, yaw),
             "squares": np.stack([_squares(open_cells[up, right])[up, right] for up in _BOTH_WAYS for right in _BOTH_WAYS]),
             "known": np.pad(cells == FREE, 1).astype(np.uint8),
-            "frame": np.array([x, y, math.cos(yaw), math.sin(yaw), float(self.resolution)]),
+            "frame": np.array([x, y, math.cos(yaw), math.sin(yaw), resolution]),
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)

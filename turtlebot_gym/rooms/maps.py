@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.files import load_yaml
+from turtlebot_gym.files import load
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
 from turtlebot_gym.values import Pose
 
 FAR_ENOUGH = 6.0
 """Greatest distance between a drawn start and goal along each axis, m; a Burger drives 13 m in an episode."""
+MAX_PIXELS = 4_000 * 4_000
+"""Most pixels of a map: 200 m x 200 m at 5 cm. A small file can hold many more, which take gigabytes."""
 _MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
@@ -49,20 +51,15 @@ def read_grid(path: str | Path) -> GridMap:
     missing = [name for name in _NEEDED if name not in said]
     if missing:
         raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
-    resolution, occupied, free = (_number(said, name, path) for name in ("resolution", "occupied_thresh", "free_thresh"))
-    if not resolution > 0.0:
-        raise ValueError(f"The map {str(path)!r} must have a positive resolution, got {resolution:g}.")
-    if not 0.0 <= free <= occupied <= 1.0:
-        raise ValueError(
-            f"The map {str(path)!r} must have 0 <= free_thresh <= occupied_thresh <= 1, got {free:g} and {occupied:g}."
-        )
-    if not (isinstance(said["negate"], (bool, int)) and said["negate"] in (0, 1)):
-        raise ValueError(f"The map {str(path)!r} must have 0 or 1 for negate, got {said['negate']!r}.")
-    mode = choose(f"mode of the map {str(path)!r}", said.get("mode", "trinary"), _MODES)
-    origin = said["origin"]
-    if not (isinstance(origin, list) and len(origin) == 3):
-        raise ValueError(f"The map {str(path)!r} must have an origin of x, y and yaw, got {origin!r}.")
-    pose = Pose(*(_number({"origin": value}, "origin", path) for value in origin))
+    what = f"of the map {str(path)!r}"
+    free, occupied = (PROBABILITY.check(f"{name} {what}", said[name]) for name in ("free_thresh", "occupied_thresh"))
+    if not free <= occupied:
+        raise ValueError(f"free_thresh {what} must be at most occupied_thresh, got {free:g} and {occupied:g}.")
+    if said["negate"] not in (0, 1):
+        raise refusal(f"negate {what}", "0 or 1", said["negate"])
+    mode = choose(f"mode {what}", said.get("mode", "trinary"), _MODES)
+    resolution = POSITIVE.check(f"resolution {what}", said["resolution"])
+    pose = Pose(*Numbers(FINITE, 3).check(f"origin {what}", said["origin"]))
     shade, opaque = _read_image(path.parent / str(said["image"]), blended=mode == "trinary")
     cells = _occupancy(shade, opaque, mode, negate=bool(said["negate"]), occupied=occupied, free=free)
     try:
@@ -74,22 +71,14 @@ def read_grid(path: str | Path) -> GridMap:
 def _read_yaml(path: Path) -> dict[str, Any]:
     """Return the contents of a YAML file."""
     try:
-        said = load_yaml(path)
+        said = load(path)
     except OSError as error:
         raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
     except ValueError as error:
-        raise ValueError(f"{str(path)!r} is not a map: {error}.") from error
+        raise ValueError(f"{str(path)!r} is not a map: {error}") from error
     if not isinstance(said, dict):
         raise ValueError(f"{str(path)!r} is not a map: it must state {', '.join(_NEEDED)}.")
     return said
-
-
-def _number(said: dict[str, Any], name: str, path: Path) -> float:
-    """Return a finite number from a map's YAML file."""
-    value = said[name]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-        raise ValueError(f"The map {str(path)!r} must have finite numbers for {name}, got {value!r}.")
-    return float(value)
 
 
 def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -108,6 +97,8 @@ def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDAr
         raise ImportError("Maps need Pillow: pip install pillow") from error
     try:
         with Image.open(path) as image:
+            if image.width * image.height > MAX_PIXELS:  # before it is unpacked
+                raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_PIXELS:,}")
             if image.mode.startswith("I"):  # 16 bits
                 grey = np.asarray(image).astype(np.float64) / 65535.0
                 return grey, np.ones(grey.shape, np.bool_)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.rules import ANYWHERE, GIVEN, RoomRules
 from turtlebot_gym.rooms.scene import Scene, Walls, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance
+from turtlebot_gym.validation import FINITE, Numbers, refusal
 from turtlebot_gym.values import Pose
 
 
@@ -34,24 +33,33 @@ class FloorPlan:
     """Greatest distance between start and a drawn goal along each axis, m."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "walls", Walls(*_numbers("walls", self.walls, (4,))))
-        if not min(self.walls.half_length, self.walls.half_width) > 0.0:
-            raise ValueError(f"FloorPlan.walls must enclose a room, got {self.walls!r}.")
-        circles = tuple(_numbers("circles", circle, (3, 5)) for circle in self.circles)
-        boxes = tuple(_numbers("boxes", box, (4, 5)) for box in self.boxes)
-        if not all(circle[2] > 0.0 for circle in circles):
-            raise ValueError(f"FloorPlan.circles must have positive radii, got {self.circles!r}.")
-        if not all(box[2] > 0.0 and box[3] > 0.0 for box in boxes):
-            raise ValueError(f"FloorPlan.boxes must have positive extents, got {self.boxes!r}.")
-        object.__setattr__(self, "circles", tuple((*circle, 0.0, 0.0)[:5] for circle in circles))
-        object.__setattr__(self, "boxes", tuple((*box, 0.0)[:5] for box in boxes))
+        walls = Walls(*Numbers(FINITE, 4).check("FloorPlan.walls", self.walls))
+        if not min(walls.half_length, walls.half_width) > 0.0:
+            raise refusal("FloorPlan.walls", "around a room", self.walls)
+        if not isinstance(self.map, GridMap | None):
+            raise refusal("FloorPlan.map", "a GridMap or None", self.map)
+        object.__setattr__(self, "walls", walls)
+        object.__setattr__(self, "circles", tuple((*row, 0.0, 0.0)[:5] for row in self._rows("circles", (3, 5), extents=1)))
+        object.__setattr__(self, "boxes", tuple((*row, 0.0)[:5] for row in self._rows("boxes", (4, 5), extents=2)))
         for name in ("start", "goal"):
-            pose = getattr(self, name)
-            if pose is not None:
-                pose = Pose(*_numbers(name, pose, (3,)))
+            if (value := getattr(self, name)) is not None:
+                pose = Pose(*Numbers(FINITE, 3).check(f"FloorPlan.{name}", value))
                 object.__setattr__(self, name, pose)
                 if clearance(self.scene(), pose.x, pose.y) < 0.0:
-                    raise ValueError(f"FloorPlan.{name} must be in the room and in no obstacle, got {pose!r}.")
+                    raise refusal(f"FloorPlan.{name}", "in the room and in no obstacle", pose)
+
+    def _rows(self, name: str, sizes: tuple[int, int], *, extents: int) -> list[tuple[float, ...]]:
+        """Return the numbers of all obstacles of a kind: a position, some extents, and what may be left out."""
+        if not isinstance(getattr(self, name), (list, tuple)):
+            raise refusal(f"FloorPlan.{name}", "a sequence", getattr(self, name))
+        rows = []
+        for at, value in enumerate(getattr(self, name)):
+            row = Numbers(FINITE).check(f"FloorPlan.{name}[{at}]", value)
+            if len(row) not in sizes or min(row[2 : 2 + extents]) <= 0.0:
+                rule = f"{sizes[0]} or {sizes[1]} numbers with positive extents"
+                raise refusal(f"FloorPlan.{name}[{at}]", rule, value)
+            rows.append(row)
+        return rows
 
     def scene(self, *, beams: int = 1) -> Scene:
         """Return a scene with the plan."""
@@ -83,15 +91,3 @@ class FloorPlan:
         for k, (x, y, length, width, heading) in enumerate(self.boxes):
             scene.boxes[k] = x, y, length / 2.0, width / 2.0, math.cos(heading), math.sin(heading)
         return self.map.share(scene) if self.map else scene
-
-
-def _numbers(name: str, value: Any, sizes: tuple[int, ...]) -> tuple[float, ...]:
-    """Return a tuple of finite numbers whose size is one of those allowed."""
-    try:
-        numbers = tuple(map(float, value)) if isinstance(value, Sequence) else ()
-    except (TypeError, ValueError):
-        numbers = ()
-    if len(numbers) not in sizes or not all(map(math.isfinite, numbers)):
-        allowed = " or ".join(map(str, sizes))
-        raise ValueError(f"FloorPlan.{name} must hold {allowed} finite numbers, got {value!r}.")
-    return numbers

@@ -14,7 +14,7 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.validation import choose, made, shown
+from turtlebot_gym.validation import choose, did_you_mean, made, refusal, shown
 from turtlebot_gym.values import Pose
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
@@ -44,8 +44,8 @@ def find_world(world: World) -> RoomRules | FloorPlan:
     if isinstance(world, (str, Path)) and Path(world).suffix in MAPS:
         return read_map(world)
     if not isinstance(world, str) or world not in ROOMS:
-        files = ", ".join((*GAZEBO, *MAPS))
-        raise ValueError(f"world must be one of {', '.join(map(repr, ROOMS))}, or a file ({files}), got {shown(world)}.")
+        error = refusal("world", f"one of {', '.join(map(repr, ROOMS))}, or a file ({', '.join((*GAZEBO, *MAPS))})", world)
+        raise ValueError(f"{error}{did_you_mean(world, ROOMS)}")
     return ROOMS[world]
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-import yaml
-
+from turtlebot_gym.files import load
 from turtlebot_gym_agents.policies.named import SAFETY
 
 Attachments = Mapping[str, Mapping[str, bytes]]
@@ -80,8 +79,8 @@ def _images(path: Path) -> list[Path]:
     if path.suffix not in (".yaml", ".yml"):
         return []
     try:
-        image = yaml.safe_load(path.read_text(encoding="utf-8")).get("image")
-    except (AttributeError, ValueError, yaml.YAMLError):
+        image = load(path).get("image")
+    except (AttributeError, ValueError):
         return []  # the reader of the file reports the error
     beside = path.parent / str(image)
     return [beside] if image and Path(str(image)).name == str(image) and beside.is_file() else []

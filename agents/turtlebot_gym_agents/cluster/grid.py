@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym.files import load_yaml
+from turtlebot_gym.files import load
 from turtlebot_gym.validation import shown, whole
 from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.units import CHUNK, Drive, Training, Unit, drives, training
@@ -118,8 +118,8 @@ def read_grid(path: Path) -> Grid:
     Raises:
         ValueError: If the file is not YAML, or a field is unknown or invalid; the message names the file.
     """
+    said = load(path)
     try:
-        said = load_yaml(path)
         known = [item.name for item in fields(Grid)]
         unknown = [str(name) for name in said if name not in known] if isinstance(said, Mapping) else [shown(said)]
         if unknown:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import gymnasium as gym
 import numpy as np
 
+from turtlebot_gym.files import load
 from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, placed, unpacked
 from turtlebot_gym_agents.cluster.origin import origin
@@ -138,7 +139,7 @@ class Training:
             compile_training(config, self.hyper)
             folder = Path(name)
             told = train(config, folder, progress=False, hyper=self.hyper)
-            record = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+            record = load(folder / "config.json")
             record["config"] = settings(self.config)  # with the files' original names, not the unpacked paths
             (folder / "config.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
             files = {file: (folder / file).read_bytes() for file in KEPT}

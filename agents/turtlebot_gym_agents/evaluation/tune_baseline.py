@@ -7,7 +7,6 @@ and closer to it. A try depends only on the search's seed and length and on the 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import Range, choose
@@ -113,7 +113,7 @@ def _read(path: Path, wanted: Mapping[str, Any]) -> list[Try]:
     if not path.exists():
         return []
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = load(path)
         same = all(content[name] == value for name, value in wanted.items())
         tries = [Try(**one) for one in content["tries"]]
     except (ValueError, KeyError, TypeError) as error:

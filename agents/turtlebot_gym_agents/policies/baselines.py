@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
+from turtlebot_gym.files import load
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies.dynamic_window import DynamicWindowPolicy
 from turtlebot_gym_agents.policies.fit import require_fit
@@ -72,7 +72,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         ValueError: If the file is not a tuned baseline, or was tuned for another robot, rate or observation layout.
     """
     try:
-        content: Any = json.loads(Path(path).read_text(encoding="utf-8"))
+        content: Any = load(path)
         found = {"format": content["format"], "layout": content["layout"]}
         made_for, made_dt, name, numbers = dict(content["robot"]), content["dt"], content["policy"], dict(content["numbers"])
         kind = choose("policy", name, POLICIES)

@@ -8,6 +8,7 @@ from pathlib import Path
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
 from turtlebot_gym_agents.policies.own import load_own
 from turtlebot_gym_agents.policies.policy import Policy
@@ -55,12 +56,11 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
             f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
             f"turtlebot-gym export {name} --allow-pickle"
         )
-    module, colon, attribute = name.partition(":")
     shipped = sorted(path.stem for path in pretrained_folder().glob("*.onnx"))
-    names = ", ".join(map(repr, (*POLICIES, *shipped)))
-    known = f"policy must be one of {names}, FILE.onnx, FILE.json or 'module:callable', got {name!r}"
-    if not (module and colon and attribute):
-        raise ValueError(f"{known}.")
+    names = (*POLICIES, *shipped)
+    known = f"policy must be one of {', '.join(map(repr, names))}, FILE.onnx, FILE.json or 'module:callable', got {name!r}"
+    if not all(name.partition(":")):
+        raise ValueError(f"{known}.{did_you_mean(name, names)}")
     try:
         return load_own(name, make_robot(robot), dt)
     except ValueError as error:

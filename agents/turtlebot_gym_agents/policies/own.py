@@ -1,14 +1,13 @@
-"""Users' own policies, ``module:callable``: errors in them are reported with their file and line."""
+"""Users' own policies, ``module:callable``: their answers are checked."""
 
 from __future__ import annotations
 
-import traceback
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.robots import Robot
 
 
@@ -23,19 +22,13 @@ def load_own(name: str, robot: Robot, dt: float) -> OwnPolicy:
     Raises:
         ValueError: If there is no such callable, or importing or instantiating it fails.
     """
-    module, _, attribute = name.partition(":")
-    try:
-        found: Any = getattr(import_module(module), attribute)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise ValueError(f"{error}.") from error
-    except Exception as error:
-        raise ValueError(_told(name, error)) from error
-    if not callable(found):
+    policy = load_object(name)
+    if not callable(policy):
         raise ValueError("it cannot be called.")
     try:
-        return OwnPolicy(name, found(robot=robot, dt=dt) if isinstance(found, type) else found)
+        return OwnPolicy(name, policy(robot=robot, dt=dt) if isinstance(policy, type) else policy)
     except Exception as error:
-        raise ValueError(_told(name, error)) from error
+        raise failure(name, error) from error
 
 
 class OwnPolicy:
@@ -65,24 +58,14 @@ class OwnPolicy:
         try:
             answer = self._policy(observations)
         except Exception as error:
-            raise ValueError(_told(self._name, error)) from error
-        wanted = (*np.shape(observations)[:-1], 2)
+            raise failure(self._name, error) from error
+        shape = (*np.shape(observations)[:-1], 2)
         try:
             actions = np.asarray(answer, np.float32)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{self._name}: it must return numbers, got {type(answer).__name__}.") from error
-        if actions.shape != wanted:
-            raise ValueError(f"{self._name}: it must return an array of shape {wanted}, got {actions.shape}.")
+        if actions.shape != shape:
+            raise ValueError(f"{self._name}: it must return an array of shape {shape}, got {actions.shape}.")
         if not np.isfinite(actions).all():
             raise ValueError(f"{self._name}: it must return finite numbers, got {actions[~np.isfinite(actions)][0]}.")
         return actions
-
-
-def _told(name: str, error: Exception) -> str:
-    """Describe an error in a user's code on one line, with its place."""
-    if isinstance(error, SyntaxError):
-        return f"{name}: SyntaxError: {error.msg} ({error.filename}, line {error.lineno})."
-    frames = traceback.extract_tb(error.__traceback__)
-    theirs = [frame for frame in frames if frame.filename != __file__ and "site-packages" not in frame.filename]
-    frame = (theirs or frames)[-1]
-    return f"{name}: {type(error).__name__}: {' '.join(str(error).split())} ({frame.filename}, line {frame.lineno})."

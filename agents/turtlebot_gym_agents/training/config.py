@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Robot
+from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, flag, shown, whole
 from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 
@@ -110,10 +110,7 @@ def read_record(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: If it is something else.
     """
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path} is not JSON: {error}.") from error
+    record = load(path)
     if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
         raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
     return record

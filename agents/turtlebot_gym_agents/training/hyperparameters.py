@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from turtlebot_gym.files import load_yaml
+from turtlebot_gym import files
 from turtlebot_gym.validation import choose, shown
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.provenance import plain
@@ -54,10 +54,7 @@ def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
     if not file.is_file():
         known = ", ".join(sorted(found.stem for found in configs_folder().glob("*.yaml")))
         raise ValueError(f"There are no hyper-parameters for {algo!r} in {file}; known algorithms: {known}.")
-    try:
-        content = load_yaml(file)
-    except ValueError as error:
-        raise ValueError(f"{file} is not YAML: {error}.") from error
+    content = files.load(file)
     chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
     if not isinstance(chosen, dict):
         raise ValueError(f"{file} must be a mapping with an entry {env!r} or 'default', which is a mapping.")

@@ -8,7 +8,6 @@ killed run leaves them complete.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -25,6 +24,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from turtlebot_gym import Parameters
 from turtlebot_gym.compiled.threads import limited
+from turtlebot_gym.files import load
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.files import replace_json
@@ -100,7 +100,7 @@ def train(
     if not resume:
         require_no_run(folder)
     if checkpoint.exists():
-        _require_same(json.loads((folder / "config.json").read_text(encoding="utf-8")), record, folder)
+        _require_same(load(folder / "config.json"), record, folder)
     torch.set_num_threads(config.threads)
 
     envs, judges = config.make(hyper["n_envs"], randomize=config.randomize), config.make(config.episodes)

@@ -42,7 +42,7 @@ def test_cells_are_all_combinations():
         ("policies: bearing\ngrid: {env: CartPole-v1}", "env must be one of"),
         ("policy: bearing", "a study must hold .* got policy"),
         ("- bearing", "a study must hold"),
-        ("policies: [", "study.yaml: "),
+        ("policies: [", "study.yaml( is not YAML)?: "),
     ],
 )
 def test_what_no_study_can_be_told_is_refused_with_the_files_name(text, message, tmp_path):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.files import load_yaml
+from turtlebot_gym.files import load
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
@@ -148,9 +148,9 @@ def _read_csv(file: Path) -> list[Any]:
 
 def _read_yaml(file: Path) -> list[Any]:
     try:
-        content = load_yaml(file)
+        content = load(file)
     except ValueError as error:
-        raise ValueError(f"waypoints: {str(file)!r} is not YAML: {error}.") from error
+        raise ValueError(f"waypoints: {error}") from error
     rows = content.get("waypoints") if isinstance(content, dict) else content
     if not isinstance(rows, list):
         raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {shown(content)}.")
