@@ -24,9 +24,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import tyro
+
+from harness.machine import busy, machine
+from harness.turns import Turn
 
 LIMIT = 1.25
 """Limit on the ratio of the whole command to the bare learning, wall time."""
@@ -52,13 +55,6 @@ class Config:
     """Write the results here."""
     part: Literal["all", "bare", "account"] = "all"
     """Part to run in a child process."""
-
-
-class Cost(NamedTuple):
-    """Cost of a turn, s."""
-
-    wall: float
-    cpu: float
 
 
 @dataclass
@@ -98,7 +94,7 @@ def _now() -> tuple[float, float]:
     return time.perf_counter(), time.process_time()
 
 
-def bare(config: Config) -> Cost:
+def bare(config: Config) -> Turn:
     """Return the cost of ``learn()`` alone, in this process."""
     import torch
 
@@ -114,7 +110,7 @@ def bare(config: Config) -> Cost:
         model = make_model(training, hyper, training.make(hyper["n_envs"]), tensorboard=Path(folder))
         wall, cpu = _now()
         model.learn(config.steps)
-        return Cost(*(end - start for start, end in zip((wall, cpu), _now(), strict=True)))
+        return Turn(*(end - start for start, end in zip((wall, cpu), _now(), strict=True)))
 
 
 def account(config: Config, folder: Path) -> dict[str, list[float]]:
@@ -142,7 +138,7 @@ def account(config: Config, folder: Path) -> dict[str, list[float]]:
     return watch.taken
 
 
-def command(config: Config) -> Cost:
+def command(config: Config) -> Turn:
     """Return the cost of the whole command, as a process."""
     with tempfile.TemporaryDirectory() as folder:
         arguments = [sys.executable, "-m", "turtlebot_gym_agents", *_arguments(config), "--out", f"{folder}/run"]
@@ -154,7 +150,7 @@ def command(config: Config) -> Cost:
             if child.returncode:
                 output.seek(0)
                 raise RuntimeError(f"{' '.join(arguments)} failed: {output.read().decode()}")
-        return Cost(time.perf_counter() - start, used.ru_utime + used.ru_stime)
+        return Turn(time.perf_counter() - start, used.ru_utime + used.ru_stime)
 
 
 def _arguments(config: Config) -> list[str]:
@@ -170,37 +166,18 @@ def _child(config: Config, part: str) -> Any:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@contextmanager
-def busy(count: int) -> Iterator[None]:
-    """Keep cores busy within this block."""
-    children = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
-    try:
-        yield
-    finally:
-        for child in children:
-            child.kill()
-            child.wait()
-
-
-def one_round(config: Config) -> dict[str, Cost]:
+def one_round(config: Config) -> dict[str, Turn]:
     """Return the turn of each contender."""
-    found = {"command": command(config), "bare": Cost(*_child(config, "bare"))}
+    found = {"command": command(config), "bare": Turn(*_child(config, "bare"))}
     if config.busy:
         with busy(config.busy):
-            found |= {"command, busy": command(config), "bare, busy": Cost(*_child(config, "bare"))}
+            found |= {"command, busy": command(config), "bare, busy": Turn(*_child(config, "bare"))}
     return found
 
 
-def machine() -> dict[str, Any]:
-    """Return the description of the machine."""
-    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines() if Path("/proc/cpuinfo").is_file() else []
-    model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
-    return {"cpu": model, "cores": len(os.sched_getaffinity(0)), "load": os.getloadavg()[0]}
-
-
-def ratio(rounds: list[dict[str, Cost]], over: str, under: str, clock: str) -> float:
+def ratio(rounds: list[dict[str, Turn]], over: str, under: str, clock: str) -> float:
     """Return the median over the rounds of the ratio of two contenders."""
-    return statistics.median(getattr(one[over], clock) / getattr(one[under], clock) for one in rounds)
+    return statistics.median(getattr(turns[over], clock) / getattr(turns[under], clock) for turns in rounds)
 
 
 def main() -> None:
@@ -227,10 +204,10 @@ def _measure(config: Config) -> None:
     rounds = [one_round(config) for _ in range(config.rounds)]
     where = _child(config, "account")
     console = Console(width=None if sys.stdout.isatty() else 120)
-    title = f"{config.steps:,} steps of PPO, {config.rounds} rounds, {before['cores']} cores, load {before['load']:.1f}"
+    title = f"{config.steps:,} steps of PPO, {config.rounds} rounds, {before['cores']} cores, load {before['load_before']:.1f}"
     table = Table("median of the rounds", "wall, s", "CPU, s", title=title)
     medians = {
-        name: Cost(*(statistics.median(part) for part in zip(*(one[name] for one in rounds), strict=True)))
+        name: Turn(*(statistics.median(part) for part in zip(*(turns[name] for turns in rounds), strict=True)))
         for name in rounds[0]
     }
     for name, cost in medians.items():
@@ -240,7 +217,7 @@ def _measure(config: Config) -> None:
     for name, (wall, cpu) in sorted(where.items(), key=lambda item: -item[1][0]):
         table.add_row(name, f"{wall:.2f}", f"{cpu:.2f}")
     console.print(table)
-    ratios = {f"command over bare learning, {clock}": ratio(rounds, "command", "bare", clock) for clock in Cost._fields}
+    ratios = {f"command over bare learning, {clock}": ratio(rounds, "command", "bare", clock) for clock in Turn._fields}
     limits = {"command over bare learning, wall": LIMIT}
     if config.busy:
         name = f"command beside {config.busy} busy processes over alone, cpu"
@@ -251,10 +228,11 @@ def _measure(config: Config) -> None:
         table.add_row(name, f"{value:.2f}", *(("", "") if limit is None else (f"{limit:g}", "yes" if value <= limit else "NO")))
     console.print(table)
     if config.json is not None:
-        told = {name: value for name, value in asdict(config).items() if name not in ("json", "part")}
-        turns = [{name: cost._asdict() for name, cost in one.items()} for one in rounds]
+        settings = {name: value for name, value in asdict(config).items() if name not in ("json", "part")}
+        turns = [{name: cost._asdict() for name, cost in costs.items()} for costs in rounds]
         result = {"machine": {**before, "load_after": os.getloadavg()[0]}, "ratios": ratios, "rounds": turns}
-        write_json(config.json, {**result, "where": {name: Cost(*cost)._asdict() for name, cost in where.items()}}, config=told)
+        result["where"] = {name: Turn(*cost)._asdict() for name, cost in where.items()}
+        write_json(config.json, result, config=settings)
 
 
 if __name__ == "__main__":

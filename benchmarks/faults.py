@@ -24,7 +24,7 @@ from rich.table import Table
 
 from faults_kinds import FAULTS, WITH_BUTTONS
 from faults_robot import Robot
-from parts import busy
+from harness.machine import busy
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 AGE = 0.45

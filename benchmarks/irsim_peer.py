@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import subprocess
 import venv
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harness.peers import Process
 from turtlebot_gym.rooms.scene import Scene
 
 PEER = "ir-sim==2.12.0"
@@ -19,15 +19,17 @@ import json, sys, time
 import irsim, numpy
 env = irsim.make(sys.argv[1], display=False, disable_all_plot=True, log_level="ERROR")
 command = numpy.array([[0.0], [float(sys.argv[2])]])
+env.step(command)
+print("ready {}", flush=True)
 for line in sys.stdin:
-    cpu, wall = time.process_time(), time.perf_counter()
+    wall, cpu = time.perf_counter(), time.process_time()
     for _ in range(int(line)):
         env.step(command)
-    print("turn", json.dumps([time.process_time() - cpu, time.perf_counter() - wall]), flush=True)
+    print("turn", json.dumps([time.perf_counter() - wall, time.process_time() - cpu]), flush=True)
 """
 
 
-def start_peer(folder: Path, scene: Scene, turn: float) -> subprocess.Popen[str]:
+def start_peer(folder: Path, scene: Scene, turn: float) -> Process:
     """Start IR-SIM in one of this package's rooms; it is installed if missing.
 
     Args:
@@ -55,21 +57,4 @@ def start_peer(folder: Path, scene: Scene, turn: float) -> subprocess.Popen[str]
     said = {"world": world, "robot": [robot | {"state": [0.0, 0.0, 0.0], "goal": [9.0, 9.0, 0.0]}], "obstacle": obstacles}
     (folder / "room.yaml").write_text(json.dumps(said))  # JSON is YAML
     command = [str(python), "-c", _PEER_PROGRAM, str(folder / "room.yaml"), str(turn)]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-
-def by_peer(peer: subprocess.Popen[str]) -> Callable[[int], tuple[float, float]]:
-    """Return a contender that makes steps in the peer."""
-
-    def run(steps: int) -> tuple[float, float]:
-        assert peer.stdin is not None
-        assert peer.stdout is not None
-        peer.stdin.write(f"{steps}\n")
-        peer.stdin.flush()
-        for line in peer.stdout:
-            if line.startswith("turn "):
-                cpu, wall = json.loads(line[5:])
-                return cpu, wall
-        raise RuntimeError("The peer has ended.")
-
-    return run
+    return Process(command, folder / "log.txt")

@@ -20,6 +20,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
+from harness.machine import busy, cores
 from lockstep_drives import (
     DT,
     Drive,
@@ -32,7 +33,7 @@ from lockstep_drives import (
     room_episode,
     room_live,
 )
-from parts import busy, cores, measured
+from parts import measured
 from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros import Graph

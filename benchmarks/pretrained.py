@@ -9,7 +9,6 @@ the noise of the comparison: one policy for all noises against specialists.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copyfile
@@ -24,11 +23,11 @@ from scenarios import (
     SQUARE,
     Budget,
     best_of_trainings,
+    described,
     evaluate_baselines,
     results_folder,
     run_all,
-    short,
-    trained,
+    trainings,
     tuned,
 )
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
@@ -59,11 +58,6 @@ class Config(Budget):
     """Folder of tuned baselines; by default those of the study, out/study/COMMIT."""
     out: Path = Path("out/pretrained")
     """Folder for policies, cards and pretrained.json."""
-
-
-def training(folder: Path, steps: int | None, task: str, seed: int) -> Path:
-    """Return the folder of a training, which is run if missing."""
-    return trained(folder, seed, steps, env=TASKS[task], randomize=True)
 
 
 def prepare(folder: Path, policy: str, budget: Budget, task: str, noise: str) -> None:
@@ -101,18 +95,13 @@ def compared(config: Config, tunings: Path, bundle: Path, task: str) -> list[dic
 def card(task: str, config: Config, bundle: Path, rows: list[dict[str, Any]]) -> str:
     """Return a policy's card, in Markdown."""
     policy = BundlePolicy(bundle)
-    training: Mapping[str, Any] = policy.card.training
-    seed, name, kilobytes = training["config"]["seed"], f"ppo-{task}", bundle.stat().st_size / 1000
+    seed, name = policy.card.training["config"]["seed"], f"ppo-{task}"
     lines = [
         f"# {name}",
         "",
         *_verdicts(rows),
         "",
-        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`; {kilobytes:.0f} kB, sha256",
-        f"`{policy.sha256[:16]}`, commit `{short(training['commit'])}`.",
-        "Trained with randomized noise, speed (2 %) and delay (0 or 1 step):",
-        f"{training['steps']:,} steps in {training['seconds']:.0f} s on one core, with seed {seed}; of {config.seeds}",
-        "trainings the best on the training's own evaluation seeds.",
+        *described(bundle, policy, "noise, speed (2 %) and delay (0 or 1 step)", config.seeds),
         "",
         f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`. Use it: `--policy {name}`.",
         "",
@@ -155,7 +144,7 @@ def main() -> None:
     """Train, tune, evaluate, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     folder, tunings = config.runs or results_folder("pretrained"), config.tunings or results_folder("study")
-    jobs = [(training, (folder, config.steps, task, seed)) for task in reversed(config.tasks) for seed in range(config.seeds)]
+    jobs = [job for task in reversed(config.tasks) for job in trainings(folder, config.steps, config.seeds, TASKS[task])]
     jobs += [
         (prepare, (tunings, policy, config, task, noise))
         for task in config.tasks for noise in NOISES for policy in BASELINES[TASKS[task]]
@@ -163,7 +152,8 @@ def main() -> None:
     run_all(jobs, "trainings and tunings", config.processes)
     config.out.mkdir(parents=True, exist_ok=True)
     for task in config.tasks:
-        best = best_of_trainings([training(folder, config.steps, task, seed) for seed in range(config.seeds)])
+        runs = [trained(*arguments) for trained, arguments in trainings(folder, config.steps, config.seeds, TASKS[task])]
+        best = best_of_trainings(runs)
         copyfile(best / "policy.onnx", config.out / f"ppo-{task}.onnx")
     bundles = {task: config.out / f"ppo-{task}.onnx" for task in config.tasks}
     found = run_all([(compared, (config, tunings, bundles[task], task)) for task in config.tasks], "cards", config.processes)

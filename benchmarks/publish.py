@@ -29,18 +29,22 @@ WIDTH = 128
 
 
 def findings(study: Path) -> str:
-    """Return the README's passage, between its marks."""
+    """Return the README's passage."""
     results = json.loads(study.read_text(encoding="utf-8"))
-    return "\n".join([BEGIN, "", fill(headline(results), WIDTH, break_on_hyphens=False), "", END])
+    return fill(headline(results), WIDTH, break_on_hyphens=False)
 
 
-def with_findings(text: str, told: str) -> str:
-    """Return a page with the passage between its marks replaced."""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f"README.md must hold {BEGIN!r} and {END!r}.")
-    return before + told + after
+def between(page: str, passage: str, begin: str, end: str) -> str:
+    """Return a page with the passage between two marks replaced.
+
+    Raises:
+        ValueError: If the page lacks a mark.
+    """
+    before, found_begin, rest = page.partition(begin)
+    _, found_end, after = rest.partition(end)
+    if not (found_begin and found_end):
+        raise ValueError(f"The page must hold {begin!r} and {end!r}.")
+    return f"{before}{begin}\n\n{passage}\n\n{end}{after}"
 
 
 def main() -> None:
@@ -50,8 +54,8 @@ def main() -> None:
             copyfile(source, Path(folder) / source.name)
             print(f"{source} -> {folder}")
     readme = Path("README.md")
-    told = findings(Path("benchmarks/robustness.json"))
-    readme.write_text(with_findings(readme.read_text(encoding="utf-8"), told), encoding="utf-8")
+    passage = findings(Path("benchmarks/robustness.json"))
+    readme.write_text(between(readme.read_text(encoding="utf-8"), passage, BEGIN, END), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Measure the speed of rooms: rays, steps, maps and the making of worlds, each with its target, as ratios within one run.
 
-Contenders take turns and the best turn of each counts, in CPU seconds, so that other programs disturb the ratios little; wall
+Contenders take turns and the median of each counts, in CPU seconds, so that other programs disturb the ratios little; wall
 time is reported too. IR-SIM, the peer, is installed into its own virtual environment, and drives in the same room with the same
 beams and the same command: the robot turns on the spot.
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from irsim_peer import by_peer, start_peer
+from harness.machine import cores
+from harness.turns import Contender, Turn, take_turns, timed
+from irsim_peer import start_peer
 from turtlebot_gym.compiled.cache import njit
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.models.angles import sincos
@@ -59,7 +60,7 @@ class Config:
 
 
 class Rate(NamedTuple):
-    """Calls per second of a contender's best turn."""
+    """Calls per second of a contender, medians over its turns."""
 
     cpu: float
     """Rate by CPU seconds."""
@@ -67,31 +68,16 @@ class Rate(NamedTuple):
     """Rate by wall time."""
 
 
-def best_rates(contenders: dict[str, Callable[[int], tuple[float, float]]], config: Config) -> dict[str, Rate]:
+def rates_of(contenders: dict[str, Callable[[int], Turn]], config: Config) -> dict[str, Rate]:
     """Return the rates of contenders that take turns.
 
     Args:
-        contenders: Functions that make a number of calls and return their CPU and wall seconds.
+        contenders: Functions that make a number of calls.
         config: Number and length of turns.
     """
-    calls = {}
-    for name, run in contenders.items():
-        run(1)  # compile
-        calls[name] = max(1, int(8 * config.seconds / max(run(8)[0], 1e-6)))
-    turns = [{name: run(calls[name]) for name, run in contenders.items()} for _ in range(config.rounds)]
-    return {name: Rate(*(calls[name] / min(turn[name][clock] for turn in turns) for clock in (0, 1))) for name in contenders}
-
-
-def timed(call: Callable[[], Any]) -> Callable[[int], tuple[float, float]]:
-    """Return a contender that repeats a call of this package."""
-
-    def run(calls: int) -> tuple[float, float]:
-        cpu, wall = time.process_time(), time.perf_counter()
-        for _ in range(calls):
-            call()
-        return time.process_time() - cpu, time.perf_counter() - wall
-
-    return run
+    entries = {name: Contender(run=run, size=1, base=name, by="") for name, run in contenders.items()}
+    rows = take_turns(entries, rounds=config.rounds, seconds=config.seconds).environments
+    return {name: Rate(row.steps_per_cpu_second, row.steps_per_second) for name, row in rows.items()}
 
 
 def _scan(scenes: Scene, poses: NDArray[np.float64], beams: NDArray[np.float64], ranges: NDArray[np.float64]) -> None:
@@ -128,8 +114,8 @@ def rays(config: Config) -> dict[str, Any]:
     contenders = {}
     for beams in (36, 360):
         arguments = scenes, poses, _directions(beams), np.empty((32, beams))
-        contenders[f"{beams} beams"] = timed(lambda arguments=arguments: scan(*arguments))
-    rates = best_rates(contenders, config)
+        contenders[f"{beams} beams"] = timed(lambda k, arguments=arguments: scan(*arguments))
+    rates = rates_of(contenders, config)
     return {name: Rate(*(32.0 * int(name.split()[0]) * number for number in rate)) for name, rate in rates.items()}
 
 
@@ -187,10 +173,10 @@ def maps(config: Config) -> dict[str, Any]:
     directions, found = _directions(360), {name: np.empty((32, 360)) for name in ("strides", "grid walk")}
     scans = {"strides": _walker(ray_to_cells), "grid walk": _walker(njit(_grid_walk, error_model="numpy"))}
     contenders = {
-        name: timed(lambda scan=scan, name=name: scan(grid.squares, poses, directions, found[name]))
+        name: timed(lambda k, scan=scan, name=name: scan(grid.squares, poses, directions, found[name]))
         for name, scan in scans.items()
     }
-    rates = best_rates(contenders, config)
+    rates = rates_of(contenders, config)
     apart = float(np.abs(found["strides"] - found["grid walk"]).max()) * grid.resolution
     return {name: Rate(*(32.0 * 360.0 * number for number in rate)) for name, rate in rates.items()} | {"apart_m": apart}
 
@@ -202,16 +188,15 @@ def steps(config: Config) -> dict[str, Any]:
     _, info = envs.reset(seed=0)
     batch: Any = envs.unwrapped._batch  # pyright: ignore[reportAttributeAccessIssue]
     actions = np.tile(np.array([0.0, TURN], np.float32), (n, 1))
-    contenders = {"steps": timed(lambda: envs.step(actions)), "worlds": timed(lambda: envs.reset())}
+    contenders = {"steps": timed(lambda k: envs.step(actions)), "worlds": timed(lambda k: envs.reset())}
     peer = start_peer(config.peer, scene_at(batch.scenes, 0), TURN) if config.peer else None
     if peer:
-        contenders["peer"] = by_peer(peer)
+        contenders["peer"] = peer.turn
     try:
-        rates = best_rates(contenders, config)
+        rates = rates_of(contenders, config)
     finally:
         if peer:
-            peer.kill()
-            peer.wait()
+            peer.stop()
     p = batch.parameters
     least = float(np.mean(info["way_left"])) / (min(p.robot.max_linear, p.robot.max_wheel) * p.dt)
     found = {name: Rate(*((n if name != "peer" else 1) * number for number in rate)) for name, rate in rates.items()}
@@ -251,7 +236,7 @@ def main() -> None:
     episodes = stepping["worlds"].cpu * stepping["steps_of_an_episode"] / stepping["steps"].cpu
     rows.append(("episodes' steps, times the making of their worlds", episodes, "", 5.0))
     rows += [(f"memory of 4096 worlds, {name}", size, "MB", None) for name, size in taken.items()]
-    table = Table("figure", "", "at least", "met", title=f"{len(os.sched_getaffinity(0))} cores, load {load:.1f}")
+    table = Table("figure", "", "at least", "met", title=f"{cores()} cores, load {load:.1f}")
     for name, value, unit, least in rows:
         must, met = ("", "") if least is None else (f"{least:g}", "yes" if value >= least else "NO")
         table.add_row(name, f"{value:.3g} {unit}", must, met)

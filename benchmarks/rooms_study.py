@@ -22,7 +22,7 @@ import tyro
 from rich.table import Table
 
 from rooms import hall
-from scenarios import best_of_trainings, kept, name_of, results_folder, run_all, short, slug, trained
+from scenarios import best_of_trainings, described, kept, name_of, results_folder, run_all, slug, trainings
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
@@ -78,11 +78,6 @@ class Config:
     """Folder for policy, card and rooms_study.json."""
 
 
-def training(folder: Path, steps: int | None, seed: int) -> Path:
-    """Return the folder of a training, which is run if missing."""
-    return trained(folder, seed, steps, env=ROOMS, randomize=True)
-
-
 def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
     """Return a policy's episodes in a setting, which are driven if missing; a bundle is identified by its bytes."""
     told = slug(policy=name_of(policy), setting=name, n=config.episodes, seed=config.first_seed)
@@ -129,13 +124,12 @@ def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
     }
 
 
-def study(config: Config, folder: Path, runs: Sequence[Path]) -> list[dict[str, Any]]:
+def study(config: Config, folder: Path, runs: Sequence[Path], shipped: str | None) -> list[dict[str, Any]]:
     """Drive all policies in all settings, each once, and return the rows."""
     bundles = [str(run / "policy.onnx") for run in runs]
     kinds = {policy: [policy] for policy in (*config.policy, COMPARED_WITH)}
-    if bundles or config.keep:
-        best = SHIPPED if config.keep else str(best_of_trainings(runs) / "policy.onnx")
-        kinds |= {SHIPPED: [best], SHIPPED + SAFETY: [best + SAFETY]}
+    if shipped is not None:
+        kinds |= {SHIPPED: [shipped], SHIPPED + SAFETY: [shipped + SAFETY]}
     if len(bundles) > 1:
         kinds[f"ppo, {len(bundles)} trainings"] = bundles
     names = config.only or tuple(SETTINGS)
@@ -162,20 +156,15 @@ def later(protected: Evaluation, bare: Evaluation) -> Interval:
 def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str:
     """Return the card of the shipped policy in Markdown, with the settings in which geometry beats it first."""
     policy = BundlePolicy(bundle)
-    told: Mapping[str, Any] = policy.card.training
-    seed, mine = told["config"]["seed"], [one for one in rows if one["policy"] == SHIPPED]
-    listed = [one for one in rows if one["policy"] in (SHIPPED, SHIPPED + SAFETY, COMPARED_WITH, "oracle")]
-    chosen = f"of {'some earlier' if config.keep else config.seeds} trainings the best on the training's own evaluation seeds"
+    seed, mine = policy.card.training["config"]["seed"], [row for row in rows if row["policy"] == SHIPPED]
+    listed = [row for row in rows if row["policy"] in (SHIPPED, SHIPPED + SAFETY, COMPARED_WITH, "oracle")]
+    count = "some earlier" if config.keep else config.seeds
     lines = [
         f"# {SHIPPED}",
         "",
         *_verdicts(mine),
         "",
-        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, layout {policy.card.layout};",
-        f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(told['commit'])}`.",
-        "Trained with worlds, LiDARs, noise, speed (2 %) and delay (0 or 1 step) that differ from environment to environment:",
-        f"{told['steps']:,} steps in {told['seconds']:.0f} s, with seed {seed};",
-        f"{chosen}.",
+        *described(bundle, policy, "worlds, LiDARs, noise, speed (2 %) and delay (0 or 1 step)", count),
         "",
         f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`, which gives",
         "another policy on a processor of another kind.",
@@ -188,9 +177,9 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
         "| setting | policy | success, % | collisions, % | time-outs, % | SPL |",
         "|---|---|---|---|---|---|",
     ]
-    for one in listed:
-        shares = " | ".join(_percent(one[key]) for key in ("success", "collision", "timeout"))
-        lines.append(f"| {one['setting']} | {one['policy']} | {shares} | {one['spl'].value:.3f} |")
+    for row in listed:
+        shares = " | ".join(_percent(row[key]) for key in ("success", "collision", "timeout"))
+        lines.append(f"| {row['setting']} | {row['policy']} | {shares} | {row['spl'].value:.3f} |")
     return "\n".join(lines) + "\n"
 
 
@@ -212,8 +201,9 @@ def main() -> None:
     """Train, drive, print a table, and write policy, card and results."""
     config = tyro.cli(Config, description=__doc__)
     folder = config.runs or results_folder("pretrained")
-    runs = run_all([(training, (folder, config.steps, seed)) for seed in range(config.seeds)], "trainings", config.processes)
-    rows = study(config, folder, runs)
+    runs = run_all(trainings(folder, config.steps, config.seeds, ROOMS), "trainings", config.processes)
+    shipped = SHIPPED if config.keep else (str(best_of_trainings(runs) / "policy.onnx") if runs else None)
+    rows = study(config, folder, runs, shipped)
     shown = Table("", "policy", "success, %", f"minus {COMPARED_WITH}, points", "collision, %", "time-out, %", "SPL", "time, s")
     for name in dict.fromkeys(row["setting"] for row in rows):
         shown.add_section()
@@ -225,9 +215,9 @@ def main() -> None:
     bundle, text = config.out / f"{SHIPPED}.onnx", config.out / f"{SHIPPED}.md"
     if config.keep:
         bundle = pretrained_folder() / bundle.name
-    elif runs:
-        copyfile(best_of_trainings(runs) / "policy.onnx", bundle)
-    if config.keep or runs:
+    elif shipped is not None:
+        copyfile(shipped, bundle)
+    if shipped is not None:
         text.write_text(card(bundle, rows, config), encoding="utf-8")
     write_json(config.out / "rooms_study.json", {"rows": rows}, config=settings_of(config))
 

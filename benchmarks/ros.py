@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from parts import Figure, cores, measured
+from harness.machine import cores
+from parts import Figure, measured
 from ros_faults import MOVERS, faults
 from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
 from turtlebot_gym import values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from hashlib import sha256
@@ -21,11 +21,14 @@ from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 
+Job = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function with its arguments, to be run in a process of its own."""
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing", "corner")}
 """Baselines of each task; on Nav, without a following waypoint, `corner` equals `bearing`."""
@@ -117,14 +120,43 @@ def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
     return run
 
 
+def randomized(folder: Path, seed: int, steps: int | None, env: str) -> Path:
+    """Return the folder of a training with `TrainingConfig.randomize`, which is run if missing."""
+    return trained(folder, seed, steps, env=env, randomize=True)
+
+
+def trainings(folder: Path, steps: int | None, seeds: int, env: str) -> list[Job]:
+    """Return the jobs of the randomized trainings of a policy that is shipped."""
+    return [(randomized, (folder, seed, steps, env)) for seed in range(seeds)]
+
+
+def described(bundle: Path, policy: BundlePolicy, randomized: str, count: int | str) -> list[str]:
+    """Return the lines of a shipped policy's card about its training.
+
+    Args:
+        bundle: Its file.
+        policy: The loaded bundle.
+        randomized: What differed from environment to environment.
+        count: Number of trainings of which it is the best.
+    """
+    training: Mapping[str, Any] = policy.card.training
+    return [
+        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, layout {policy.card.layout};",
+        f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(training['commit'])}`.",
+        f"Trained with {randomized} that differ from environment to environment:",
+        f"{training['steps']:,} steps in {training['seconds']:.0f} s, with seed {training['config']['seed']};",
+        f"of {count} trainings the best on the training's own evaluation seeds.",
+    ]
+
+
 def best_of_trainings(runs: Sequence[Path]) -> Path:
     """Return the folder of the best training on the trainings' own evaluation seeds."""
-    told = {run: json.loads((run / "result.json").read_text(encoding="utf-8"))["best"]["return"] for run in runs}
-    return max(told, key=lambda run: told[run])
+    returns = {run: json.loads((run / "result.json").read_text(encoding="utf-8"))["best"]["return"] for run in runs}
+    return max(returns, key=lambda run: returns[run])
 
 
-def run_all(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], label: str, processes: int) -> list[Any]:
-    """Run jobs, functions with their arguments, in separate processes; return their results in order."""
+def run_all(jobs: Sequence[Job], label: str, processes: int) -> list[Any]:
+    """Run jobs in separate processes; return their results in order."""
     one = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
     with one, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(function, *arguments) for function, arguments in jobs]

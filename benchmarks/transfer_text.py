@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from publish import between
+
 FLOORS = ("unicycle", "grip", "slippery")
 RESULTS = Path(__file__).with_name("transfer.json")
 PAGE = Path(__file__).parents[1] / "docs" / "concepts" / "transfer.md"
@@ -76,11 +78,7 @@ def texts(found: Mapping[str, Any]) -> dict[str, str]:
 def written(page: str, found: Mapping[str, Any]) -> str:
     """Return the page with the tables in their places."""
     for name, text in texts(found).items():
-        before, mark, rest = page.partition(MARK.format(name))
-        _, end, after = rest.partition(END)
-        if not (mark and end):
-            raise ValueError(f"{PAGE.name} has no place for {name!r}.")
-        page = f"{before}{mark}\n\n{text}\n\n{end}{after}"
+        page = between(page, text, MARK.format(name), END)
     return page
 
 

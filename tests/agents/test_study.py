@@ -91,10 +91,11 @@ def test_a_verdict_needs_the_corrected_p_value(p, difference, verdict):
 
 def test_the_readme_says_what_the_published_study_says():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert publish.findings(ROOT / "benchmarks" / "robustness.json") in readme
-    assert publish.with_findings(readme, publish.findings(ROOT / "benchmarks" / "robustness.json")) == readme
-    with pytest.raises(ValueError, match=r"README\.md must hold"):
-        publish.with_findings("nothing", "something")
+    findings = publish.findings(ROOT / "benchmarks" / "robustness.json")
+    assert findings in readme
+    assert publish.between(readme, findings, publish.BEGIN, publish.END) == readme
+    with pytest.raises(ValueError, match="The page must hold"):
+        publish.between("nothing", "something", publish.BEGIN, publish.END)
 
 
 def test_every_published_claim_has_five_trainings_and_its_seeds():
@@ -163,7 +164,7 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
 
 def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
     config = pretrained.Config(seeds=1, steps=1024, episodes=12, tries=1, tasks=("nav",), out=tmp_path)
-    run = pretrained.training(tmp_path, config.steps, "nav", 0)
+    run = scenarios.randomized(tmp_path, 0, config.steps, pretrained.NAV)
     assert scenarios.best_of_trainings([run]) == run
     bundle = run / "policy.onnx"
     rows = pretrained.compared(config, tmp_path, bundle, "nav")
@@ -188,8 +189,9 @@ def test_the_delay_by_the_safety_layer_is_that_of_rooms_crossed_either_way():
 
 def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     config = rooms_study.Config(policy=("bearing",), seeds=2, steps=1024, only=("dense", "map"), episodes=12, processes=1)
-    runs = [rooms_study.training(tmp_path, config.steps, seed) for seed in range(config.seeds)]
-    rows = rooms_study.study(config, tmp_path, runs)
+    runs = [train(*given) for train, given in scenarios.trainings(tmp_path, config.steps, config.seeds, rooms_study.ROOMS)]
+    bundle = scenarios.best_of_trainings(runs) / "policy.onnx"
+    rows = rooms_study.study(config, tmp_path, runs, str(bundle))
     assert len(list((tmp_path / "drives").iterdir())) == 2 * 5  # each once: bearing, vfh, two trainings, one within the layer
     kinds = ["bearing", "vfh", "ppo-rooms", "ppo-rooms+safety", "ppo, 2 trainings"]
     assert [(row["setting"], row["policy"]) for row in rows] == [(name, kind) for name in config.only for kind in kinds]
@@ -197,14 +199,13 @@ def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
         assert row["success"].value + row["collision"].value + row["timeout"].value == pytest.approx(1.0)
     assert rows[1]["success_difference"].value == 0.0  # with itself
     assert [row["policy"] for row in rows if "later" in row] == ["ppo-rooms+safety"] * 2
-    bundle = scenarios.best_of_trainings(runs) / "policy.onnx"
     card = rooms_study.card(bundle, rows, config)
     assert "\nSucceeds less often than `vfh` in `dense`, `map`.\n" in card
     assert card.count("| ppo-rooms |") == card.count("| vfh |") == 2
     assert "--randomize --seed" in card
     assert "12 rooms of each setting, on seeds from 1,000,000" in card
     kept = replace(config, keep=True, only=("dense", "dense, truth, noise rough"))
-    again = rooms_study.study(kept, tmp_path, runs)
+    again = rooms_study.study(kept, tmp_path, runs, rooms_study.SHIPPED)
     assert again[0] == rows[0]
     assert len(list((tmp_path / "drives").glob("ppo-rooms*"))) == 4  # two settings, with and without the layer
     assert "of some earlier trainings the best" in rooms_study.card(bundle, again, kept)
