@@ -12,7 +12,6 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
-from harness.report import tables as speed_tables
 from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.commands.learning_report import Trained, search_table, training_table
@@ -20,7 +19,6 @@ from turtlebot_gym_agents.commands.study import table as study_table
 from turtlebot_gym_agents.commands.tables import Need, _groups, _widths, fitted
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
-ROOT = Path(__file__).parents[2]
 WIDTH = 80
 
 
@@ -100,62 +98,25 @@ def test_a_path_is_broken_and_not_cut():
 # Each command's own.
 
 
-@pytest.fixture
-def narrow(monkeypatch, capsys):
-    """Run a command in a terminal of 80 columns, and return its lines."""
-    monkeypatch.setenv("COLUMNS", str(WIDTH))
-
-    def run(*words):
-        assert main(list(map(str, words))) == 0
-        lines = capsys.readouterr().out.splitlines()
-        assert max(cell_len(line) for line in lines if re.match("[┏┡├└│┃]", line)) <= WIDTH
-        assert "…" not in "".join(lines)
-        return lines
-
-    return run
-
-
 def rows_of(lines, name):
     """Return the numbers of the rows that begin with a name, of all parts."""
     pattern = rf"[│┃]\s*{re.escape(name)}\s*[│┃](.*)"
     return [float(number) for line in lines if (row := re.match(pattern, line)) for number in re.findall(r"-?\d+\.\d+", row[1])]
 
 
-def test_evaluate(narrow, tmp_path):
+def test_evaluate(monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("COLUMNS", str(WIDTH))
     path = tmp_path / "result.json"
-    lines = narrow("evaluate", "--policy", "proportional", "bearing", "--episodes", "20", "--json", path)
+    assert main(["evaluate", "--policy", "proportional", "bearing", "--episodes", "20", "--json", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(cell_len(line) for line in lines if re.match("[┏┡├└│┃]", line)) <= WIDTH
+    assert "…" not in "".join(lines)
     for run in json.loads(path.read_text())["runs"]:
         found, summary = rows_of(lines, run["label"]), run["summary"]
         for value in (100.0 * np.array([*summary["success"].values()])).round(1):
             assert value in found
         assert round(summary["effort"]["value"], 2) in found
         assert round(float(np.mean(run["episodes"]["odometry"]["heading_max"])), 3) in found
-
-
-def test_evaluate_with_long_labels(narrow):
-    words = ["--policy", "rotate-drive-rotate", "bearing", "--noise", "tutorial", "documented", "--observation", "ekf", "truth"]
-    lines = narrow("evaluate", *words, "--episodes", "5")
-    assert "rotate-drive-rotate," in "\n".join(lines)
-
-
-def test_estimate(narrow):
-    lines = narrow("estimate", "--runs", "50", "--filter", "matched", "gated")
-    assert len(rows_of(lines, "bound")) == 3
-    assert len(rows_of(lines, "matched")) >= 11
-
-
-def test_replay(narrow, tmp_path):
-    time = np.linspace(0.0, 20.0, 1001)
-    rows = np.stack([time, np.full_like(time, 0.204), 0.0 * time, 0.2 * time, 0.0 * time, 0.0 * time], axis=1)
-    np.savetxt(tmp_path / "straight.csv", rows, delimiter=",", header="t,vx,gyro,px,py,theta", comments="")
-    lines = narrow("replay", tmp_path / "straight.csv", "--seeds", "2")
-    assert "straight.csv" in "\n".join(lines)
-    assert sum("wheels alone" in line for line in lines) >= 1
-
-
-def test_tune_baseline(narrow, tmp_path):
-    lines = narrow("tune-baseline", "--tries", "2", "--episodes", "20", "--out", tmp_path / "tuned.json")
-    assert rows_of(lines, "0, defaults")
 
 
 def test_train_and_tune():
@@ -169,12 +130,6 @@ def test_train_and_tune():
     searched = search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="the best of 10")  # pyright: ignore[reportArgumentType]
     assert searched.row_count == 5
     require_whole(shown([searched]), [searched])
-
-
-def test_benchmark():
-    result = json.loads((ROOT / "benchmarks" / "speed.json").read_text())
-    tables = speed_tables(result)
-    require_whole(shown(tables), tables)
 
 
 def test_study():

@@ -17,10 +17,6 @@ NAV, SQUARE = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotSquare-v0
 WHITE, BLACK, VERMILLION, SKY_BLUE, GREEN = (255, 255, 255), (0, 0, 0), (213, 94, 0), (86, 180, 233), (0, 158, 115)
 
 
-def stand(observations):
-    return np.zeros((*observations.shape[:-1], 2), np.float32)
-
-
 def drive(seed, policy, **options):
     """Return the environment's own pictures of an episode."""
     env = gym.make(NAV, render_mode="rgb_array", **options)
@@ -100,24 +96,6 @@ def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
     for at, picture in zip((0, -1), read_gif(tmp_path / "a.gif")[0][[0, -1]], strict=True):
         assert np.abs(frames[at].astype(int) - picture).mean() < 3.0
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # which tells other frames apart
-
-
-def test_a_policy_with_memory_is_reset(tmp_path):
-    class Memory:
-        masks = []
-
-        def reset(self, mask):
-            self.masks.append(mask)
-
-        def __call__(self, observations):
-            assert self.masks
-            assert observations.shape == (1, 13)
-            return stand(observations)
-
-    video = record(Memory(), tmp_path / "a.gif", speed=1000.0, width=160)
-    np.testing.assert_array_equal(Memory.masks, [[True]])
-    assert not video.success
-    assert video.time == pytest.approx(30.0)
 
 
 def test_progress_tells_steps_and_their_limit(tmp_path):

@@ -78,12 +78,6 @@ def test_ellipse_is_where_the_normalized_distance_is_the_number_of_sigmas(xx, xy
     np.testing.assert_allclose(np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away), 9.0)
 
 
-def test_ellipse_grows_with_the_covariance():
-    covariance = np.array([[0.05, 0.03], [0.03, 0.04]])
-    small, large = (np.ptp(ellipse((0.0, 0.0), factor * covariance), axis=0) for factor in (1.0, 4.0))
-    np.testing.assert_allclose(large, 2.0 * small)
-
-
 def test_trajectory_shows_truth_estimate_and_every_measurement():
     flown = drive()
     drawn = axes()

@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode
 
 from gymnasium_vector_checker import check_vector_env
 from turtlebot_gym import Reward
@@ -61,37 +60,6 @@ def test_threads_change_nothing():
         np.testing.assert_array_equal(first, other)
         actions = rng.uniform([0.0, -0.5], [1.0, 0.5], (300, 2)).astype(np.float32)
         first, other = one.step(actions)[0], all_of_them.step(actions)[0]
-
-
-def test_a_row_is_the_scalar_environment():
-    envs = gym.make_vec(
-        ID,
-        num_envs=4,
-        world="crowd",
-        lidar="a1",
-        max_episode_steps=60,
-        vector_kwargs={},
-        autoreset_mode=AutoresetMode.SAME_STEP,
-    )
-    alone = [gym.make(ID, world="crowd", lidar="a1", max_episode_steps=60) for _ in range(4)]
-    observations, _ = envs.reset(seed=7)
-    for i, env in enumerate(alone):
-        np.testing.assert_array_equal(env.reset(seed=7 + i)[0], observations[i])
-    rng, ends = np.random.default_rng(0), 0
-    for _ in range(200):
-        actions = rng.uniform([0.0, -0.5], [1.0, 0.5], (4, 2)).astype(np.float32)
-        observations, rewards, terminated, truncated, info = envs.step(actions)
-        for i, env in enumerate(alone):
-            observation, *told, its_info = env.step(actions[i])
-            assert told == [rewards[i], terminated[i], truncated[i]]
-            ended = terminated[i] or truncated[i]
-            final = info["final_info"] if ended else info
-            for key in ("clearance", "path_length", "collision", "is_success"):
-                assert final[key][i] == its_info[key]
-            observation = env.reset()[0] if ended else observation
-            np.testing.assert_array_equal(observation, observations[i])
-            ends += ended
-    assert ends > 8
 
 
 def test_it_keeps_gymnasiums_contracts():

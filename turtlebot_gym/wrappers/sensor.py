@@ -42,8 +42,8 @@ class Sensor:
             raise ValueError(f"low and high must be numbers of a sensor, low at most high, got {low!r} and {high!r}.")
         if not 0 <= draws <= _MOST:
             raise ValueError(f"draws must be from 0 to {_MOST}, got {draws!r}.")
-        bounds = (np.concatenate(parts).astype(np.float32) for parts in ((box.low, self.low), (box.high, self.high)))
-        self.space = spaces.Box(*bounds)
+        bottom, top = np.concatenate([box.low, self.low]), np.concatenate([box.high, self.high])
+        self.space = spaces.Box(bottom.astype(np.float32), top.astype(np.float32))
         """Space of the longer observations."""
         self._measure, self._draws, self._seeded = measure, draws, False
         self._seeds, self._episodes, self._steps = np.zeros((3, rows), np.int64)
