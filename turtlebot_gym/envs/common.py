@@ -7,10 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.envs.registration import registry
 from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
@@ -53,14 +51,10 @@ SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
 
-def action_space() -> spaces.Space[NDArray[np.float32]]:
-    """Return a new action space: forward speed and turning rate, as shares of the robot's limits."""
-    return spaces.Box(-1.0, 1.0, (2,), np.float32)
-
-
-def observation_space(system: System) -> spaces.Space[NDArray[np.float32]]:
-    """Return a new space of a system's observations."""
-    return spaces.Box(np.array(system.low, np.float32), np.array(system.high, np.float32))
+def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces.Space[NDArray[np.float32]]]:
+    """Return new spaces of actions, which are shares of the robot's limits of speed and turning rate, and of observations."""
+    low, high = np.array(system.low, np.float32), np.array(system.high, np.float32)
+    return spaces.Box(-1.0, 1.0, (2,), np.float32), spaces.Box(low, high)
 
 
 def make_batch(setup: Setup, num_envs: int) -> Batch:
@@ -139,22 +133,6 @@ def read_actions(actions: Any) -> NDArray[np.float32]:
     if values.dtype.kind not in "biuf":
         raise InvalidAction(f"An action must hold real numbers, got {shown(actions)}.")
     return np.asarray(values, np.float32)
-
-
-def warn_of_a_limit(id: str, steps: float, own: float) -> None:
-    """Warn where Gymnasium's limit of an id has ended an episode before the task's own; of it an environment is told nothing.
-
-    Args:
-        id: The environment's.
-        steps: Length of the episode.
-        own: Of the task.
-    """
-    registered = registry[id].max_episode_steps if id in registry else None
-    if steps == registered and steps < own:
-        gym.logger.warn(
-            f"The episode was cut after {registered} steps, though Task.max_steps is {own:g}: "
-            f"gym.make(..., max_episode_steps={own:g})."
-        )
 
 
 def read_options(options: Any, known: Sequence[str]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import registry
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
@@ -15,13 +16,11 @@ from turtlebot_gym.envs.common import (
     PARTS,
     ROOM_PARTS,
     SYMMETRIC,
-    action_space,
     make_batch,
     no_way,
-    observation_space,
     read_actions,
     read_options,
-    warn_of_a_limit,
+    spaces_of,
     with_limit,
 )
 from turtlebot_gym.envs.pictures import make_renderer
@@ -132,8 +131,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._own = self._world = (setup.plan or p.room.rules) if p.room else None
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
-        self.action_space = action_space()
-        self.observation_space = observation_space(self._batch.system)
+        self.action_space, self.observation_space = spaces_of(self._batch.system)
         slices = self._batch.layout.world.slices
         self._slices = [(key, slices[path]) for key, path in PARTS.items() if key != "covariance"]
         names, parts = self._batch.layout.world.names, ROOM_PARTS if p.room else {}
@@ -174,8 +172,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._enter(with_options(self._own, asked))
         super().reset(seed=seed)
         batch = self._batch
-        if self._started and self.spec is not None and self.parameters.task.max_steps < math.inf:
-            warn_of_a_limit(self.spec.id, batch.numbers("steps")[0], self.parameters.task.max_steps)
+        if self._started:
+            self._warn_of_a_limit()
         if seed is None and self._seeded:
             batch.episodes += 1
         else:
@@ -193,6 +191,18 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         elif self._renderer is not None:
             self._renderer.reset()
         return observations[0], info
+
+    def _warn_of_a_limit(self) -> None:
+        """Warn where Gymnasium's limit of an id, about which it tells no environment, has ended an episode too early."""
+        own = self.parameters.task.max_steps
+        if own == math.inf or self.spec is None or self.spec.id not in registry:
+            return
+        limit, steps = registry[self.spec.id].max_episode_steps, self._batch.numbers("steps")[0]
+        if steps == limit and steps < own:
+            gym.logger.warn(
+                f"The episode was cut after {limit} steps, though Task.max_steps is {own:g}: "
+                f"gym.make(..., max_episode_steps={own:g})."
+            )
 
     def _enter(self, world: RoomRules | FloorPlan) -> None:
         """Use a world from the next reset on."""

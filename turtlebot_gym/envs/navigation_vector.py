@@ -18,15 +18,14 @@ from turtlebot_gym.envs.common import (
     NUMBERS,
     PARTS,
     ROOM_PARTS,
-    action_space,
     make_batch,
     matrices,
     no_way,
-    observation_space,
     of_rows,
     read_actions,
     read_seeds,
     reset_mask,
+    spaces_of,
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
@@ -104,8 +103,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         fps = max(1, round(1.0 / setup.parameters.dt))
         self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": fps}
         self._pictures = Pictures(self._batch, rows=min(render_rows, num_envs), fps=fps)
-        self.single_action_space = action_space()
-        self.single_observation_space = observation_space(self._batch.system)
+        self.single_action_space, self.single_observation_space = spaces_of(self._batch.system)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._done = np.zeros(num_envs, np.bool_)

@@ -65,7 +65,7 @@ def record(
         width: Width of the frames, pixels.
         progress: Called with the number of steps so far and the largest possible number.
         allow_mismatch: Whether a bundle made for another task or observation may drive.
-        **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
+        **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.

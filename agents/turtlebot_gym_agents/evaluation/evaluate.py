@@ -124,7 +124,7 @@ def evaluate(
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
-        **options: Passed to the environment: robot, noise, filter, observation, arrival, switch, laps ...
+        **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.

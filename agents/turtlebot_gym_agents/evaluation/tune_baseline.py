@@ -64,7 +64,7 @@ def tune_baseline(
         episodes: Paired episodes per try; for a fair comparison, as many as in the policy's evaluation.
         seed: Seed of the search.
         progress: Called with the number of finished tries.
-        **options: Passed to the environment: robot, noise, filter, observation, arrival, delay ...
+        **options: The environment's, see `turtlebot_gym.Options`.
 
     Returns:
         All tries, in order.

@@ -49,7 +49,7 @@ def record_episode(
         seed: Seed of the episode.
         label: Label in the view; by default the policy's name.
         allow_mismatch: Whether a bundle made for another task or observation may drive.
-        **options: Passed to the environment: robot, noise, filter, observation, arrival, world, lidar ...
+        **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
