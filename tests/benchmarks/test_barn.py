@@ -1,25 +1,13 @@
 """The benchmark on the worlds of the BARN challenge: what is driven is kept, and a piece of it is like the whole."""
 
-import importlib.util
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-@pytest.fixture(scope="module")
-def barn():
-    sys.path.insert(0, str(BENCHMARKS))
-    spec = importlib.util.spec_from_file_location("barn", BENCHMARKS / "barn.py")
-    module = sys.modules["barn"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module
-    sys.path.remove(str(BENCHMARKS))
+barn = pytest.importorskip("barn")
 
 
 @pytest.fixture
@@ -31,7 +19,7 @@ def archive(tmp_path):
     return path
 
 
-def test_each_world_is_driven_once_and_kept(barn, archive, tmp_path, monkeypatch):
+def test_each_world_is_driven_once_and_kept(archive, tmp_path, monkeypatch):
     plans = barn.read(archive)
     config = barn.Config(worlds=archive, episodes=2, limit=400)
     first = barn.driven(tmp_path, "bearing", 0, plans, config)
@@ -43,7 +31,7 @@ def test_each_world_is_driven_once_and_kept(barn, archive, tmp_path, monkeypatch
         barn.driven(tmp_path, "bearing", 1, plans[1:], config)
 
 
-def test_a_policy_is_added_to_earlier_results_with_the_commit_of_each(barn, archive, tmp_path, monkeypatch, capsys):
+def test_a_policy_is_added_to_earlier_results_with_the_commit_of_each(archive, tmp_path, monkeypatch, capsys):
     first, second = tmp_path / "first.json", tmp_path / "second.json"
     common = ["barn.py", str(archive), "--episodes", "1", "--limit", "400", "--runs", str(tmp_path)]
     monkeypatch.setattr(barn, "run_all", lambda jobs, *_: [job(*arguments) for job, arguments in jobs])

@@ -13,7 +13,7 @@ def test_every_entry_is_a_line_of_the_changelog():
     assert all(("run" in row) != ("python" in row) for row in listed["capability"])
 
 
-def test_lines_without_an_entry_are_told():
+def test_lines_without_an_entry_are_listed():
     listed = {"pages": ["A page"], "capability": [{"says": "A command"}]}
     changelog = "# Changes\n\n* A page is new.\n* A command\n  is new.\n* A flag\n  is new.\n\n## 0.1\n"
     assert capabilities.unlisted(changelog, listed) == ["A flag is new."]

@@ -1,19 +1,13 @@
 """The page of speed says what the committed file says."""
 
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+import speed_text
 from harness import check
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-
-
-@pytest.fixture
-def text(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
-    return import_module("speed_text")
 
 
 @pytest.fixture
@@ -21,11 +15,11 @@ def committed():
     return check.read(BENCHMARKS / "speed.json")
 
 
-def test_the_committed_file_has_what_the_guard_and_the_page_need(text, committed):
+def test_the_committed_file_has_what_the_guard_and_the_page_need(committed):
     assert (BENCHMARKS / "speed.png").read_bytes().startswith(b"\x89PNG")
     ours = [name for name, row in committed["environments"].items() if row["by"] == "turtlebot_gym"]
     assert {"scalar, TurtleBotNav-v0", "vector of 4096, TurtleBotNav-v0", "vector of 65536, TurtleBotNav-v0"} <= {*ours}
-    section = text.section(committed)
+    section = speed_text.section(committed)
     for name, row in committed["environments"].items():
         assert f"| {name} |" in section
         assert f"{row['steps_per_second']:,.0f} | {row['ratio']:.2f} |" in section
@@ -34,14 +28,14 @@ def test_the_committed_file_has_what_the_guard_and_the_page_need(text, committed
     assert f"{committed['training']['ratio']:.1f} times as many as" in section
 
 
-def test_a_peer_that_took_no_part_is_told(text, committed):
-    section = text.section(committed | {"peers": {"envpool": {"missing": "no wheel for Python 3.10."}}})
+def test_the_page_names_a_peer_that_took_no_part(committed):
+    section = speed_text.section(committed | {"peers": {"envpool": {"missing": "no wheel for Python 3.10."}}})
     assert "envpool took no part: no wheel for Python 3.10.\n" in section
 
 
-def test_what_was_not_measured_is_left_out(text, committed):
+def test_what_was_not_measured_is_left_out(committed):
     bare = {name: part for name, part in committed.items() if name not in ("busy", "training", "peers")}
-    section = text.section(bare | {"used_by_others": None})
+    section = speed_text.section(bare | {"used_by_others": None})
     assert "PPO" not in section
     assert "busy" not in section
     assert "meanwhile" not in section

@@ -1,10 +1,7 @@
 """The study of transfer: its measures on drives that were made up, and a page that says what its file says."""
 
-import importlib.util
 import json
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,31 +9,17 @@ import pytest
 from turtlebot_gym.values import Command, Odometry, Pose, Senses
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+text = pytest.importorskip("transfer_text")
+transfer = pytest.importorskip("transfer_filters")
 
 
-@pytest.fixture(scope="module")
-def load():
-    def load(name):
-        spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-        module = sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-
-    sys.path.insert(0, str(BENCHMARKS))
-    yield load
-    sys.path.remove(str(BENCHMARKS))
-
-
-def test_the_page_says_what_the_file_says(load):
-    text = load("transfer_text")
+def test_the_page_says_what_the_file_says():
     page = text.PAGE.read_text(encoding="utf-8")
     assert text.written(page, json.loads(text.RESULTS.read_text(encoding="utf-8"))) == page
 
 
-def test_drift_is_the_error_after_each_metre(load):
+def test_drift_is_the_error_after_each_metre():
     """A straight drive of 4.05 m of which wheels that are 2 % too large tell 2 % more, turned by 0.01 rad a metre."""
-    transfer = load("transfer_filters")
     truth = np.array([[0.05 * k, 1.0, 0.0, 0.5, 0.0] for k in range(82)])
     senses = [Senses(Odometry(Pose(0.05 * k * 1.02, 1.0, 0.01 * 0.05 * k), Command(0.5, 0.0), True)) for k in range(82)]
     found = transfer.drift("made up", [transfer.Drive(truth, senses)] * 2)
@@ -47,8 +30,8 @@ def test_drift_is_the_error_after_each_metre(load):
     assert found["heading"].value == pytest.approx(0.01, rel=1e-6)
 
 
-def test_a_ratio_of_errors_is_of_the_same_drives(load):
-    transfer, rng = load("transfer_filters"), np.random.default_rng(1)
+def test_a_ratio_of_errors_is_of_the_same_drives():
+    rng = np.random.default_rng(1)
     one = rng.uniform(0.5, 1.5, 40)
     value, low, high = transfer.ratio(0.25 * one, one)
     assert (value, low, high) == pytest.approx((0.5, 0.5, 0.5))
@@ -56,9 +39,8 @@ def test_a_ratio_of_errors_is_of_the_same_drives(load):
     assert low < 1.0 < high
 
 
-def test_a_filter_that_is_told_the_truth_is_not_off(load):
+def test_a_filter_that_is_told_the_truth_is_not_off():
     """A straight drive at 0.1 m/s, told without noise; an error of NEES 0 would mean a belief of no width."""
-    transfer = load("transfer_filters")
     truth = np.array([[0.01 * k, 1.0, 0.0, 0.1, 0.0] for k in range(40)])
     senses = [Senses(Odometry(Pose(0.01 * k, 1.0, 0.0), Command(0.1, 0.0), True)) for k in range(40)]
     for name, tuning in transfer.tunings("tutorial").items():

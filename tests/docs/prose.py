@@ -176,7 +176,8 @@ def main() -> int:
     """Check the paths of the command line, or the whole project."""
     paths = [Path(word) for word in sys.argv[1:]] or [ROOT / name for name in WHOLE if (ROOT / name).exists()]
     found = list(findings(paths, read_rules()))
-    print(*found, sep="\n")
+    for finding in found:
+        print(finding)
     return int(any(not finding.warning for finding in found))
 
 
