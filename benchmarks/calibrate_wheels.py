@@ -30,8 +30,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy.optimize import minimize
 
+from turtlebot_gym.drives import Drive, read
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym_agents.evaluation.replay import Drive, dead_reckoning, drift, read_drive
+from turtlebot_gym_agents.evaluation.replay import dead_reckoning, drift, replayable
 
 LENGTHS = (0.5, 1.0, 2.0)
 """Lengths of the segments, m."""
@@ -99,7 +100,7 @@ class Config:
 def main() -> None:
     """Fit, and print the alphas and how well they predict the drift."""
     files = tyro.cli(Config, description=__doc__).files
-    drives = [[collect(read_drive(path), length) for length in LENGTHS] for path in files]
+    drives = [[collect(replayable(read(path)), length) for length in LENGTHS] for path in files]
     alphas = fit(drives)
     table = Table(
         "drive", "segments, m", "position error, m", "as fitted", "heading error, rad", "as fitted", title="root mean squares"

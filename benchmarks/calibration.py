@@ -22,9 +22,9 @@ from scipy import stats
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
+from turtlebot_gym.drives import read
 from turtlebot_gym_agents.commands.console import progress
 from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, simulated_log
-from turtlebot_gym_agents.evaluation.replay import read_drive
 from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
 RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
@@ -129,7 +129,7 @@ def band(drives: int) -> tuple[float, float]:
 
 def recorded(config: Config) -> dict[str, Any]:
     """Return the results of a filter calibrated on one recorded drive on the other, with those of the uncalibrated one."""
-    drives = {name: read_drive(config.data / name) for name in RECORDED}
+    drives = {name: read(config.data / name) for name in RECORDED}
     told = {}
     for name, other in (RECORDED, RECORDED[::-1]):
         found = calibrate(measured_log(drives[name], seed=1000, rate=math.inf))

@@ -23,8 +23,8 @@ from rich.console import Console
 from harness.machine import busy, cores
 from lockstep_drives import (
     DT,
-    Drive,
     RoomDrive,
+    SquareDrive,
     differences,
     digest,
     episode,
@@ -34,7 +34,7 @@ from lockstep_drives import (
     room_live,
 )
 from parts import measured
-from turtlebot_gym.trajectory import Trajectory, position_error
+from turtlebot_gym.drives import Drive, position_error
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.bringup import room_metrics
@@ -73,7 +73,7 @@ def rooms(config: Config) -> dict[str, Any]:
         drive = RoomDrive(config.room_policy, seed=seed)
         expected = room_episode(drive)
         told = room_live(drive, len(expected.clearance) - 1, processes=True)
-        outcomes = [room_metrics(*each) for each in (expected, told)]
+        outcomes = [room_metrics(each) for each in (expected, told)]
         largest, same = max(room_differences(expected, told).values()), outcomes[0] == outcomes[1]
         found.append({"seed": seed, "largest": largest, "same": same, **outcomes[1]})
     return {
@@ -91,7 +91,7 @@ def equality(config: Config) -> dict[str, Any]:
     for policy in ("proportional", "bearing", "ppo-square"):
         for noise in ("tutorial", "documented", "rough"):
             for switch in ("time", "arrival"):
-                drive = Drive(policy, noise, switch, "burger", 3)
+                drive = SquareDrive(policy, noise, switch, "burger", 3)
                 pair = episode(drive, config.steps), live(drive, config.steps)
                 found[" ".join(drive[:3])] = differences(*pair)
     return {"largest": max(max(each.values()) for each in found.values()), "of": found}
@@ -99,7 +99,7 @@ def equality(config: Config) -> dict[str, Any]:
 
 def repeats(config: Config) -> dict[str, Any]:
     """Drive the tutorial's square repeatedly, and count the distinct drives."""
-    drive, found = Drive(), {}
+    drive, found = SquareDrive(), {}
     for processes in (False, True):
         for load in (0, config.busy):
             with busy(load):
@@ -139,7 +139,7 @@ def usage() -> float:
 def real_time(config: Config) -> dict[str, Any]:
     """Compare the estimate's error in real time, beside busy processes, with the environment's of the same seed and episode."""
     seeds, found = range(config.real_time), {}
-    drives = [Drive("bearing", "tutorial", "time", "burger", seed) for seed in seeds]
+    drives = [SquareDrive("bearing", "tutorial", "time", "burger", seed) for seed in seeds]
     with busy(config.busy):
         for first in range(0, len(drives), AT_ONCE):
             group = dict(zip(DOMAINS, drives[first : first + AT_ONCE], strict=False))
@@ -162,7 +162,7 @@ def real_time(config: Config) -> dict[str, Any]:
     return {"ratio_of_means": ratio, "live_m": found, "environment_m": expected}
 
 
-def error(trajectory: Trajectory, steps: int) -> float:
+def error(trajectory: Drive, steps: int) -> float:
     """Return the mean position error of the estimate over a drive, m."""
     return float(np.nanmean(position_error(trajectory.estimate, trajectory.true_state)[: steps + 1]))
 

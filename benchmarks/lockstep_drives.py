@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 import turtlebot_gym  # noqa: F401  # registers the environments
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.plants import make_plant
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_ros import Graph
 
@@ -20,6 +20,8 @@ DT = 0.1
 TRAVELS = np.zeros((5, 5), np.bool_)
 """Entries of a covariance that an `Odometry` message has: those of the pose and those of the twist."""
 TRAVELS[:3, :3] = TRAVELS[3:, 3:] = True
+COLUMNS = ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command")
+"""What both know of a drive."""
 ROOM_STEPS = 600
 """Length of an episode in a room."""
 
@@ -34,15 +36,7 @@ class RoomDrive(NamedTuple):
     seed: int = 0
 
 
-class Told(NamedTuple):
-    """Record of an episode in a room."""
-
-    trajectory: Trajectory
-    clearance: NDArray[np.float32]
-    """Clearance, shape (T,), m; in single precision, as in its message."""
-
-
-class Drive(NamedTuple):
+class SquareDrive(NamedTuple):
     """A drive of the square, the same in the environment and in the graph."""
 
     policy: str = "proportional"
@@ -61,7 +55,7 @@ class Drive(NamedTuple):
         return 1 if self.switch == "time" else 50
 
 
-def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
+def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
     """Return the environment's drive, with arrival by belief as in the generator; ``number`` counts the seed's episodes."""
     env = gym.make(
         "turtlebot_gym/TurtleBotSquare-v0",
@@ -85,19 +79,19 @@ def episode(drive: Drive, steps: int, *, number: int = 0) -> Trajectory:
         assert not terminated
         infos.append(info)
     env.close()
-    return Trajectory.from_infos(infos, dt=DT)
+    return Drive.stack(infos, time=DT * np.arange(len(infos)))
 
 
-def live(drive: Drive, steps: int, **options: Any) -> Trajectory:
+def live(drive: SquareDrive, steps: int, **options: Any) -> Drive:
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
     with Graph(**drive._asdict(), laps=drive.laps, goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 4.0 * steps * DT))
         return first(graph.trajectory(), steps)
 
 
-def room_episode(drive: RoomDrive) -> Told:
+def room_episode(given: RoomDrive) -> Drive:
     """Return the environment's episode, from its start to its end."""
-    options = drive._asdict()
+    options = given._asdict()
     policy, seed = make_policy(options.pop("policy")), options.pop("seed")
     if isinstance(policy, PolicyWithMemory):
         policy.reset(np.ones((), np.bool_))
@@ -109,33 +103,35 @@ def room_episode(drive: RoomDrive) -> Told:
         infos.append(info)
         ended = terminated or truncated
     env.close()
-    return Told(Trajectory.from_infos(infos, dt=DT), np.array([each["clearance"] for each in infos], np.float32))
+    drive = Drive.stack(infos, time=DT * np.arange(len(infos)))
+    return replace(drive, clearance=drive.clearance.astype(np.float32))  # as its message carries it
 
 
-def room_live(drive: RoomDrive, steps: int, **options: Any) -> Told:
+def room_live(drive: RoomDrive, steps: int, **options: Any) -> Drive:
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
     with Graph(**drive._asdict(), goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
-        return Told(first(graph.trajectory(), steps), graph.clearance()[: steps + 1].astype(np.float32))
+        return first(graph.trajectory(), steps)
 
 
-def room_differences(one: Told, other: Told) -> dict[str, float]:
+def room_differences(one: Drive, other: Drive) -> dict[str, float]:
     """Return the largest difference in each part of two episodes in a room."""
-    clearance = float(np.abs(one.clearance - other.clearance).max())
-    return differences(one.trajectory, other.trajectory) | {"clearance": clearance}
+    return differences(one, other) | {"clearance": float(np.abs(one.clearance - other.clearance).max())}
 
 
-def first(trajectory: Trajectory, steps: int) -> Trajectory:
+def first(trajectory: Drive, steps: int) -> Drive:
     """Return the start and the first steps of a drive."""
-    return Trajectory(*(rows[: steps + 1] for rows in trajectory))
+    return trajectory[: steps + 1]
 
 
-def differences(one: Trajectory, other: Trajectory) -> dict[str, float]:
+def differences(one: Drive, other: Drive) -> dict[str, float]:
     """Return the largest difference in each part of two drives; NaN where one does not know what the other does."""
-    found = {name: np.abs(here - there) for name, here, there in zip(one._fields, one, other, strict=True)}
+    found = {name: np.abs(getattr(one, name) - getattr(other, name)) for name in COLUMNS}
     return {name: float((rows[:, TRAVELS] if name == "covariance" else rows).max()) for name, rows in found.items()}
 
 
-def digest(trajectory: Trajectory) -> str:
+def digest(trajectory: Drive) -> str:
     """Return a fingerprint of all bytes of a drive."""
-    return hashlib.sha256(b"".join(np.ascontiguousarray(rows).tobytes() for rows in trajectory)).hexdigest()[:16]
+    return hashlib.sha256(b"".join(np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in COLUMNS)).hexdigest()[
+        :16
+    ]

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.drives import Drive, heading_error, position_error
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
-from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +74,7 @@ def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS, p
     return np.asarray(mean)[:2] + sigmas * circle * np.sqrt(np.maximum(variances, 0.0)) @ directions.T
 
 
-def draw_trajectory(axes: Axes, trajectory: Trajectory, *, ellipses: int = 12) -> Axes:
+def draw_trajectory(axes: Axes, trajectory: Drive, *, ellipses: int = 12) -> Axes:
     """Draw a drive seen from above: truth, estimate, odometry, waypoints, start, and the estimate's ellipse now and then.
 
     Args:
@@ -134,7 +134,7 @@ def draw_scan(axes: Axes, scan: Scan, lidar: Pose) -> Axes:
     return axes
 
 
-def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "y", "theta"]) -> Axes:
+def draw_component(axes: Axes, trajectory: Drive, component: Literal["x", "y", "theta"]) -> Axes:
     """Draw x, y or the heading over time: truth, estimate with its band, measurements and waypoint.
 
     Headings are shifted by full turns to be nearest to the true one, so that wrapping leaves no jump.
@@ -158,24 +158,24 @@ def draw_component(axes: Axes, trajectory: Trajectory, component: Literal["x", "
     return _over_time(axes, _COMPONENTS[component])
 
 
-def draw_command(axes: Axes, trajectory: Trajectory, component: Literal["v", "omega"], *, label: str = "command") -> Axes:
+def draw_command(axes: Axes, trajectory: Drive, component: Literal["v", "omega"], *, label: str = "command") -> Axes:
     """Draw the commanded speed or turning rate over time."""
     _plot(axes, trajectory.time, trajectory.command[:, list(_COMMANDS).index(component)], {**_COMMAND, "label": label})
     return _over_time(axes, _COMMANDS[component])
 
 
-def draw_position_error(axes: Axes, trajectory: Trajectory) -> Axes:
+def draw_position_error(axes: Axes, trajectory: Drive) -> Axes:
     """Draw the position errors of estimate and odometry over time."""
     return _draw_errors(axes, trajectory, position_error, "position error (m)")
 
 
-def draw_heading_error(axes: Axes, trajectory: Trajectory) -> Axes:
+def draw_heading_error(axes: Axes, trajectory: Drive) -> Axes:
     """Draw the heading errors of estimate and odometry over time."""
     return _draw_errors(axes, trajectory, heading_error, "heading error (rad)")
 
 
 def tutorial_figure(
-    trajectory: Trajectory,
+    trajectory: Drive,
     *,
     title: str | None = None,
     room: Obstacles | None = None,
@@ -214,7 +214,7 @@ def tutorial_figure(
     return figure
 
 
-def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: str | None = None) -> Figure:
+def comparison_figure(trajectories: Sequence[tuple[str, Drive]], *, title: str | None = None) -> Figure:
     """Return the true paths of several drives in one figure; a cross marks the end of each.
 
     Args:
@@ -236,7 +236,7 @@ def comparison_figure(trajectories: Sequence[tuple[str, Trajectory]], *, title: 
     return figure
 
 
-def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
+def _draw_places(axes: Axes, trajectories: Sequence[Drive]) -> None:
     """Draw starts and waypoints with their headings, and give the axes equal scales."""
     waypoints = np.concatenate([trajectory.reference for trajectory in trajectories])
     waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)
@@ -257,7 +257,7 @@ def _draw_places(axes: Axes, trajectories: Sequence[Trajectory]) -> None:
     axes.grid(alpha=0.3)
 
 
-def _draw_errors(axes: Axes, trajectory: Trajectory, error: Callable[..., NDArray], label: str) -> Axes:
+def _draw_errors(axes: Axes, trajectory: Drive, error: Callable[..., NDArray], label: str) -> Axes:
     """Draw an error of estimate and odometry over time."""
     _plot(axes, trajectory.time, error(trajectory.estimate, trajectory.true_state), _ESTIMATE)
     _plot(axes, trajectory.time, error(trajectory.odometry, trajectory.true_state), _ODOMETRY)

@@ -8,9 +8,9 @@ import pytest
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_noise
 from turtlebot_gym.calibration import calibrate
+from turtlebot_gym.drives import read
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, simulated_log
-from turtlebot_gym_agents.evaluation.replay import read_drive
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
@@ -75,8 +75,8 @@ def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, oth
     # 20 seeds: `benchmarks/calibration_recorded.json`
     if not all((DATA / each).is_file() for each in RECORDED):
         pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drives in {DATA} are missing")
-    drive = read_drive(DATA / other)
-    found = calibrate(measured_log(read_drive(DATA / name), seed=1000, rate=np.inf))
+    drive = read(DATA / other)
+    found = calibrate(measured_log(read(DATA / name), seed=1000, rate=np.inf))
     assert found.segment > 0.0
     told, before = (judge(drive, noise, range(2)) for noise in (found.noise, None))
     assert told.nees.mean() <= 4.0 < before.nees.mean()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation import evaluate as evaluation
@@ -110,9 +111,9 @@ def test_the_trajectory_is_the_first_episode():
         observation, _, terminated, truncated, info = world.step(policy(observation))
         infos.append(info)
         ended = terminated or truncated
-    expected = turtlebot_gym.trajectory.Trajectory.from_infos(infos, dt=0.1)
-    for got, right in zip(result.trajectory, expected, strict=True):
-        np.testing.assert_array_equal(got, right)
+    expected = Drive.stack(infos, time=0.1 * np.arange(len(infos)))
+    for name in ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command"):
+        np.testing.assert_array_equal(getattr(result.trajectory, name), getattr(expected, name), err_msg=name)
 
 
 def test_episodes_do_not_depend_on_the_batch(monkeypatch):

@@ -1,25 +1,29 @@
 """Replay: on a drive without error there is none, and on real ones the filter beats both of its sources."""
 
+import json
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from turtlebot_gym.drives import Drive, read
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.replay import (
-    Columns,
-    Drive,
     dead_reckoning,
     drift,
-    read_drive,
     replay,
     replay_figure,
     replay_seeds,
+    replayable,
     segments,
 )
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "drives"))
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 PER_METRE = {"wifibot1.txt": 0.016, "wifibot2.txt": 0.027}
@@ -29,7 +33,7 @@ def recorded(name: str) -> Drive:
     path = DATA / name
     if not path.is_file():
         pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {path} is missing")
-    return read_drive(path)
+    return replayable(read(path))
 
 
 def perfect_drive(rows: int = 600, *, scale: float = 1.0, integrator: float = 0.5) -> Drive:
@@ -42,91 +46,61 @@ def perfect_drive(rows: int = 600, *, scale: float = 1.0, integrator: float = 0.
     for (v, omega), dt in zip(twist[1:].tolist(), np.diff(time).tolist(), strict=True):
         pose = advance(pose, v, omega, dt, integrator)
         truth.append(pose)
-    return Drive(time, twist * (scale, 1.0), np.array(truth))
+    return Drive(time=time, twist=twist * (scale, 1.0), true_state=np.array(truth))
 
 
-def write(path: Path, drive: Drive, *, header: str, mark: str = " ") -> Path:
-    rows = np.column_stack([drive.time, drive.twist, drive.truth])
-    path.write_text(header + "\n" + "\n".join(mark.join(map(repr, row)) for row in rows.tolist()) + "\n")
-    return path
+def test_a_drive_without_truth_is_not_replayed():
+    with pytest.raises(ValueError, match="a replay needs the true poses"):
+        replayable(replace(perfect_drive(20), true_state=None))
 
 
-@pytest.mark.parametrize("mark", [" ", "\t", ",", ", ", ";"])
-def test_tables_are_read_whatever_separates_their_columns(tmp_path, mark):
-    drive = perfect_drive(20)
-    path = write(tmp_path / "drive", drive, header=mark.join(["t", "vx", "gyro", "px", "py", "theta"]), mark=mark)
-    for got, expected in zip(read_drive(path), drive, strict=True):
-        np.testing.assert_array_equal(got, expected)
+def test_the_longest_stretch_with_truth_is_replayed():
+    drive = perfect_drive(200)
+    truth, joined = drive.truth.copy(), drive.joined.copy()
+    truth[:10], truth[100], truth[190:] = np.nan, np.nan, np.nan
+    joined[50] = False  # a row is missing before it
+    chosen = replayable(replace(drive, true_state=truth, joined=joined))
+    np.testing.assert_array_equal(chosen.time, drive.time[50:190])
+    assert "replayed are rows 51 to 190 of 200" in chosen.remarks[0]
+    told = replay(chosen, noise="clean", rate=np.inf)
+    assert np.isnan(told.odometry[50]).all()  # there is no truth to measure
+    np.testing.assert_allclose(told.estimate[:, :3], drive.truth[50:190], rtol=0, atol=1e-9)
+    result = replay_seeds(chosen, range(2), noise="clean")
+    assert result.filter.position_mean.max() < 1e-9
+    assert result.drift < 1e-9
 
 
-def test_columns_may_have_other_names_and_others_between_them(tmp_path):
-    path = tmp_path / "drive.csv"
-    path.write_text('# "note",omega,v,y,x,yaw,stamp\nhello,1,2,3,4,5,6\nworld,1.5,2.5,3.5,4.5,5.5,6.5\n')
-    drive = read_drive(path, columns=Columns(time="stamp", v="v", omega="omega", x="x", y="y", theta="yaw"))
-    np.testing.assert_array_equal(drive.time, [6.0, 6.5])
-    np.testing.assert_array_equal(drive.twist, [[2.0, 1.0], [2.5, 1.5]])
-    np.testing.assert_array_equal(drive.truth, [[4.0, 3.0, 5.0], [4.5, 3.5, 5.5]])
-
-
-GOOD = "t,vx,gyro,px,py,theta"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("t,vx,px,py,theta\n0,0,0,0,0\n1,0,0,0,0\n", "column 'gyro' is missing; there are 't', 'vx', 'px', 'py', 'theta'"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,nan,0,0,0,0\n", "line 3: column 'vx' must be finite, .* got nan"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0,0,0,inf\n", "line 3: column 'theta' must be finite, .* got inf"),
-        (f"{GOOD}\n0,0,0,0,0,0\n2,0,0,0,0,0\n2,0,0,0,0,0\n", "line 4: column 't' must increase, got 2.0 after 2.0"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n", "line 3: could not convert string to float: 'zero'"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0\n", "line 3: 3 cells instead of 6"),
-        (f"{GOOD}\n\n0,0,0,0,0,0\n1,0,0,0,0,0\n\n2,0,0,0,0,0,7\n", "line 6: 7 cells instead of 6"),
-        (
-            f"{GOOD}\n0,0,0,0,0,0\n1,1e308,0,0,0,0\n",
-            "line 3: column 'vx' must be finite, at most 1e\\+15 in size, got 1e\\+308",
-        ),
-        (f"{GOOD},vx\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "column 'vx' is there more than once"),
-        ("\0\1\2", "the file is binary"),
-        (",".join(f"c{k}" for k in range(40)) + "\n", "there are 'c0', .*'c11' and 28 more"),
-        (f"{GOOD}\n0,0,0,0,0,0\n", "at least two rows, got 1"),
-        ("", "the file is empty"),
-    ],
-)
-def test_bad_tables_are_refused_with_the_place(tmp_path, text, message):
-    path = tmp_path / "drive.csv"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message) as refusal:
-        read_drive(path)
-    assert str(path) in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("factors", "told"),
-    [
-        ({0: 1e3}, "if time is in milliseconds, divide it by 1e"),
-        ({0: 1e9}, "if time is in nanoseconds, divide it by 1e"),
-        ({1: 1e3}, "if it is in mm/s, divide it by 1000"),
-        ({2: 57.3}, "if it is in deg/s, divide it by 57.3"),
-        ({3: 1e3, 4: 1e3}, "if they are in millimetres, divide them by 1000"),
-        ({5: 57.29578}, "if it is in degrees, multiply it by pi/180"),
-    ],
-)
-def test_other_units_are_refused_with_the_remedy(tmp_path, factors, told):
+def test_a_drive_in_other_units_is_refused():
     drive = perfect_drive(2000)
-    rows = np.column_stack([drive.time, drive.twist, drive.truth])
-    path = tmp_path / "drive.csv"
-    for scaled in ({}, factors):
-        changed = rows * [scaled.get(at, 1.0) for at in range(6)]
-        path.write_text(GOOD + "\n" + "\n".join(",".join(map(repr, row)) for row in changed.tolist()) + "\n")
-        if not scaled:
-            read_drive(path)
-    with pytest.raises(ValueError, match=told):
-        read_drive(path)
+    assert replayable(drive) is drive
+    with pytest.raises(ValueError, match="if it is in deg/s, divide it by"):
+        replayable(replace(drive, twist=drive.twist * (1.0, 57.3)))
 
 
-def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(OSError, match=r"none\.csv"):
-        read_drive(tmp_path / "none.csv")
+@pytest.mark.parametrize("form", ["table", "bag"])
+def test_the_command_takes_tables_and_bags(tmp_path, form, capsys):
+    drive = perfect_drive(300)
+    path = tmp_path / form
+    if form == "table":
+        columns = np.column_stack([drive.time, drive.twist, drive.truth])
+        np.savetxt(path, columns, header="when vx gyro px py theta", comments="")
+    else:
+        messages = pytest.importorskip("rosbag_messages")
+        rows = zip(drive.time, drive.truth, drive.twist, strict=True)
+        said = [
+            each
+            for time, place, twist in rows
+            for each in (
+                ("/odom", messages.ODOMETRY, time, messages.odometry(time, place, twist)),
+                ("/tf", messages.TF, time, messages.make(messages.TF, [messages.transform(time, place)])),
+            )
+        ]
+        messages.write_bag(path, said)
+    options = ["--columns", "time=when"] if form == "table" else ["--topics.truth", "/tf:base"]
+    assert main(["replay", str(path), "--seeds", "2", "--json", str(tmp_path / "told.json"), *options]) == 0
+    told = json.loads((tmp_path / "told.json").read_text())["runs"][0]["mean"]
+    assert told["wheels"]["position_mean"] < 1e-3
+    assert told["filter"]["position_mean"] < told["raw"]["position_mean"]
 
 
 def test_wheels_that_tell_the_truth_reckon_it():
@@ -148,7 +122,7 @@ def test_without_noise_there_is_no_error(rate):
 def test_the_velocities_of_a_row_are_those_of_the_interval_before_it():
     # The same drive, read as if a row's velocities were those of the interval after it, is not free of error.
     drive = perfect_drive()
-    late = drive._replace(twist=np.roll(drive.twist, 1, axis=0))
+    late = replace(drive, twist=np.roll(drive.twist, 1, axis=0))
     error = np.abs(replay(late, noise="clean").estimate[:, :3] - drive.truth)
     assert error[20:].max() > 1e-4
 
@@ -189,13 +163,13 @@ def test_drift_is_the_error_per_segment():
     # Wheels that overstate straight motion by 2 % are off by 2 cm after each metre, wherever they start and whatever the frame.
     time = np.linspace(0.0, 29.9, 1496)
     truth = np.stack([0.2 * time * np.cos(0.8), 0.2 * time * np.sin(0.8), np.full_like(time, 0.8)], axis=1)
-    drive = Drive(time, np.tile([0.204, 0.0], (1496, 1)), truth)
+    drive = Drive(time=time, twist=np.tile([0.204, 0.0], (1496, 1)), true_state=truth)
     first, last = segments(truth, 1.0)
     assert len(first) == 5
     position, heading = drift(dead_reckoning(drive), truth, first, last)
     np.testing.assert_allclose(position, 0.02, rtol=0.01)
     np.testing.assert_allclose(heading, 0.0, atol=1e-12)
-    turned = drive._replace(truth=np.column_stack([truth[:, :2], np.full_like(time, 0.8 + 2.0 * np.pi)]))
+    turned = replace(drive, true_state=np.column_stack([truth[:, :2], np.full_like(time, 0.8 + 2.0 * np.pi)]))
     np.testing.assert_allclose(drift(dead_reckoning(drive), turned.truth, first, last), (position, heading), atol=1e-9)
 
 
@@ -214,7 +188,7 @@ def test_real_wheels_drift_as_stated(name):
     drive = recorded(name)
     position, _ = drift(dead_reckoning(drive), drive.truth, *segments(drive.truth, 1.0))
     assert round(position.mean(), 3) == PER_METRE[name]
-    late = drive._replace(twist=np.roll(drive.twist, 1, axis=0))  # the other reading of the rows
+    late = replace(drive, twist=np.roll(drive.twist, 1, axis=0))  # the other reading of the rows
     wrong, _ = drift(dead_reckoning(late), drive.truth, *segments(drive.truth, 1.0))
     assert wrong.mean() > 1.5 * position.mean()
 

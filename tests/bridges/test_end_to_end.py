@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from turtlebot_gym.drives import position_error
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
-from turtlebot_gym.trajectory import position_error
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 

@@ -86,7 +86,7 @@ def test_it_drives_the_square_in_processes():
 
 def test_the_tutorials_figures_are_the_environments(compare):
     """In four processes, over 60 s, in every number."""
-    drive = compare.Drive("proportional", "tutorial", "time", "tutorial", 4)
+    drive = compare.SquareDrive("proportional", "tutorial", "time", "tutorial", 4)
     trajectory = compare.live(drive, 600, processes=True)
     differ = compare.differences(compare.episode(drive, 600), trajectory)
     assert max(differ.values()) <= LEAST, differ

@@ -2,6 +2,7 @@
 
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,14 +56,14 @@ def node(name, *parameters):
     ],
 )
 def test_the_graph_is_the_environment(compare, policy, noise, switch):
-    drive = compare.Drive(policy, noise, switch, "burger", 3)
+    drive = compare.SquareDrive(policy, noise, switch, "burger", 3)
     differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
     assert max(differ.values()) <= LEAST, differ
 
 
 def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with_noise_from_a_file(compare, tmp_path):
     write_parameters(NOISES["rough"], tmp_path / "rough.yaml")
-    drive = compare.Drive("bearing", str(tmp_path / "rough.yaml"), "arrival", "burger", 3, "slip")
+    drive = compare.SquareDrive("bearing", str(tmp_path / "rough.yaml"), "arrival", "burger", 3, "slip")
     differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
     assert max(differ.values()) <= LEAST, differ
     matched = compare.episode(drive._replace(filter="matched"), STEPS)
@@ -71,7 +72,7 @@ def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with
 
 @pytest.mark.parametrize(("fix", "processes"), [("late", False), ("late", True), ("markers", False)])
 def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare, fix, processes):
-    drive = compare.Drive("bearing", "wheel", "arrival", "burger", 3, "matched", fix)
+    drive = compare.SquareDrive("bearing", "wheel", "arrival", "burger", 3, "matched", fix)
     differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS, processes=processes))
     assert max(differ.values()) <= LEAST, differ
     without = compare.episode(drive._replace(fix="none"), STEPS)
@@ -81,17 +82,17 @@ def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare
 @pytest.mark.parametrize(("noise", "policy", "friction"), [("tutorial", "bearing", 1.0), ("wheel", "ppo-square", 0.5)])
 def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-    drive = compare.Drive(policy, noise, "arrival", "burger", 3, plant="mujoco", friction=friction)
+    drive = compare.SquareDrive(policy, noise, "arrival", "burger", 3, plant="mujoco", friction=friction)
     told, live = compare.episode(drive, 150), compare.live(drive, 150)
     np.testing.assert_array_equal(live.command, live.estimate[:, 3:])  # as the wheels have told it, which is not what was asked
-    differ = compare.differences(told, live._replace(command=told.command))
+    differ = compare.differences(told, replace(live, command=told.command))
     assert max(differ.values()) <= LEAST, differ
-    unicycle = compare.episode(compare.Drive(policy, noise, "arrival", "burger", 3), 150)
+    unicycle = compare.episode(compare.SquareDrive(policy, noise, "arrival", "burger", 3), 150)
     assert max(compare.differences(told, unicycle).values()) > 0.01
 
 
 def test_a_busy_machine_and_processes_change_no_byte(compare, busy):
-    drive = compare.Drive()
+    drive = compare.SquareDrive()
     alone = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]
     with busy(4):
         loaded = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]
@@ -103,7 +104,7 @@ def test_another_rule_of_the_plant_is_noticed(compare, monkeypatch):
     """The defect: a plant that takes the newest command, of whatever step."""
     monkeypatch.setattr(AsPlant, "takes", lambda self, key, stamp: True)
     monkeypatch.setattr(Plant, "answers", lambda self, stamps: True)
-    drive = compare.Drive()
+    drive = compare.SquareDrive()
     with Graph(**drive._asdict(), goal_tolerance=0.0) as graph:
         publisher = graph._recorder.node.create_publisher(TwistStamped, "cmd_vel", 10)
         graph.wait_until(lambda graph: publisher.get_subscription_count())
@@ -116,7 +117,7 @@ def test_another_rule_of_the_plant_is_noticed(compare, monkeypatch):
 
 
 def test_a_command_of_no_step_is_not_obeyed(compare):
-    drive = compare.Drive()
+    drive = compare.SquareDrive()
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
         publisher = graph._recorder.node.create_publisher(TwistStamped, "cmd_vel", 10)
         graph.wait_until(lambda graph: publisher.get_subscription_count())
@@ -129,7 +130,7 @@ def test_a_command_of_no_step_is_not_obeyed(compare):
 
 
 def test_each_command_bears_the_stamp_of_its_step_and_acts_in_the_next(compare):
-    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
         heard = {}
         hear = lambda message: heard.update({Time.from_msg(message.header.stamp).nanoseconds: message.twist})  # noqa: E731
@@ -146,7 +147,7 @@ def test_each_command_bears_the_stamp_of_its_step_and_acts_in_the_next(compare):
 def test_a_policy_that_takes_its_time_is_waited_for(compare, monkeypatch, tmp_path):
     (tmp_path / "lazy_policy.py").write_text(LAZY)
     monkeypatch.syspath_prepend(tmp_path)
-    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     expected = compare.episode(drive, 60)
     differ = compare.differences(expected, compare.live(drive._replace(policy="lazy_policy:lazy"), 60))
     assert max(differ.values()) <= LEAST, differ
@@ -169,7 +170,7 @@ def test_a_speed_is_a_limit():
 
 
 def test_a_reset_begins_the_next_episode(compare, peer):
-    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
         graph.wait_until(lambda graph: graph.time > 40.0)
         assert peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request()).success
@@ -181,7 +182,7 @@ def test_a_reset_begins_the_next_episode(compare, peer):
 
 
 def test_while_it_is_not_enabled_time_stands_still(compare, peer):
-    drive = compare.Drive("bearing", "tutorial", "time", "burger", 3)
+    drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
         graph.wait_until(lambda graph: graph.time > 5.0)
         assert peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=False)).success
@@ -198,7 +199,7 @@ def test_while_it_is_not_enabled_time_stands_still(compare, peer):
 
 @pytest.mark.parametrize("name", CHAIN[1:])
 def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
-    drive = compare.Drive("bearing", "rough", "time", "burger", 3)
+    drive = compare.SquareDrive("bearing", "rough", "time", "burger", 3)
     topic = {"kalman_filter": "estimate", "waypoint_generator": "reference", "velocity_controller": "cmd_vel"}[name]
     with Graph(**drive._asdict(), goal_tolerance=0.0, processes=True, speed=20.0) as graph:
         graph.wait_until(lambda graph: graph.time > 3.0)

@@ -21,8 +21,8 @@ ROBOTS = ("robot1", "robot2")
 def drives(compare):
     """Another policy, noise and seed for each robot."""
     return {
-        "robot1": compare.Drive("bearing", "tutorial", "arrival", "burger", 3),
-        "robot2": compare.Drive("proportional", "rough", "arrival", "burger", 8),
+        "robot1": compare.SquareDrive("bearing", "tutorial", "arrival", "burger", 3),
+        "robot2": compare.SquareDrive("proportional", "rough", "arrival", "burger", 8),
     }
 
 

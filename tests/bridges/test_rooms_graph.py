@@ -74,4 +74,4 @@ def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed
     assert max(differ.values()) == 0.0, differ
     assert steps == len(given) <= len(seen)
     np.testing.assert_array_equal(seen[:steps], given)  # each observation of 50 numbers, and each action
-    assert room_metrics(*told) == room_metrics(*expected)
+    assert room_metrics(told) == room_metrics(expected)

@@ -25,24 +25,24 @@ def watcher(another_runner):
 def test_it_sees_a_drive_as_the_recorder_does(watcher, wait_for):
     with Graph(world="dense", policy="vfh", seed=3) as graph:
         graph.wait_until(lambda graph: graph.time >= 4.0)
-        recorded, clearance = graph.trajectory(), graph.clearance()
+        recorded = graph.trajectory()
         room = graph.latest["obstacles"]
-        _, track, _ = wait_for(lambda: (read := watcher.drive.read())[1] and read[1].rows > 35 and read)
-    rows = min(track.rows, len(recorded.time))
-    first = int(np.argmin(np.abs(recorded.true_state - track.drive.true_state[0]).sum(axis=1)))
+        _, drive, _ = wait_for(lambda: (read := watcher.drive.read())[1] and len(read[1]) > 35 and read)
+    rows = min(len(drive), len(recorded.time))
+    first = int(np.argmin(np.abs(recorded.true_state - drive.true_state[0]).sum(axis=1)))
     rows = min(rows, len(recorded.time) - first)
     assert rows > 30
-    np.testing.assert_allclose(track.drive.time[:rows], 0.1 * np.arange(rows), atol=1e-6)
+    np.testing.assert_allclose(drive.time[:rows], 0.1 * np.arange(rows), atol=1e-6)
     for name in ("true_state", "odometry", "estimate", "covariance", "command"):
-        told, heard = getattr(recorded, name)[first : first + rows], getattr(track.drive, name)[:rows]
+        told, heard = getattr(recorded, name)[first : first + rows], getattr(drive, name)[:rows]
         known = np.isfinite(heard)
         assert known.mean() > 0.9, name  # a busy machine may lose a message of a viewer, which nobody waits for
         np.testing.assert_array_equal(heard[known], told[known], err_msg=name)
-    assert np.isfinite(track.nis).mean() > 0.9
-    assert np.nanmin(track.clearance) == pytest.approx(clearance.min(), abs=0.05)
-    assert track.around.room is not None
-    np.testing.assert_allclose(track.around.room.boxes, room.boxes)
-    assert len(track.scans) > 10
+    assert np.isfinite(drive.nis).mean() > 0.9
+    assert np.nanmin(drive.clearance) == pytest.approx(recorded.clearance.min(), abs=0.05)
+    assert drive.around.room is not None
+    np.testing.assert_allclose(drive.around.room.boxes, room.boxes)
+    assert len(drive.scans) > 10
 
 
 class Robot:
@@ -68,8 +68,8 @@ class Robot:
         """Wait until a drive has so many rows, and return it."""
 
         def read():
-            _, track, _ = self._watcher.drive.read()
-            return track if track is not None and track.rows >= number else None
+            _, drive, _ = self._watcher.drive.read()
+            return drive if drive is not None and len(drive) >= number else None
 
         return self._wait_for(read)
 
@@ -86,10 +86,10 @@ def test_of_a_robot_it_shows_what_there_is(robot):
     for k in range(20):
         robot.at(100.0 + 0.1 * k, x=0.02 * k)
         robot.at(100.0 + 0.1 * k, x=9.0)  # said again
-    track = robot.rows(20 - LAG)
-    np.testing.assert_allclose(track.drive.time, 0.1 * np.arange(track.rows), atol=1e-6)
-    np.testing.assert_allclose(track.drive.odometry[:, 0], 0.02 * np.arange(track.rows), atol=1e-9)
-    for unknown in (track.drive.true_state, track.drive.estimate, track.nis, track.clearance, track.level):
+    drive = robot.rows(20 - LAG)
+    np.testing.assert_allclose(drive.time, 0.1 * np.arange(len(drive)), atol=1e-6)
+    np.testing.assert_allclose(drive.odometry[:, 0], 0.02 * np.arange(len(drive)), atol=1e-9)
+    for unknown in (drive.true_state, drive.estimate, drive.nis, drive.clearance, drive.level):
         assert np.isnan(unknown).all()
 
 
@@ -99,10 +99,10 @@ def test_another_drive_begins_where_time_leaps(robot, watcher, wait_for):
         for k in range(10):
             robot.at(start + 0.1 * k, x=start)
         wait_for(lambda before=before: watcher.drive.read()[0] > before)
-        wait_for(lambda: watcher.drive.read()[1].rows >= 10 - LAG)
-        _, track, _ = watcher.drive.read()
-        assert set(track.drive.odometry[:, 0]) == {start}
-        assert track.drive.time[0] == 0.0
+        wait_for(lambda: len(watcher.drive.read()[1]) >= 10 - LAG)
+        _, drive, _ = watcher.drive.read()
+        assert set(drive.odometry[:, 0]) == {start}
+        assert drive.time[0] == 0.0
 
 
 def test_another_drive_begins_where_the_plant_was_reset_and_shows_its_own_room(watcher, peer, wait_for):
@@ -112,22 +112,22 @@ def test_another_drive_begins_where_the_plant_was_reset_and_shows_its_own_room(w
         room = graph.latest["obstacles"]
         peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
         wait_for(lambda: graph.latest["obstacles"].boxes != room.boxes)
-        wait_for(lambda: watcher.drive.read()[0] > before and watcher.drive.read()[1].rows > 10)
-        _, track, _ = watcher.drive.read()
-        np.testing.assert_allclose(track.around.room.boxes, graph.latest["obstacles"].boxes)
-    moved = np.hypot(*np.diff(track.drive.true_state[:, :2], axis=0).T)
+        wait_for(lambda: watcher.drive.read()[0] > before and len(watcher.drive.read()[1]) > 10)
+        _, drive, _ = watcher.drive.read()
+        np.testing.assert_allclose(drive.around.room.boxes, graph.latest["obstacles"].boxes)
+    moved = np.hypot(*np.diff(drive.true_state[:, :2], axis=0).T)
     assert np.nanmax(moved) < 0.1  # no line leads from one drive to the other
 
 
 def test_it_hears_the_guard_of_its_robot_alone(robot, watcher, wait_for):
     robot.guard(2, "another one's", name="/robot2/cmd_vel_guard")
     robot.guard(1, "collision monitor: slow")
-    wait_for(lambda: watcher._report[1])
+    wait_for(lambda: watcher.listener["diagnostics"])
     for k in range(10):
         robot.at(100.0 + 0.1 * k)
-    track = robot.rows(10 - LAG)
-    assert set(track.level) == {1.0}
-    assert set(track.report) == {"collision monitor: slow"}
+    drive = robot.rows(10 - LAG)
+    assert set(drive.level) == {1.0}
+    assert set(drive.report) == {"collision monitor: slow"}
 
 
 def test_the_command_serves_what_it_hears_and_ends(launch, robot):

@@ -17,10 +17,10 @@ import pytest
 from PIL import Image
 from playwright import sync_api
 
-from turtlebot_gym_agents.watch import Growing, concatenate, record_episode
+from turtlebot_gym.drives import Growing
+from turtlebot_gym_agents.watch import record_episode
 from turtlebot_gym_agents.watch.html import write_html
 from turtlebot_gym_agents.watch.server import Server
-from turtlebot_gym_agents.watch.track import Track
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 if not CHROMIUM:
@@ -68,7 +68,7 @@ def results(tmp_path_factory):
 def long_drive():
     """60 s in a room: it does not find the way."""
     track = record_episode("vfh", env=ROOMS, seed=9, world="office")
-    assert track.drive.time[-1] == pytest.approx(60.0)
+    assert track.time[-1] == pytest.approx(60.0)
     return track
 
 
@@ -215,48 +215,34 @@ def test_it_plays_pauses_and_scrubs(visit, long_url):
 def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
     seen = visit(long_url)
     for row in (0, 100, 555):
-        seen.seek(float(long_drive.drive.time[row]))
+        seen.seek(float(long_drive.time[row]))
         told = seen.page.inner_text("#readout0")
         assert f"NIS {long_drive.nis[row]:.1f}" in told
         assert f"clearance {long_drive.clearance[row]:.2f} m" in told
-        off = np.hypot(*(long_drive.drive.estimate - long_drive.drive.true_state)[row, :2])
+        off = np.hypot(*(long_drive.estimate - long_drive.true_state)[row, :2])
         assert f"estimate off by {off:.3f} m" in told
 
 
-def part(track, first, last):
-    rows = slice(first, last)
-    return Track(
-        track.around,
-        type(track.drive)(*(values[rows] for values in track.drive)),
-        track.nis[rows],
-        track.clearance[rows],
-        track.level[rows],
-        track.report[rows],
-        track.circles[rows],
-        tuple(seen._replace(row=seen.row - first) for seen in track.scans if first <= seen.row < last),
-    )
-
-
 def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, results):
-    drive = Growing(part(long_drive, 0, 50))
+    drive = Growing(long_drive[0:50])
     with Server([drive], title="Live", live=True, port=0) as server:
         seen = visit(server.url)
         assert seen.time == pytest.approx(4.9)
         for row in range(50, 100):
-            drive.add(part(long_drive, row, row + 1))
+            drive.add(long_drive[row : row + 1])
         seen.page.wait_for_function("window.watch.end > 9.85", timeout=20_000)
         assert seen.time == pytest.approx(9.9)
         seen.page.screenshot(path=results / "live.png")
-        whole = concatenate([part(long_drive, 0, 100)])
+        whole = long_drive[:100]
         told = seen.page.inner_text("#readout0")
         assert f"NIS {whole.nis[-1]:.1f}" in told
         seen.seek(2.0)
-        drive.add(part(long_drive, 100, 150))
+        drive.add(long_drive[100:150])
         seen.page.wait_for_function("window.watch.end > 14.85", timeout=20_000)
         assert seen.time == 2.0
         seen.page.click("#live")
         assert seen.time == pytest.approx(14.9)
-        drive.restart(part(long_drive, 300, 310))
+        drive.restart(long_drive[300:310])
         seen.page.wait_for_function("window.watch && window.watch.end < 1.0", timeout=20_000)
         hosts = {url.split("/")[2] for url in seen.requests}
         assert hosts == {server.url.split("/")[2]}

@@ -5,25 +5,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drawing import draw
 from scipy import stats
 
 from turtlebot_gym import read_parameters, write_parameters
-from turtlebot_gym.calibration import calibrate, detect_kind, make_log
+from turtlebot_gym.calibration import calibrate, detect_kind
 from turtlebot_gym.calibration.coordinates import PARAMETERS, from_coordinates, to_coordinates, value_of, with_values
-from turtlebot_gym.calibration.likelihood import Rows, innovations, measurements
-from turtlebot_gym.calibration.segments import count, segment_rows
+from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, measurements, segment_rows
 from turtlebot_gym.calibration.shown import drift, residuals
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 
 ALPHAS = (0.004, 0.006, 0.003, 0.005)
 
 
 @pytest.fixture(scope="module")
-def known(draw_drive):
-    """A drive with known noise, as a log."""
-    return make_log(
-        *draw_drive(1500, seed=3, alphas=ALPHAS, scale=1.03, deviations=(0.03, 0.04, 0.05), bias=(0.05, -0.02, 0.03))
-    )
+def known():
+    """A drive with known noise."""
+    return draw(1500, seed=3, alphas=ALPHAS, scale=1.03, deviations=(0.03, 0.04, 0.05), bias=(0.05, -0.02, 0.03))
 
 
 @pytest.fixture(scope="module")
@@ -112,15 +111,15 @@ def test_innovations_alone_say_less_and_say_so(blind):
     assert "truth" in blind.estimates["alpha1"].remedy
 
 
-def test_a_drive_straight_ahead_leaves_turns_unknown(draw_drive):
-    drive = draw_drive(600, alphas=(0.004, 0.0, 0.004, 0.0))
+def test_a_drive_straight_ahead_leaves_turns_unknown():
+    drive = draw(600, alphas=(0.004, 0.0, 0.004, 0.0))
     twist = np.tile([0.2, 0.0], (600, 1))
     random = np.random.default_rng(2)
     done = twist + 0.2 * np.sqrt(0.004) * random.standard_normal((600, 2))
     heading = np.concatenate([[0.0], np.cumsum(0.1 * done[1:, 1])])
     legs = 0.1 * done[1:, :1] * np.column_stack([np.cos(heading[:-1]), np.sin(heading[:-1])])
     truth = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(legs, axis=0)]), heading])
-    found = calibrate(make_log(drive.time, twist, truth=truth))
+    found = calibrate(Drive(time=drive.time, twist=twist, true_state=truth))
     assert found.kind == "wheel"
     assert found.estimates["alpha1"].is_determined
     assert found.estimates["alpha3"].is_determined
@@ -135,7 +134,7 @@ def test_drop_outs_are_counted(known, by_truth):
     lost = np.random.default_rng(4).random(len(odometry)) < 0.1
     lost[[0, -1]] = False
     odometry[lost] = np.nan
-    told = calibrate(known._replace(odometry=odometry), segment=0.0).estimates["dropout_probability"]
+    told = calibrate(replace(known, odometry=odometry), segment=0.0).estimates["dropout_probability"]
     assert told.value == pytest.approx(lost.sum() / (len(lost) - 1))
     assert told.low < 0.1 < told.high
     assert by_truth.estimates["dropout_probability"].value == 0.0
@@ -144,7 +143,7 @@ def test_drop_outs_are_counted(known, by_truth):
 @pytest.mark.parametrize("steps", [1, 3])
 def test_a_twist_that_acts_later_is_found_out(known, by_truth, steps):
     early = np.concatenate([known.twist[steps:], np.zeros((steps, 2))])
-    found = calibrate(known._replace(twist=early))
+    found = calibrate(replace(known, twist=early))
     assert found.delay.value == pytest.approx(0.1 * steps)
     assert f"follows the recorded twist by {0.1 * steps:.3f} s" in " ".join(found.remarks)
     assert found.estimates["alpha1"].value == pytest.approx(by_truth.estimates["alpha1"].value, rel=0.05)
@@ -152,54 +151,55 @@ def test_a_twist_that_acts_later_is_found_out(known, by_truth, steps):
 
 def test_a_twist_that_comes_late_is_said_and_left(known):
     late = np.concatenate([np.zeros((2, 2)), known.twist[:-2]])
-    found = calibrate(known._replace(twist=late))
+    found = calibrate(replace(known, twist=late))
     assert found.delay.value == pytest.approx(-0.2)
     assert "comes late" in " ".join(found.remarks)
-    assert calibrate(known._replace(twist=late), delay=-0.2).estimates["alpha1"].value < found.estimates["alpha1"].value
+    assert calibrate(replace(known, twist=late), delay=-0.2).estimates["alpha1"].value < found.estimates["alpha1"].value
 
 
 def test_another_frame_and_another_clock_of_the_truth_are_found_out(known, by_truth):
     cosine, sine = math.cos(0.7), math.sin(0.7)
     x, y, theta = known.truth.T
     turned = np.column_stack([3.0 + cosine * x - sine * y, -2.0 + sine * x + cosine * y, theta + 0.7])
-    found = calibrate(known._replace(truth=turned))
+    found = calibrate(replace(known, true_state=turned))
     assert (found.frame.x, found.frame.y, found.frame.theta) == pytest.approx((3.0, -2.0, 0.7), abs=0.06)
     assert "another frame" in " ".join(found.remarks)
     assert set(found.unknown) == {"bias_x", "bias_y"}
     assert found.estimates["bias_theta"].low < 0.03 < found.estimates["bias_theta"].high
     assert found.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)
 
-    before = known._replace(odometry=np.concatenate([known.odometry[:1], known.odometry[:1], known.odometry[:-2]]))
+    before = replace(known, odometry=np.concatenate([known.odometry[:1], known.odometry[:1], known.odometry[:-2]]))
     late = calibrate(before)
     assert late.truth_delay.value == pytest.approx(0.2, abs=0.01)
     assert "behind the truth" in " ".join(late.remarks)
+    assert late.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)  # shifted to where it belongs
 
 
-def test_real_wheels_are_fitted_over_segments(draw_drive):
+def test_real_wheels_are_fitted_over_segments():
     # an error of the speed that lasts adds up faster than white noise: rows know nothing of that
-    drive = draw_drive(3000, alphas=(0.0, 0.0, 0.0, 0.0), seed=8)
+    drive = draw(3000, alphas=(0.0, 0.0, 0.0, 0.0), seed=8)
     random, drift_of = np.random.default_rng(1), np.zeros(3000)
     for k in range(1, 3000):
         drift_of[k] = 0.97 * drift_of[k - 1] + 0.01 * random.standard_normal()
     lasting = drive.twist * (1.0 + drift_of[:, None]) + 1e-4 * random.standard_normal((3000, 2))
-    found = calibrate(make_log(drive.time, lasting, truth=drive.truth))
+    found = calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth))
     assert found.segment == 1.0
-    assert found.segments == count(segment_rows(found.log, 1.0))
+    assert found.segments == count_segments(segment_rows(found.drive, 1.0))
     told = drift(found, lengths=(0.25,))
     assert told.fitted[0, 0] == pytest.approx(told.measured[0, 0], rel=0.5)
-    rows = drift(calibrate(make_log(drive.time, lasting, truth=drive.truth), segment=0.0), lengths=(1.0,))
+    rows = drift(calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth), segment=0.0), lengths=(1.0,))
     assert rows.fitted[0, 0] < 0.5 * rows.measured[0, 0]  # row by row it would be overconfident
 
 
 def test_the_kind_of_odometry_shows(known):
     assert detect_kind(known) == "pose"
-    assert detect_kind(known._replace(odometry=known.truth)) == "wheel"
-    assert detect_kind(known._replace(odometry=np.full_like(known.odometry, np.nan))) == "wheel"
+    assert detect_kind(replace(known, odometry=known.truth)) == "wheel"
+    assert detect_kind(replace(known, odometry=np.full_like(known.odometry, np.nan))) == "wheel"
 
 
 def test_wheels_alone_are_refused(known):
     with pytest.raises(ValueError, match="wheel odometry alone says nothing about its error"):
-        calibrate(known._replace(odometry=known.truth), use_truth=False)
+        calibrate(replace(known, odometry=known.truth), use_truth=False)
     with pytest.raises(ValueError, match="kind must be one of"):
         calibrate(known, kind="laser")
 

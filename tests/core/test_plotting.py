@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.plotting import (
     ESTIMATE_WITHIN,
     comparison_figure,
@@ -22,13 +23,12 @@ from turtlebot_gym.plotting import (
     tutorial_figure,
 )
 from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose
 
 HAS_UNIT = re.compile(r".+ \((m|s|rad|m/s|rad/s)\)$")
 
 
-def drive(*, samples: int = 200, turns: float = 2.0, deviation: float = 0.1, seed: int = 0) -> Trajectory:
+def drive(*, samples: int = 200, turns: float = 2.0, deviation: float = 0.1, seed: int = 0) -> Drive:
     """Return a drive round a circle of 1 m: so many turns, with headings in [-pi, pi)."""
     rng = np.random.default_rng(seed)
     time = 0.1 * np.arange(samples)
@@ -38,7 +38,7 @@ def drive(*, samples: int = 200, turns: float = 2.0, deviation: float = 0.1, see
     estimate = truth + 0.2 * deviation * rng.standard_normal((samples, 5))
     for pose in (truth, odometry, estimate):
         pose[:, 2] = (pose[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
-    return Trajectory(
+    return Drive(
         time=time,
         true_state=truth,
         odometry=odometry,
@@ -266,15 +266,16 @@ def test_a_figure_needs_no_display_and_leaves_no_global_state(tmp_path):
 import sys
 import numpy as np
 from turtlebot_gym.plotting import tutorial_figure
-from turtlebot_gym.trajectory import Trajectory
+from turtlebot_gym.drives import Drive
 assert "matplotlib" not in sys.modules
-tutorial_figure(Trajectory(np.arange(2.0), *(np.zeros((2, *shape)) for shape in ((5,), (3,), (5,), (5, 5), (3,), (2,)))))
+tutorial_figure(Drive.stack([{"true_state": np.zeros(5), "odometry": np.zeros(3), "estimate": np.zeros(5),
+    "covariance": np.zeros((5, 5)), "reference": np.zeros(3), "command": np.zeros(2)}] * 2, time=np.arange(2.0)))
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_single_sample_can_be_drawn():
-    short = Trajectory(*(part[:1] for part in drive()))
+    short = drive()[:1]
     tutorial_figure(short).draw_without_rendering()
     assert math.isfinite(short.time[0])

@@ -15,7 +15,7 @@ from fuzzing import HEADERS, SCALARS, VALUES, answered, fuzzed, mutated, replace
 from hypothesis import strategies as st
 
 from turtlebot_gym import FixNoise, Noise, Robot, read_parameters
-from turtlebot_gym.calibration.tables import read_table
+from turtlebot_gym.drives import read
 from turtlebot_gym.files import load
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -24,11 +24,10 @@ from turtlebot_gym.rooms.worlds import find_world
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster.grid import read_grid
-from turtlebot_gym_agents.evaluation.replay import read_drive
+from turtlebot_gym_agents.evaluation.replay import replayable
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.algorithms import ALGORITHMS
-from turtlebot_gym_agents.watch.recorded import read_recorded
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 EXAMPLES = {Noise: asdict(NOISES["rough"]), Robot: asdict(ROBOTS["burger"]), FixNoise: asdict(FIXES["late"])}
@@ -179,7 +178,7 @@ def other_cells(draw, text):
 
 
 def read_as(name, path):
-    found = read_drive(path) if name == "replay" else read_table(path)
+    found = replayable(read(path)) if name == "replay" else read(path)
     assert np.isfinite(found.time).all()
     assert np.isfinite(found.twist).all()
     assert (np.diff(found.time) > 0.0).all()
@@ -217,4 +216,4 @@ SNAPSHOTS = "\n".join(
 @fuzzed(60, 400, data=st.data())
 def test_snapshots(data):
     text = other_cells(data.draw, SNAPSHOTS)
-    answered("snapshots", lambda: read_recorded(written("l.csv", text)))
+    answered("snapshots", lambda: read(written("l.csv", text)))

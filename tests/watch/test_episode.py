@@ -1,4 +1,4 @@
-"""An episode's track holds the environment's own numbers, and what was around at each of its steps."""
+"""A recorded episode holds the environment's own numbers, and what was around at each of its steps."""
 
 import gymnasium as gym
 import numpy as np
@@ -32,26 +32,26 @@ def drive(env, policy, seed, **options):
 
 @pytest.mark.parametrize(("env", "policy", "options"), [(NAV, "bearing", {"noise": "documented"}), (ROOMS, "vfh", {})])
 def test_it_holds_the_numbers_of_the_scalar_environment(env, policy, options):
-    track, infos = record_episode(policy, env=env, seed=3, **options), drive(env, policy, 3, **options)
-    assert track.rows == len(infos)
-    np.testing.assert_allclose(track.drive.time, 0.1 * np.arange(len(infos)))
+    recorded, infos = record_episode(policy, env=env, seed=3, **options), drive(env, policy, 3, **options)
+    assert len(recorded) == len(infos)
+    np.testing.assert_allclose(recorded.time, 0.1 * np.arange(len(infos)))
     for name in ("true_state", "odometry", "estimate", "covariance", "reference", "command"):
-        np.testing.assert_array_equal(getattr(track.drive, name), [info[name] for info in infos], err_msg=name)
+        np.testing.assert_array_equal(getattr(recorded, name), [info[name] for info in infos], err_msg=name)
     if env == ROOMS:
-        np.testing.assert_array_equal(track.clearance, [info["clearance"] for info in infos])
+        np.testing.assert_array_equal(recorded.clearance, [info["clearance"] for info in infos])
     else:
-        assert np.isnan(track.clearance).all()
-        assert track.around.room is None
-        assert not track.scans
-    assert track.nis[0] == 0.0
-    assert np.all(track.nis[1:] > 0.0)
+        assert np.isnan(recorded.clearance).all()
+        assert recorded.around.room is None
+        assert not recorded.scans
+    assert recorded.nis[0] == 0.0
+    assert np.all(recorded.nis[1:] > 0.0)
 
 
 def test_it_is_the_first_episode_of_an_evaluation():
     evaluation = evaluate("bearing", episodes=1, seed=5)
-    track = record_episode("bearing", seed=5)
+    recorded = record_episode("bearing", seed=5)
     assert evaluation.episodes.success[0]
-    assert track.outcome == f"success after {evaluation.episodes.time[0]:.1f} s"
+    assert recorded.outcome == f"success after {evaluation.episodes.time[0]:.1f} s"
     assert record_episode(stand, seed=5, label="nobody").around.label == "nobody"
     assert record_episode(stand, seed=5).outcome.startswith("time is up")
 
@@ -72,13 +72,13 @@ def surfaces(room, circles):
 
 @pytest.mark.parametrize("world", ["dense", "crowd"])
 def test_scans_end_on_what_was_there_when_they_were_taken(world):
-    track = record_episode("vfh", env=ROOMS, seed=2, world=world, lidar="ideal")
-    room = track.around.room
-    walks = [circles for circles in track.circles if len(circles)]
-    assert (len(walks) == track.rows) == (world == "crowd")
-    assert len(track.scans) > 0.8 * track.rows
-    for seen in track.scans[:: len(track.scans) // 5]:
-        circles = track.circles[seen.row] if walks else room.circles
+    recorded = record_episode("vfh", env=ROOMS, seed=2, world=world, lidar="ideal")
+    room = recorded.around.room
+    walks = [circles for circles in recorded.circles if len(circles)]
+    assert (len(walks) == len(recorded)) == (world == "crowd")
+    assert len(recorded.scans) > 0.8 * len(recorded)
+    for seen in recorded.scans[:: len(recorded.scans) // 5]:
+        circles = recorded.circles[seen.row] if walks else room.circles
         solid = surfaces(room, circles)
         angles = seen.lidar.theta + seen.scan.first + seen.scan.increment * np.arange(len(seen.scan.ranges))
         for length, angle in zip(seen.scan.ranges, angles, strict=True):

@@ -1,9 +1,11 @@
 """The view without a browser: a file holds all that it needs, names are text, and a server serves this machine alone."""
 
+import http.client
 import re
 import socket
 import sys
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 from urllib.request import urlopen
 
@@ -13,12 +15,11 @@ import pytest
 from bokeh.document import Document
 from bokeh.models.glyphs import Image as ImageGlyph
 
+from turtlebot_gym.drives import Drive, Growing, Seen, Surroundings
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.watch import Growing, Seen, Surroundings, of_trajectory
 from turtlebot_gym_agents.watch.html import to_html, write_html
 from turtlebot_gym_agents.watch.maps import extent, picture
 from turtlebot_gym_agents.watch.server import Server
@@ -28,10 +29,12 @@ LIMIT = 3_000_000
 """Largest file of a drive of 60 s, bytes."""
 
 
-def make_track(rows=601, *, label="noise", scans=300, room=None):
+def make_drive(rows=601, *, label="noise", scans=300, room=None):
     """Return a drive of random numbers, which nothing can compress: of 60 s with a scan of 360 beams in every second step."""
     rng = np.random.default_rng(0)
-    drive = Trajectory(
+    ranges = rng.uniform(0.1, 3.5, (scans, 360)).astype(np.float32)
+    seen = [Seen(min(2 * k, rows - 1), Pose(0.0, 0.0, 0.0), Scan(each, 0.0, 0.0175, 0.1, 3.5)) for k, each in enumerate(ranges)]
+    return Drive(
         time=0.1 * np.arange(rows),
         true_state=rng.normal(size=(rows, 5)),
         odometry=rng.normal(size=(rows, 3)),
@@ -39,11 +42,11 @@ def make_track(rows=601, *, label="noise", scans=300, room=None):
         covariance=np.tile(0.01 * np.eye(5), (rows, 1, 1)),
         reference=np.ones((rows, 3)),
         command=rng.normal(size=(rows, 2)),
+        nis=rng.chisquare(3, rows),
+        clearance=rng.uniform(size=rows),
+        scans=tuple(seen),
+        around=Surroundings(label, room=room),
     )
-    ranges = rng.uniform(0.1, 3.5, (scans, 360)).astype(np.float32)
-    seen = [Seen(min(2 * k, rows - 1), Pose(0.0, 0.0, 0.0), Scan(each, 0.0, 0.0175, 0.1, 3.5)) for k, each in enumerate(ranges)]
-    around = Surroundings(label, room=room)
-    return of_trajectory(drive, around, nis=rng.chisquare(3, rows), clearance=rng.uniform(size=rows), scans=seen)
 
 
 class Loads(HTMLParser):
@@ -64,7 +67,7 @@ class Loads(HTMLParser):
 
 
 def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
-    size = write_html([make_track()], tmp_path / "drive.html", title="60 s")
+    size = write_html([make_drive()], tmp_path / "drive.html", title="60 s")
     assert size == (tmp_path / "drive.html").stat().st_size < LIMIT
     page = Loads((tmp_path / "drive.html").read_text(encoding="utf-8"))
     assert all(each.startswith("data:") for each in page.loads)
@@ -72,31 +75,29 @@ def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
 
 
 def test_names_are_text():
-    page = to_html([make_track(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>")
+    page = to_html([make_drive(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>")
     assert "<script>alert(1)" not in page
     assert "</title><b>" not in page
 
 
 def test_what_is_known_decides_which_plots_there_are():
-    def titles(track, **options):
+    def titles(drive, **options):
         document = Document()
-        fill(document, [track], title="", **options)
+        fill(document, [drive], title="", **options)
         return [root.title.text.split(" ")[0] for root in document.roots if root.title.text]
 
-    track = make_track(5, scans=1)
-    assert titles(track) == ["speed", "turning", "position", "heading", "NIS,", "clearance"]
-    robot = track._replace(
-        drive=track.drive._replace(true_state=np.full((5, 5), np.nan)), nis=np.full(5, np.nan), clearance=np.full(5, np.nan)
-    )
+    drive = make_drive(5, scans=1)
+    assert titles(drive) == ["speed", "turning", "position", "heading", "NIS,", "clearance"]
+    robot = replace(drive, true_state=np.full((5, 5), np.nan), nis=np.full(5, np.nan), clearance=np.full(5, np.nan))
     assert titles(robot) == ["speed", "turning"]
-    guarded = robot._replace(level=np.array([0.0, 1.0, 2.0, 0.0, 0.0]))
+    guarded = replace(robot, level=np.array([0.0, 1.0, 2.0, 0.0, 0.0]))
     assert titles(guarded) == ["speed", "turning", "state"]
     assert len(titles(robot, live=True)) == 7  # what comes is not known yet
 
 
 def test_the_line_is_the_quantile_of_chi_square():
     document = Document()
-    fill(document, [make_track(5, scans=1)], title="")
+    fill(document, [make_drive(5, scans=1)], title="")
     (nis,) = [root for root in document.roots if root.title.text.startswith("NIS")]
     assert "7.81" in nis.title.text  # chi-square with 3 degrees of freedom, from any table
 
@@ -104,17 +105,17 @@ def test_the_line_is_the_quantile_of_chi_square():
 @pytest.mark.parametrize("number", [0, 7])
 def test_a_wrong_number_of_drives_is_refused(number):
     with pytest.raises(ValueError, match="1 to 6 drives"):
-        to_html([make_track(3, scans=1)] * number, title="")
+        to_html([make_drive(3, scans=1)] * number, title="")
 
 
 def test_the_view_holds_the_room_and_the_paths():
     room = Obstacles((1.0, 0.0, 5.0, 3.0), (), ())
-    low, high = extent([make_track(3, room=room, scans=1)])
+    low, high = extent([make_drive(3, room=room, scans=1)])
     assert np.all(low <= (-4.0, -3.0))
     assert np.all(high >= (6.0, 3.0))
-    still = make_track(1, scans=1)
-    low, high = extent([still._replace(drive=still.drive._replace(true_state=np.zeros((1, 5)), estimate=np.zeros((1, 5)),
-                                                                  reference=np.full((1, 3), np.nan)))])  # fmt: skip
+    still = make_drive(1, scans=1)
+    here = replace(still, true_state=np.zeros((1, 5)), estimate=np.zeros((1, 5)), reference=np.full((1, 3), np.nan))
+    low, high = extent([here])
     np.testing.assert_allclose(high - low, 2.0)  # never nothing
 
 
@@ -132,10 +133,10 @@ def test_a_map_becomes_a_picture():
 def test_a_map_is_drawn_with_a_form_for_dark_pages():
     cells = np.zeros((20, 30), np.int8)
     cells[5, 3:20], cells[:4, :] = 100, -1
-    track = make_track(3, scans=1)
+    drive = make_drive(3, scans=1)
     grid = GridMap(cells=cells, resolution=0.2, origin=Pose(-3.0, -2.0, 0.3))
     document = Document()
-    fill(document, [track._replace(around=track.around._replace(grid=grid))], title="")
+    fill(document, [replace(drive, around=drive.around._replace(grid=grid))], title="")
     mappers = {each.color_mapper for each in document.select({"type": ImageGlyph})}
     assert len(mappers) == 2  # what is occupied, and what is not known
     assert all(each.palette[0] == "#00000000" for each in mappers)  # free ground is the page's
@@ -176,7 +177,7 @@ def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch)
 
 
 def test_a_server_serves_this_machine_alone_and_ends():
-    with Server([Growing(make_track(5, scans=1))], title="Served", live=False, port=0) as server:
+    with Server([Growing(make_drive(5, scans=1))], title="Served", live=False, port=0) as server:
         port = int(server.url.rstrip("/").rpartition(":")[2])
         listening = {
             each.laddr.ip
@@ -193,6 +194,37 @@ def test_a_server_serves_this_machine_alone_and_ends():
         urlopen(server.url, timeout=5.0)
 
 
+def status(server, **headers):
+    """Return the status with which a server answers a request with these headers, by itself and as a WebSocket's."""
+    _, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    found = []
+    for path, more in (("/", {}), ("/ws", {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+                                           "Sec-WebSocket-Key": "x" * 24})):  # fmt: skip
+        connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20.0)
+        connection.putrequest("GET", path, skip_host=True)
+        for key, value in (headers | more).items():
+            connection.putheader(key, value.format(port=port))
+        connection.endheaders()
+        found.append(connection.getresponse().status)
+        connection.close()
+    return found
+
+
+@pytest.mark.parametrize("host", ["localhost", "0.0.0.0"])
+def test_a_name_that_is_not_this_machines_is_not_served(host):
+    with Server([Growing(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:
+        assert status(server, Host="evil.com", Origin="http://evil.com") == [404, 404]
+        assert status(server, Host="localhost:{port}", Origin="http://evil.com") == [404, 404]
+        for own in (
+            "localhost:{port}",
+            "127.0.0.1:{port}",
+            "[::1]:{port}",
+            "192.168.1.7:8080",
+        ):  # the last one behind a gateway
+            assert 404 not in status(server, Host=own, Origin=f"http://{own}")
+            assert 404 not in status(server, Host=own)
+
+
 @pytest.mark.parametrize("port", [-1, 65_536])
 def test_what_is_no_port_is_refused(port):
     with pytest.raises(ValueError, match="port must be from 0 to 65535"):
@@ -202,6 +234,6 @@ def test_what_is_no_port_is_refused(port):
 def test_a_taken_port_is_refused_with_the_remedy():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        server = Server([Growing(make_track(5, scans=1))], title="", live=False, host="127.0.0.1", port=port)
+        server = Server([Growing(make_drive(5, scans=1))], title="", live=False, host="127.0.0.1", port=port)
         with pytest.raises(OSError, match=f"port {port}.*--port"), server:
             pass

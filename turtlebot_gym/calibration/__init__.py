@@ -2,6 +2,5 @@
 
 from turtlebot_gym.calibration.calibrate import KINDS, Calibration, calibrate, detect_kind
 from turtlebot_gym.calibration.estimates import Estimate
-from turtlebot_gym.calibration.log import Log, make_log
 
-__all__ = ["KINDS", "Calibration", "Estimate", "Log", "calibrate", "detect_kind", "make_log"]
+__all__ = ["KINDS", "Calibration", "Estimate", "calibrate", "detect_kind"]

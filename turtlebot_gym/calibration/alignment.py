@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from turtlebot_gym.calibration.log import Log
+from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 
 WINDOW = 0.1
@@ -53,24 +54,28 @@ class Frame(NamedTuple):
 SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
 
 
-def shift_twist(log: Log, delay: float) -> Log:
-    """Return a log whose twists are delayed; a row that has no twist then does not continue the one before it.
+def _progress(drive: Drive) -> NDArray[np.float64]:
+    """Return the way, m, and the turn, rad, that the twists make up to each row, shape (T, 2)."""
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(drive.twist[1:] * np.diff(drive.time)[:, None], axis=0)])
+
+
+def shift_twist(drive: Drive, delay: float) -> Drive:
+    """Return a drive whose twists are delayed; a row that has no twist then does not continue the one before it.
 
     Args:
-        log: The drive.
+        drive: The drive.
         delay: Time by which the motion follows the recorded twist, s.
     """
     if delay == 0.0:
-        return log
-    steps = np.diff(log.time)
-    driven = np.concatenate([np.zeros((1, 2)), np.cumsum(log.twist[1:] * steps[:, None], axis=0)])
-    then = log.time - delay
-    moved = np.stack([np.interp(then, log.time, driven[:, k]) for k in (0, 1)], axis=1)
-    twist = np.concatenate([log.twist[:1], np.diff(moved, axis=0) / steps[:, None]])
-    known = (then >= log.time[0] - 1e-9) & (then <= log.time[-1] + 1e-9)
-    joined = log.joined.copy()
-    joined[1:] &= known[1:] & known[:-1]
-    return log._replace(twist=twist, joined=joined)
+        return drive
+    steps, driven = np.diff(drive.time), _progress(drive)
+    then = drive.time - delay
+    moved = np.stack([np.interp(then, drive.time, driven[:, k]) for k in (0, 1)], axis=1)
+    twist = np.concatenate([drive.twist[:1], np.diff(moved, axis=0) / steps[:, None]])
+    covered = (then >= drive.time[0] - 1e-9) & (then <= drive.time[-1] + 1e-9)
+    joined = drive.joined.copy()
+    joined[1:] &= covered[1:] & covered[:-1]
+    return replace(drive, twist=twist, joined=joined)
 
 
 def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
@@ -90,78 +95,76 @@ def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
 
 def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return poses interpolated at other times, shape (n, 3)."""
-    known = np.isfinite(poses).all(axis=1)
-    heading = np.unwrap(poses[known, 2])
-    columns = [np.interp(then, time[known], values) for values in (poses[known, 0], poses[known, 1], heading)]
+    there = known(poses)
+    heading = np.unwrap(poses[there, 2])
+    columns = [np.interp(then, time[there], values) for values in (poses[there, 0], poses[there, 1], heading)]
     return np.stack(columns, axis=1)
 
 
-def twist_delay(log: Log, poses: NDArray[np.float64], window: float) -> Shift:
+def twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
     """Return how long the motion lags behind the recorded twist.
 
     Args:
-        log: The drive.
+        drive: The drive.
         poses: True or measured poses, shape (T, 3).
         window: Window over which motions are compared, s.
     """
-    begin = np.arange(log.time[0] + REACH, log.time[-1] - REACH - window, 0.5 * window)
+    begin = np.arange(drive.time[0] + REACH, drive.time[-1] - REACH - window, 0.5 * window)
     if len(begin) < 20:
         return NO_SHIFT
-    steps = np.diff(log.time)
-    driven = np.concatenate([np.zeros((1, 2)), np.cumsum(log.twist[1:] * steps[:, None], axis=0)])
-    first, last = _at(log.time, poses, begin), _at(log.time, poses, begin + window)
+    driven = _progress(drive)
+    first, last = _at(drive.time, poses, begin), _at(drive.time, poses, begin + window)
     middle = 0.5 * (first[:, 2] + last[:, 2])
     way = np.cos(middle) * (last[:, 0] - first[:, 0]) + np.sin(middle) * (last[:, 1] - first[:, 1])
     moved = np.stack([way, last[:, 2] - first[:, 2]], axis=1)
-    step = max(0.25 * log.period, 0.005)
+    step = max(0.25 * drive.period, 0.005)
     reach = math.floor(REACH / step)
     shifts = np.asarray(step * np.arange(-reach, reach + 1), np.float64)
     score = np.zeros(len(shifts))
     for at, shift in enumerate(shifts):
         for k in (0, 1):
-            told = np.interp(begin + window - shift, log.time, driven[:, k]) - np.interp(begin - shift, log.time, driven[:, k])
-            rest = float(((moved[:, k] - told) ** 2).sum())
+            until, since = (np.interp(begin + ahead - shift, drive.time, driven[:, k]) for ahead in (window, 0.0))
+            rest = float(((moved[:, k] - (until - since)) ** 2).sum())
             score[at] -= 0.25 * len(begin) * math.log(rest + 1e-12 * len(begin))  # windows overlap by half
     return _best(shifts, score)
 
 
-def truth_delay(log: Log) -> Shift:
+def truth_delay(drive: Drive) -> Shift:
     """Return how long the measured poses lag behind the true ones."""
-    measured = np.isfinite(log.odometry).all(axis=1)
-    inside = measured & (log.time > log.time[0] + REACH) & (log.time < log.time[-1] - REACH)
+    inside = known(drive.odometry) & (drive.time > drive.time[0] + REACH) & (drive.time < drive.time[-1] - REACH)
     if inside.sum() < 20:
         return NO_SHIFT
-    z, time = log.odometry[inside], log.time[inside]
-    step = max(0.1 * log.period, 0.002)
+    z, time = drive.odometry[inside], drive.time[inside]
+    step = max(0.1 * drive.period, 0.002)
     reach = math.floor(REACH / step)
     shifts = np.asarray(step * np.arange(-reach, reach + 1), np.float64)
     score = np.zeros(len(shifts))
     for at, shift in enumerate(shifts):
-        error = difference(z, _at(log.time, log.truth, time - shift))
+        error = difference(z, _at(drive.time, drive.truth, time - shift))
         score[at] = -0.5 * len(z) * np.log(np.maximum(error.var(axis=0), 1e-12)).sum()
     return _best(shifts, score)
 
 
-def shift_truth(log: Log, delay: float) -> Log:
-    """Return a log whose truth is stamped by the clock of the measured poses, which lag behind it."""
-    then = log.time - delay
-    known = np.asarray(np.isfinite(log.truth).all(axis=1))
-    truth = _at(log.time, log.truth, then)
+def shift_truth(drive: Drive, delay: float) -> Drive:
+    """Return a drive whose truth is stamped by the clock of the measured poses, which lag behind it."""
+    then = drive.time - delay
+    times = drive.time[known(drive.truth)]
+    truth = _at(drive.time, drive.truth, then)
     truth[:, 2] = difference(truth, np.zeros(3))[:, 2]
-    truth[(then < log.time[known][0]) | (then > log.time[known][-1])] = np.nan
-    return log._replace(truth=truth)
+    truth[(then < times[0]) | (then > times[-1])] = np.nan
+    return replace(drive, true_state=truth)
 
 
-def find_frame(log: Log) -> Frame:
+def find_frame(drive: Drive) -> Frame:
     """Return the pose of the measured poses' frame in the truth's, from positions alone, as headings may be biased.
 
     References:
         Umeyama, "Least-squares estimation of transformation parameters between two point patterns", *IEEE Transactions on
         Pattern Analysis and Machine Intelligence* 13 (1991): here without a scale, in the plane.
     """
-    both = np.isfinite(log.odometry).all(axis=1) & np.isfinite(log.truth).all(axis=1)
-    z = log.odometry[both, 0] + 1j * log.odometry[both, 1]
-    true = log.truth[both, 0] + 1j * log.truth[both, 1]
+    both = known(drive.odometry) & known(drive.truth)
+    z = drive.odometry[both, 0] + 1j * drive.odometry[both, 1]
+    true = drive.truth[both, 0] + 1j * drive.truth[both, 1]
     spread = (np.conj(z - z.mean()) * (true - true.mean())).sum()
     theta = float(np.angle(spread)) if abs(spread) > 0.0 else 0.0
     there = true.mean() - z.mean() * np.exp(1j * theta)
@@ -170,9 +173,9 @@ def find_frame(log: Log) -> Frame:
     return Frame(float(there.real), float(there.imag), theta, is_other)
 
 
-def into_measured_frame(log: Log, frame: Frame) -> Log:
-    """Return a log whose truth is in the frame of the measured poses, where their noise is defined."""
-    away = log.truth[:, 0] - frame.x + 1j * (log.truth[:, 1] - frame.y)
+def into_measured_frame(drive: Drive, frame: Frame) -> Drive:
+    """Return a drive whose truth is in the frame of the measured poses, where their noise is defined."""
+    away = drive.truth[:, 0] - frame.x + 1j * (drive.truth[:, 1] - frame.y)
     turned = away * np.exp(-1j * frame.theta)
-    heading = np.remainder(log.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi
-    return log._replace(truth=np.stack([turned.real, turned.imag, heading], axis=1))
+    heading = np.remainder(drive.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi
+    return replace(drive, true_state=np.stack([turned.real, turned.imag, heading], axis=1))

@@ -1,4 +1,4 @@
-"""Calibrate a noise model from a log: align, fit, and say what remains unknown."""
+"""Calibrate a noise model from a drive: align, fit, and say what remains unknown."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ from turtlebot_gym.calibration.alignment import (
     twist_delay,
 )
 from turtlebot_gym.calibration.coordinates import value_of, with_values
-from turtlebot_gym.calibration.estimates import Estimate, of_share
-from turtlebot_gym.calibration.excitation import ONLY_TRUTH
-from turtlebot_gym.calibration.fitting import by_innovations, by_truth, lost
-from turtlebot_gym.calibration.log import POSE, WHEELS, Log
+from turtlebot_gym.calibration.estimates import ONLY_TRUTH, Estimate, of_share
+from turtlebot_gym.calibration.fitting import POSE, WHEELS, by_innovations, by_truth, lost
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import WHEEL
@@ -36,22 +35,22 @@ KINDS = (POSE, WHEELS)
 """Kinds of odometry."""
 
 WORST = {"alpha1": 0.1, "alpha2": math.inf, "alpha3": math.inf, "alpha4": 0.1}
-"""Cap on alphas that a log does not determine: noise of a third of the speed in each 0.1 s."""
+"""Cap on alphas that a drive does not determine: noise of a third of the speed in each 0.1 s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """The noise of a robot, as far as a log determines it."""
+    """The noise of a robot, as far as a drive determines it."""
 
     noise: Noise
-    """Model to use: the likeliest values, except for alphas that the log does not determine or that were fitted over
+    """Model to use: the likeliest values, except for alphas that the drive does not determine or that were fitted over
     segments, which take the upper end of their interval."""
     likeliest: Noise
     """Model of the likeliest values throughout."""
     estimates: dict[str, Estimate]
     """Estimate of each parameter that was fitted, by name."""
     unknown: dict[str, str]
-    """Parameters that this kind of log can never determine, with the reason."""
+    """Parameters that this kind of drive can never determine, with the reason."""
     kind: str
     """"pose" or "wheel"."""
     has_truth: bool
@@ -69,30 +68,30 @@ class Calibration:
     frame: Frame
     """Pose of the measured poses' frame in the truth's."""
     remarks: tuple[str, ...]
-    """Remarks on the log: what was left out, shifted or assumed."""
-    log: Log = field(repr=False)
-    """The log, aligned."""
+    """Remarks on the drive: what was left out, shifted or assumed."""
+    drive: Drive = field(repr=False)
+    """The drive, aligned."""
 
 
-def detect_kind(log: Log) -> str:
+def detect_kind(drive: Drive) -> str:
     """Return the kind of odometry: "wheel" if its poses move as the recorded twist does, or if there are none.
 
     White noise on a pose makes one step too long and the next too short; errors of that pattern mark measured poses.
     """
-    z = log.odometry
-    step, dt = difference(z[1:], z[:-1]), np.diff(log.time)
-    good = np.isfinite(step).all(axis=1) & log.joined[1:]
+    z = drive.odometry
+    step, dt = difference(z[1:], z[:-1]), np.diff(drive.time)
+    good = np.isfinite(step).all(axis=1) & drive.joined[1:]
     if good.sum() < 10:
-        return WHEELS if not log.has_odometry else POSE
+        return WHEELS if not drive.has_odometry else POSE
     middle = z[:-1, 2] + 0.5 * step[:, 2]
     forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
-    rest = np.where(good, forward - log.twist[1:, 0] * dt, 0.0)
+    rest = np.where(good, forward - drive.twist[1:, 0] * dt, 0.0)
     size = float((rest**2).sum())
     return POSE if size > 0.0 and float((rest[1:] * rest[:-1]).sum()) < -0.25 * size else WHEELS
 
 
 def calibrate(
-    log: Log,
+    drive: Drive,
     *,
     kind: str | None = None,
     use_truth: bool = True,
@@ -105,37 +104,37 @@ def calibrate(
     """Fit the noise model to a drive.
 
     Args:
-        log: The drive.
+        drive: The drive.
         kind: "pose" for odometry that measures the pose, "wheel" for wheel odometry; None to detect it.
-        use_truth: Use the truth where the log has it; if false, the innovations alone.
+        use_truth: Use the truth where the drive has it; if false, the innovations alone.
         integrator: "euler" or "midpoint"; None for the one that explains the motion better.
         segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if
             that also predicts the drift over `fitting.SEGMENTS`, and those segments otherwise. With truth only.
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
-        start: Start of the search for the alphas; an alpha of which the log says nothing keeps this value.
+        start: Start of the search for the alphas; an alpha of which the drive says nothing keeps this value.
         progress: Called with the name of each finished part.
 
     Raises:
-        ValueError: If the log is too short, or an argument is unknown.
+        ValueError: If the drive is too short, or an argument is unknown.
     """
-    has_truth = log.has_truth and use_truth
-    kind = detect_kind(log) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
+    has_truth = drive.has_truth and use_truth
+    kind = detect_kind(drive) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
     if not has_truth and kind == WHEELS:
         raise ValueError(
             "wheel odometry alone says nothing about its error: record the truth, or measured poses (a fix) beside it."
         )
-    if kind == POSE and not log.has_odometry:
+    if kind == POSE and not drive.has_odometry:
         raise ValueError("there are no measured poses to calibrate.")
-    log, delays, frame, remarks = _aligned(log, kind, has_truth, delay)
+    drive, delays, frame, remarks = _aligned(drive, kind, has_truth, delay)
     progress("alignment")
     started = Noise(process=replace(start, scale=1.0, slip=0.0), odometry=OdometryNoise(wheel=kind == WHEELS))
     if has_truth:
-        found = by_truth(log, kind, started, integrator, segment, progress)
+        found = by_truth(drive, kind, started, integrator, segment, progress)
     else:
-        found = by_innovations(log, started, integrator, progress)
+        found = by_innovations(drive, started, integrator, progress)
     told, likeliest = dict(found.estimates), found.likeliest
     if kind == POSE:
-        missing, among = lost(log)
+        missing, among = lost(drive)
         told["dropout_probability"] = of_share(missing, among, "record for longer")
         likeliest = _with_dropouts(likeliest, missing / max(among, 1))
     noise = _wary(likeliest, told, started, is_certain=found.segment == 0.0)
@@ -155,45 +154,47 @@ def calibrate(
         delay=delays[0],
         truth_delay=delays[1],
         frame=frame,
-        remarks=(*log.remarks, *remarks),
-        log=log,
+        remarks=(*drive.remarks, *remarks),
+        drive=drive,
     )
 
 
-def _aligned(log: Log, kind: str, has_truth: bool, delay: float | None) -> tuple[Log, tuple[Shift, Shift], Frame, list[str]]:
-    """Return a log with one clock and one frame, and the shifts, frame and remarks that this took."""
+def _aligned(
+    drive: Drive, kind: str, has_truth: bool, delay: float | None
+) -> tuple[Drive, tuple[Shift, Shift], Frame, list[str]]:
+    """Return a drive with one clock and one frame, and the shifts, frame and remarks that this took."""
     remarks, frame, late = [], SAME_FRAME, NO_SHIFT
     if has_truth and kind == POSE:
-        frame = find_frame(log)
+        frame = find_frame(drive)
         if frame.is_other:
-            log = into_measured_frame(log, frame)
+            drive = into_measured_frame(drive, frame)
             remarks.append(
                 f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
                 f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be told from that"
             )
-        late = truth_delay(log)
+        late = truth_delay(drive)
         if late.is_sure:
-            log = shift_truth(log, late.value)
+            drive = shift_truth(drive, late.value)
             remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
             if frame.is_other:
-                again = find_frame(log)
-                log = into_measured_frame(log, again)
-    poses, window = (log.truth, WINDOW) if has_truth else (log.odometry, NOISY_WINDOW)
+                again = find_frame(drive)
+                drive = into_measured_frame(drive, again)
+    poses, window = (drive.truth, WINDOW) if has_truth else (drive.odometry, NOISY_WINDOW)
     if delay is None:
-        twist_late = twist_delay(log, poses, max(window, log.period))
-        rows = twist_late.value / log.period
+        twist_late = twist_delay(drive, poses, max(window, drive.period))
+        rows = twist_late.value / drive.period
         if abs(rows - round(rows)) < 0.25:  # delays by steps are whole steps
-            twist_late = twist_late._replace(value=round(rows) * log.period)
+            twist_late = twist_late._replace(value=round(rows) * drive.period)
     else:
         twist_late = Shift(delay, delay, delay, True)
     if twist_late.is_sure:
         told = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
         if twist_late.value > 0.0 or delay is not None:
-            log = shift_twist(log, twist_late.value)
+            drive = shift_twist(drive, twist_late.value)
         else:  # the filter gets the twist just as late when it drives
             told += ", that is, the twist comes late; this is left as it is, as the filter meets it"
         remarks.append(told)
-    return log, (twist_late, late), frame, remarks
+    return drive, (twist_late, late), frame, remarks
 
 
 def _with_dropouts(noise: Noise, share: float) -> Noise:
@@ -201,7 +202,7 @@ def _with_dropouts(noise: Noise, share: float) -> Noise:
 
 
 def _wary(noise: Noise, told: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
-    """Return a noise model with the largest execution noise that the log allows, where the log does not determine it.
+    """Return a noise model with the largest execution noise that the drive allows, where the drive does not determine it.
 
     Correlated errors are not white noise; the upper end then stands for all of them.
     """

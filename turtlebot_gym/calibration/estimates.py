@@ -20,7 +20,6 @@ from turtlebot_gym.calibration.coordinates import (
     value_of,
     with_values,
 )
-from turtlebot_gym.calibration.excitation import verdict
 from turtlebot_gym.calibration.fit import LEVEL, Fit, climb, interval, maximize, valley
 from turtlebot_gym.parameters import Noise
 
@@ -34,10 +33,34 @@ SPIKE_SIZES = (2.0, 4.0, 8.0)
 SPREAD = (0.3, 1.0, 3.0)
 """Factors on the roots of variances at which a wide search starts."""
 
+CLEAR = 0.3
+"""Relative standard deviation of a coordinate up to which a variance, a probability or a size counts as determined."""
+FINE = {"scale": 0.05, "bias_x": 0.1, "bias_y": 0.1, "bias_theta": 0.1}
+"""Standard deviation up to which the other parameters count as determined."""
+
+MOTIONS = {
+    "alpha1": "drive straight ahead, fast, without turning, for 10 m or more",
+    "alpha2": "turn on the spot, both ways, for ten turns or more",
+    "alpha3": "drive straight ahead, fast, without turning, for 10 m or more",
+    "alpha4": "turn on the spot, both ways, for ten turns or more",
+    "scale": "drive 10 m or more",
+    "bias_theta": "drive 10 m or more, so that the path shows the heading",
+    "spike_probability": "record for longer",
+    "spike": "record for longer",
+}
+"""The motion that determines a parameter."""
+ONLY_TRUTH = {
+    "bias_x": "a shift of all poses looks like another origin: record the truth",
+    "bias_y": "a shift of all poses looks like another origin: record the truth",
+}
+"""Parameters that no motion determines without truth."""
+HIDDEN = ("alpha1", "alpha3")
+"""Parameters that the larger noise of measured poses hides; if one of them seems determined, that is usually by chance."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """What a log says about one parameter."""
+    """What a drive says about one parameter."""
 
     value: float
     """The likeliest value."""
@@ -48,9 +71,9 @@ class Estimate:
     is_profile: bool
     """Whether the interval comes from the profile likelihood, because the quadratic one is wrong."""
     is_determined: bool
-    """Whether the log determines the parameter."""
+    """Whether the drive determines the parameter."""
     remedy: str = ""
-    """What would determine it, if the log does not."""
+    """What would determine it, if the drive does not."""
 
 
 def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
@@ -76,7 +99,7 @@ def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, w
 
 
 def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
-    """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the log has any.
+    """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the drive has any.
 
     Args:
         likelihood: Log-likelihood as a function of a noise model.
@@ -114,22 +137,35 @@ def estimates(
     upright = upright._replace(
         information=fit.information * np.outer(signs, signs), covariance=fit.covariance * np.outer(signs, signs)
     )
-    told = {}
+    table = {}
     for at, name in enumerate(names):
         least = -math.inf if PARAMETERS[name].kind == PLAIN else 0.0
         ends = interval(lambda x: likelihood(from_coordinates(start, names, x)), upright, at, least=least)
         low, high = natural_interval(name, ends.low, ends.high)
-        found = verdict(name, upright.x[at], upright.deviations[at], low, high, has_truth=has_truth)
-        told[name] = Estimate(
+        remedy = _remedy(name, upright.x[at], upright.deviations[at], low, high, has_truth=has_truth)
+        table[name] = Estimate(
             value=value_of(likeliest, name),
             low=low,
             high=high,
             unit=PARAMETERS[name].unit,
             is_profile=ends.is_profile,
-            is_determined=found.is_determined,
-            remedy=found.remedy,
+            is_determined=not remedy,
+            remedy=remedy,
         )
-    return told
+    return table
+
+
+def _remedy(name: str, x: float, deviation: float, low: float, high: float, *, has_truth: bool) -> str:
+    """Return what would determine a parameter; nothing if its coordinate, deviation and interval show that the drive does."""
+    if PARAMETERS[name].kind == PLAIN:
+        clear = deviation <= FINE[name]
+    else:
+        clear = deviation <= CLEAR * abs(x) and low > 0.0 and high < math.inf
+    is_hidden = name in HIDDEN and not has_truth
+    if clear and not is_hidden:
+        return ""
+    remedy = MOTIONS.get(name, "record for longer")
+    return f"record the truth, and {remedy}" if is_hidden else remedy
 
 
 def of_share(happened: int, among: int, remedy: str) -> Estimate:

@@ -31,7 +31,7 @@ QUADRATIC = 0.08
 ACCURATE = 0.04
 """Tolerance on the root of the deviance at a profile's end, which should be `Z`."""
 FAR = 8.0
-"""Standard deviations beyond which the search for an interval's end stops: the log sets no bound."""
+"""Standard deviations beyond which the search for an interval's end stops: the drive sets no bound."""
 
 CONVERGED = 5e-3
 """Gain in log-likelihood below which no further step is made."""
@@ -56,7 +56,7 @@ class Fit(NamedTuple):
     information: Vector
     """Observed Fisher information, minus the second derivatives, shape (n, n)."""
     covariance: Vector
-    """Inverse of the information; a direction that the log does not determine has a huge variance."""
+    """Inverse of the information; a direction that the drive does not determine has a huge variance."""
 
     @property
     def deviations(self) -> Vector:
@@ -211,7 +211,7 @@ class Interval(NamedTuple):
 
 
 def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> Interval:
-    """Return the interval of a coordinate; infinite on a side where the log sets no bound.
+    """Return the interval of a coordinate; infinite on a side where the drive sets no bound.
 
     The quadratic interval holds if the deviance at its ends is as predicted, with the other coordinates at the
     quadratic's optimum.
@@ -220,7 +220,7 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
         likelihood: The log-likelihood.
         fit: Its maximum.
         at: Index of the coordinate.
-        least: Lower bound of the coordinate; the interval begins there if the log does not exclude it.
+        least: Lower bound of the coordinate; the interval begins there if the drive does not exclude it.
     """
     deviation = fit.deviations[at]
     direction = fit.covariance[at] / fit.covariance[at, at]

@@ -1,4 +1,4 @@
-"""Fit the noise model to an aligned log: to the truth, or to the innovations alone."""
+"""Fit the noise model to an aligned drive: to the truth, or to the innovations alone."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from scipy import stats
 
 from turtlebot_gym.calibration.coordinates import MEASURED, MOTION, from_coordinates
-from turtlebot_gym.calibration.estimates import Estimate, NoiseLikelihood, estimates, search, search_with_spikes
-from turtlebot_gym.calibration.excitation import ONLY_TRUTH
-from turtlebot_gym.calibration.likelihood import Rows, innovations, measurements
-from turtlebot_gym.calibration.log import POSE, Log, known
-from turtlebot_gym.calibration.segments import count, segment_rows
+from turtlebot_gym.calibration.estimates import ONLY_TRUTH, Estimate, NoiseLikelihood, estimates, search, search_with_spikes
+from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, measurements, segment_rows
+from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 
+POSE, WHEELS = "pose", "wheel"
+"""Odometry that measures the pose, and odometry that integrates the wheels."""
 SEGMENTS = (0.25, 0.5, 1.0)
 """Segment lengths for errors that are correlated from row to row, m: timing errors show over short distances, drift
 over long ones. All lengths together count as much as the last one alone, since correlated errors are no further
@@ -45,12 +45,12 @@ class Found(NamedTuple):
 
 
 def by_truth(
-    log: Log, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
+    drive: Drive, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
 ) -> Found:
-    """Fit to a log with truth: execution noise and measurement noise separately."""
+    """Fit to a drive with truth: execution noise and measurement noise separately."""
     told: dict[str, Estimate] = {}
     noise = start
-    every = segment_rows(log, 0.0)
+    every = segment_rows(drive, 0.0)
     if integrator is None:
         integrator = _better(lambda middle: innovations(every, _exactly(start, CAPTURED), middle=middle))
     middle = choose("integrator", integrator, INTEGRATORS)
@@ -59,12 +59,12 @@ def by_truth(
         length, rows = 0.0, every
         likelihood: NoiseLikelihood = lambda model: innovations(every, _exactly(model, EXACT), middle=middle)  # noqa: E731
     else:
-        length, rows = segment, segment_rows(log, segment)
+        length, rows = segment, segment_rows(drive, segment)
         likelihood = _over([rows], CAPTURED, middle)
     fit = search(likelihood, start, MOTION, widely=length > 0.0)
     if segment is None:
-        longer = [segment_rows(log, each) for each in SEGMENTS]
-        if count(longer[-1]) >= FEWEST:
+        longer = [segment_rows(drive, each) for each in SEGMENTS]
+        if count_segments(longer[-1]) >= FEWEST:
             over = _over(longer, CAPTURED, middle)
             best = search(over, start, MOTION, widely=True)
             gain = 2.0 * (best.value - over(from_coordinates(start, MOTION, fit.x)))
@@ -74,11 +74,11 @@ def by_truth(
     noise = from_coordinates(noise, MOTION, fit.x)
     progress("execution")
     if kind == POSE:
-        measured = measured_rows(log)
-        true = known(log.truth)
+        measured = measured_rows(drive)
+        true = known(drive.truth)
         measured = measured._replace(due=measured.due & true)
-        truth = np.where(true[:, None], log.truth, 0.0)
-        error = difference(log.odometry, log.truth)[measured.due]
+        truth = np.where(true[:, None], drive.truth, 0.0)
+        error = difference(drive.odometry, drive.truth)[measured.due]
         if len(error) < FEWEST:
             raise ValueError(f"only {len(error)} measured poses have a true one beside them.")
         begin = replace(noise.odometry, R=tuple(np.maximum(error.var(axis=0), 1e-12)), bias=tuple(error.mean(axis=0).tolist()))
@@ -88,7 +88,7 @@ def by_truth(
         told |= estimates(likely, base, names, best, has_truth=True)
         noise = from_coordinates(base, names, best.x)
         progress("measurements")
-    return Found(told, noise, integrator, length, count(rows))
+    return Found(told, noise, integrator, length, count_segments(rows))
 
 
 def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
@@ -97,7 +97,7 @@ def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikeliho
     The count is reduced by the number of fitted parameters: with few errors, three for each segment, maximum likelihood
     makes variances too small by that share.
     """
-    counts = [count(rows) for rows in sets]
+    counts = [count_segments(rows) for rows in sets]
     errors = 3.0 * counts[-1]
     rest = max(errors - len(MOTION), 0.2 * errors) / errors
     shares = [rest * counts[-1] / (len(sets) * max(each, 1)) for each in counts]
@@ -109,10 +109,10 @@ def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikeliho
     return likelihood
 
 
-def by_innovations(log: Log, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> Found:
-    """Fit to a log without truth: execution and measurement noise together, by the innovations of a filter matched to both."""
-    rows = measured_rows(log)
-    step = difference(log.odometry[rows.due][1:], log.odometry[rows.due][:-1])
+def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> Found:
+    """Fit to a drive without truth: execution and measurement noise together, by the innovations of a matched filter."""
+    rows = measured_rows(drive)
+    step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
     spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
     begun = replace(start, odometry=replace(start.odometry, R=tuple(np.maximum(spread, 1e-8).tolist()), wheel=False))
     if integrator is None:
@@ -137,15 +137,15 @@ def _exactly(noise: Noise, variance: float) -> Noise:
     return Noise(process=noise.process, odometry=OdometryNoise(R=(variance,) * 3))
 
 
-def measured_rows(log: Log) -> Rows:
-    """Return a log's measured poses."""
-    due = known(log.odometry)
-    poses = np.where(due[:, None], log.odometry, 0.0)
-    return Rows(log.time, log.twist, poses, due, np.zeros(len(due), np.bool_), log.joined)
+def measured_rows(drive: Drive) -> Rows:
+    """Return a drive's measured poses."""
+    due = known(drive.odometry)
+    poses = np.where(due[:, None], drive.odometry, 0.0)
+    return Rows(drive.time, drive.twist, poses, due, np.zeros(len(due), np.bool_), drive.joined)
 
 
-def lost(log: Log) -> tuple[int, int]:
+def lost(drive: Drive) -> tuple[int, int]:
     """Return how many measured poses were lost, and out of how many, given their usual rate."""
-    gaps = np.diff(log.time[known(log.odometry)])
+    gaps = np.diff(drive.time[known(drive.odometry)])
     among = np.rint(gaps / np.median(gaps))
     return int((among - 1.0).clip(0.0).sum()), int(among.sum())

@@ -7,6 +7,9 @@ Two views of the same equations, those of `estimation.mixture`:
   start.
 * `measurements`: each measured pose given the true one.
 
+Row by row, the likelihood is the environment's own. Errors of real wheels are correlated from row to row and add up faster
+than white noise. Over longer segments, from end to end, white noise represents the error that is left after that distance.
+
 References:
     Schweppe, "Evaluation of likelihood functions for Gaussian signals", *IEEE Transactions on Information Theory* 11 (1965).
 """
@@ -23,12 +26,15 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import bind, compiled, fingerprint
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Noise
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, State
 
+LEVER = 0.2
+"""Distance as which a turn by 1 rad counts, m, so that segments also end while a robot turns on the spot."""
 CERTAIN = 1.0 - 1e-13
 """Probability of a hypothesis above which the others are dropped."""
 
@@ -48,6 +54,39 @@ class Rows(NamedTuple):
     """Whether the filter restarts at a row's pose, after its likelihood has been counted; shape (T,)."""
     joined: NDArray[np.bool_]
     """Whether a row continues the one before it, shape (T,)."""
+
+
+def segment_rows(drive: Drive, length: float) -> Rows:
+    """Return a drive's true poses at the ends of segments; wheel odometry restarts at each.
+
+    Args:
+        drive: With truth.
+        length: Length of the segments by the twist, m, where a turn by 1 rad counts as `LEVER`; 0 for every row.
+    """
+    there = known(drive.truth)
+    truth = np.where(there[:, None], drive.truth, 0.0)
+    # by the twist: the ends of segments must not depend on the errors
+    motion = np.abs(drive.twist[1:]) @ np.array([1.0, LEVER]) * np.diff(drive.time)
+    driven = np.concatenate([[0.0], np.cumsum(motion)])
+    ends = there.copy()
+    if length > 0.0:
+        ends[:] = False
+        reached, running = -np.inf, False
+        for row in range(len(driven)):
+            running = running and bool(drive.joined[row])
+            if there[row] and (not running or driven[row] >= reached):
+                ends[row], running, reached = True, True, driven[row] + length
+    return Rows(drive.time, drive.twist, truth, ends, ends.copy(), drive.joined)
+
+
+def count_segments(rows: Rows) -> int:
+    """Return the number of segments."""
+    running, segments = False, 0
+    for due, joined in zip(rows.due.tolist(), rows.joined.tolist(), strict=True):
+        running = running and joined
+        segments += bool(due and running)
+        running = running or due
+    return segments
 
 
 @kernel

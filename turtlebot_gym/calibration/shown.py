@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.calibrate import Calibration
-from turtlebot_gym.calibration.likelihood import tuning_of
-from turtlebot_gym.calibration.log import Log, known
-from turtlebot_gym.calibration.segments import segment_rows
+from turtlebot_gym.calibration.fitting import measured_rows
+from turtlebot_gym.calibration.likelihood import Rows, segment_rows, tuning_of
+from turtlebot_gym.drives import known
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise
-from turtlebot_gym.values import STOP, Command, Pose
+from turtlebot_gym.values import STOP, Command, Covariance, Pose
 
 LENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Segment lengths for which the drift is shown, m."""
@@ -48,38 +48,19 @@ class Drift(NamedTuple):
 
 def residuals(found: Calibration) -> Residuals:
     """Return the errors of the measured poses against the truth if it was used; the innovations otherwise."""
-    log, odometry = found.log, found.likeliest.odometry
+    drive, odometry = found.drive, found.likeliest.odometry
     if found.has_truth:
-        both = known(log.odometry) & known(log.truth)
-        error = difference(log.odometry[both], log.truth[both] + odometry.bias)
+        both = known(drive.odometry) & known(drive.truth)
+        error = difference(drive.odometry[both], drive.truth[both] + odometry.bias)
         return Residuals(error, np.broadcast_to(np.sqrt(odometry.R), error.shape))
-    return _innovations(log, found.likeliest, INTEGRATORS[found.integrator])
-
-
-def _innovations(log: Log, noise: Noise, middle: float) -> Residuals:
-    """Return the innovations of a filter matched to the noise, with spikes counted into R."""
-    spiky = noise.odometry.spike_probability * noise.odometry.spike**2
-    R = (*noise.odometry.R[:2], noise.odometry.R[2] + spiky)
-    tuning = tuning_of(Noise(process=noise.process, odometry=OdometryNoise(R=R)))
-    due, belief = known(log.odometry), None
-    values, variances = [], []
-    twists = (log.twist * noise.process.scale).tolist()
-    poses = (log.odometry - noise.odometry.bias).tolist()
-    for row in range(len(log.time) - 1):
-        following = Command(*twists[row + 1])
-        if belief is not None and log.joined[row]:
-            dt = float(log.time[row] - log.time[row - 1])
-            belief = ekf.predict(belief, following, tuning, dt, middle)
-            if due[row]:
-                z, P = Pose(*poses[row]), belief.covariance
-                values.append(ekf.innovation(belief.mean, z))
-                variances.append((P.xx + R[0], P.yy + R[1], P.tt + R[2] - spiky))
-                belief, _ = ekf.correct(belief, z, tuning.R)
-        elif due[row]:
-            begun = ekf.initialize(Pose(*poses[row]), tuning).belief
-            belief = ekf.predict(begun, following, tuning, float(log.time[row + 1] - log.time[row]), middle)
-        else:
-            belief = None
+    spiky = odometry.spike_probability * odometry.spike**2  # a filter matched to the noise counts spikes into R
+    R = (*odometry.R[:2], odometry.R[2] + spiky)
+    tuning = tuning_of(Noise(process=found.likeliest.process, odometry=OdometryNoise(R=R)))
+    rows = measured_rows(drive)
+    rows = rows._replace(poses=rows.poses - odometry.bias)
+    walk = list(_innovations(rows, tuning, found))
+    values = [off for off, _ in walk]
+    variances = [(P.xx + R[0], P.yy + R[1], P.tt + odometry.R[2]) for _, P in walk]
     return Residuals(np.array(values).reshape(-1, 3), np.sqrt(np.array(variances).reshape(-1, 3)))
 
 
@@ -91,33 +72,30 @@ def drift(found: Calibration, noise: Noise | None = None, *, lengths: Sequence[f
         noise: The noise model; None for the one that was fitted.
         lengths: The distances, m.
     """
-    model = (noise or found.likeliest).process
-    tuning, middle = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3, process=model), INTEGRATORS[found.integrator]
-    rows = []
+    tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3, process=(noise or found.likeliest).process)
+    table = []
     for length in lengths:
-        ends = segment_rows(found.log, length).due
-        squares = _squares(found.log, ends, tuning, model.scale, middle)
+        walk = _innovations(segment_rows(found.drive, length), tuning, found)
+        squares = np.array([(off.x**2 + off.y**2, off.theta**2, P.xx + P.yy, P.tt) for off, P in walk])
         if len(squares) >= FEWEST:
-            rows.append((length, len(squares), *np.sqrt(squares.mean(axis=0))))
-    table = np.array(rows, np.float64).reshape(-1, 6)
-    return Drift(table[:, 0], table[:, 1].astype(np.intp), table[:, 2:4], table[:, 4:6])
+            table.append((length, len(squares), *np.sqrt(squares.mean(axis=0))))
+    columns = np.array(table, np.float64).reshape(-1, 6)
+    return Drift(columns[:, 0], columns[:, 1].astype(np.intp), columns[:, 2:4], columns[:, 4:6])
 
 
-def _squares(log: Log, ends: NDArray[np.bool_], tuning: FilterTuning, scale: float, middle: float) -> NDArray[np.float64]:
-    """Return the squared errors of position and heading at the ends of segments, and their variances, shape (n, 4)."""
-    squares, belief = [], None
-    twists, truth = (log.twist * scale).tolist(), log.truth.tolist()
-    for row in range(len(log.time)):
-        following = Command(*twists[row + 1]) if row + 1 < len(log.time) else STOP
-        if belief is not None and log.joined[row]:
-            dt = float(log.time[row] - log.time[row - 1])
-            belief = ekf.predict(belief, following, tuning, dt, middle)
-            if ends[row]:
-                off, P = ekf.innovation(belief.mean, Pose(*truth[row])), belief.covariance
-                squares.append((off.x**2 + off.y**2, off.theta**2, P.xx + P.yy, P.tt))
-        elif not ends[row]:
-            belief = None
-        if ends[row] and row + 1 < len(log.time):
-            begun = ekf.initialize(Pose(*truth[row]), tuning).belief
-            belief = ekf.predict(begun, following, tuning, float(log.time[row + 1] - log.time[row]), middle)
-    return np.array(squares, np.float64).reshape(-1, 4)
+def _innovations(rows: Rows, tuning: FilterTuning, found: Calibration) -> Iterator[tuple[Pose, Covariance]]:
+    """Yield the innovation of each pose that a filter receives, with the covariance of its prediction."""
+    belief, middle, last = None, INTEGRATORS[found.integrator], len(rows.time) - 1
+    times, poses, twists = rows.time.tolist(), rows.poses.tolist(), (rows.twist * tuning.process.scale).tolist()
+    for row in range(last + 1):
+        z, following = Pose(*poses[row]), Command(*twists[row + 1]) if row < last else STOP
+        belief = belief if rows.joined[row] else None
+        is_first = belief is None
+        if belief is not None:
+            belief = ekf.predict(belief, following, tuning, times[row] - times[row - 1], middle)
+            if rows.due[row]:
+                yield ekf.innovation(belief.mean, z), belief.covariance
+                belief, _ = ekf.correct(belief, z, tuning.R)
+        if rows.due[row] and (rows.begins[row] or is_first) and row < last:
+            begun = ekf.initialize(z, tuning).belief
+            belief = ekf.predict(begun, following, tuning, times[row + 1] - times[row], middle)

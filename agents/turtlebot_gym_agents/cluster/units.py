@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import gymnasium as gym
 import numpy as np
 
+import turtlebot_gym.drives
 from turtlebot_gym.files import load
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, placed, unpacked
 from turtlebot_gym_agents.cluster.origin import origin
 from turtlebot_gym_agents.cluster.store import Result
@@ -34,6 +34,8 @@ from turtlebot_gym_agents.provenance import plain
 if TYPE_CHECKING:
     from turtlebot_gym_agents.training.config import TrainingConfig
 
+ROWS = ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command", "clearance")
+"""Columns of a trajectory that a unit returns."""
 CHUNK = 250
 """Episodes per unit. It never depends on the number of workers, so that stored units are found again."""
 KEPT = ("policy.onnx", "best.zip", "config.json", "result.json")
@@ -108,7 +110,7 @@ class Drive:
             envs.close()
         arrays = dict(columns(episodes))
         if self.trajectory:
-            arrays |= {f"trajectory.{name}": value for name, value in trajectory._asdict().items()}
+            arrays |= {f"trajectory.{name}": getattr(trajectory, name) for name in ROWS}
         return Result({"limit": p.task.max_steps * p.dt, "max_linear": p.robot.max_linear}, arrays, {}, {})
 
 
@@ -220,9 +222,10 @@ def episodes_of(arrays: Mapping[str, np.ndarray]) -> Episodes:
     return Episodes(**{name: values[name] for name in Episodes._fields})
 
 
-def trajectory_of(arrays: Mapping[str, np.ndarray]) -> Trajectory:
+def trajectory_of(arrays: Mapping[str, np.ndarray]) -> turtlebot_gym.drives.Drive:
     """Return the trajectory among the arrays of a unit."""
-    return Trajectory(*(arrays[f"trajectory.{name}"] for name in Trajectory._fields))
+    columns: dict[str, Any] = {name: arrays[f"trajectory.{name}"] for name in ROWS if f"trajectory.{name}" in arrays}
+    return turtlebot_gym.drives.Drive(**columns)
 
 
 def settings(config: TrainingConfig) -> dict[str, Any]:

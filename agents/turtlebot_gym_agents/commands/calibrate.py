@@ -11,13 +11,13 @@ import tyro
 
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, columns_of, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import Output
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
-    from turtlebot_gym.calibration import Calibration, Log
+    from turtlebot_gym.calibration import Calibration
 
 PARTS = 3
 """Parts of a calibration for its progress bar: alignment, and two that depend on what it is fitted to."""
@@ -38,8 +38,8 @@ class Calibrate(Writing):
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
     truth: str = "auto"
-    """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag, or a table with
-    the columns t, x, y and theta."""
+    """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag (TOPIC:FRAME
+    where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and theta."""
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
     robot: str = "burger"
@@ -64,16 +64,18 @@ class Calibrate(Writing):
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym.calibration import calibrate
         from turtlebot_gym.calibration.plausibility import check
+        from turtlebot_gym.drives import read
         from turtlebot_gym_agents.commands.calibration_report import calibration_figure, calibration_tables, comment
         from turtlebot_gym_agents.provenance import provenance
 
-        log = self.read()
-        check(log, make_robot(self.robot), str(self.log))
+        truth = None if self.truth in ("auto", "none") else self.truth
+        drive = read(self.log, topics=self.topics, columns=columns_of(self.columns), truth=truth)
+        check(drive, make_robot(self.robot), str(self.log))
         parts = itertools.count(1)
         try:
             with progress(PARTS) as advance_to:
                 found = calibrate(
-                    log,
+                    drive,
                     kind=self.odometry,
                     use_truth=self.truth != "none",
                     integrator=self.integrator,
@@ -91,30 +93,11 @@ class Calibrate(Writing):
         if self.plot is not None:
             save_figure(calibration_figure(found, title=self.log.name), self.plot)
 
-    def read(self) -> Log:
-        """Return the log with the requested truth."""
-        from dataclasses import replace
-
-        from turtlebot_gym.calibration.bags import is_bag, read_bag
-        from turtlebot_gym.calibration.tables import read_table, with_truth
-
-        named = self.truth not in ("auto", "none")
-        beside = Path(self.truth) if named and Path(self.truth).is_file() else None
-        if is_bag(self.log):
-            topics = replace(self.topics, truth=self.truth) if named and beside is None else self.topics
-            log = read_bag(self.log, topics=topics)
-        else:
-            if named and beside is None:
-                raise ValueError(f"truth must be auto, none, or a file for a table, got {self.truth!r}.")
-            pairs = [pair.partition("=") for pair in self.columns]
-            log = read_table(self.log, columns={name: column for name, _, column in pairs})
-        return log if beside is None else with_truth(log, beside)
-
 
 def result_of(found: Calibration) -> dict[str, object]:
     """Return a calibration as JSON content."""
-    told = {name: getattr(found, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
-    return told | {
+    plain = {name: getattr(found, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
+    return plain | {
         "noise": asdict(found.noise),
         "likeliest": asdict(found.likeliest),
         "estimates": {name: asdict(one) for name, one in found.estimates.items()},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from importlib.util import find_spec
@@ -123,3 +123,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure; its folder is created if missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
+
+
+def columns_of(pairs: Sequence[str]) -> dict[str, str]:
+    """Return the columns of a table by quantity, given as QUANTITY=COLUMN."""
+    return {name: column for name, _, column in (pair.partition("=") for pair in pairs)}

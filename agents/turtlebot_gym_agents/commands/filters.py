@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym.topics import Topics
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, columns_of, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import flags, own_first
-from turtlebot_gym_agents.evaluation.columns import Columns
 from turtlebot_gym_agents.provenance import write_json
 
 _ESTIMATED = flags("noise", "robot", "dt", "integrator")
@@ -71,15 +72,17 @@ class Replay(Writing, _REPLAYED):
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
-    """Tables with named columns, separated by commas, semicolons or blanks."""
+    """Recordings with truth: tables with named columns, separated by commas, semicolons or blanks; or ROS 2 bags."""
     seed: int = 0
     """The first seed of the noise."""
     seeds: int = 20
     """Number of seeds to average over."""
     rate: float = 10.0
     """Measured poses per second."""
-    columns: Columns = field(default_factory=Columns)
-    """Names of the columns."""
+    columns: tuple[str, ...] = ()
+    """Names of columns, as QUANTITY=COLUMN: time, v, omega, true_x, true_y, true_theta."""
+    topics: Topics = field(default_factory=Topics)
+    """Topics of bags."""
     json: JsonFile = None
     """Write configuration and results here."""
     plot: FigureFile = None
@@ -96,14 +99,18 @@ class Replay(Writing, _REPLAYED):
 
     def run(self) -> None:
         """Replay, print a table, and write the requested files."""
+        from turtlebot_gym.drives import read
         from turtlebot_gym_agents.commands import report
-        from turtlebot_gym_agents.evaluation.replay import dead_reckoning, read_drive, replay_figure, replay_seeds
+        from turtlebot_gym_agents.evaluation.replay import dead_reckoning, replay_figure, replay_seeds, replayable
 
         if not self.files:
             raise ValueError("At least one FILE must be given.")
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
-        drives = {path: read_drive(path, columns=self.columns) for path in self.files}
+        named = columns_of(self.columns)
+        drives = {path: replayable(read(path, topics=self.topics, columns=named)) for path in self.files}
+        for remark in (remark for drive in drives.values() for remark in drive.remarks):
+            print(remark, file=sys.stderr)
         options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}
         results = {}
         with progress(self.seeds * len(drives)) as advance_to:
@@ -112,8 +119,8 @@ class Replay(Writing, _REPLAYED):
                 seeds = range(self.seed, self.seed + self.seeds)
                 results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
         names = [path.name for path in results]
-        named = {path.name if names.count(path.name) == 1 else str(path): result for path, result in results.items()}
-        print_tables(report.replay_table(named, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
+        tables = {path.name if names.count(path.name) == 1 else str(path): result for path, result in results.items()}
+        print_tables(report.replay_table(tables, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
         if self.json is not None:
             runs = [{"file": path, **result.summary()} for path, result in results.items()]
             write_json(self.json, {"runs": runs}, config=self.asked())

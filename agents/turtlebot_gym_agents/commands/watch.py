@@ -43,13 +43,13 @@ class Watch(Writing, Driven):
             from turtlebot_gym_agents.watch.html import write_html
             from turtlebot_gym_agents.watch.server import serve
         if self.drive:
-            tracks = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
+            drives = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
-            tracks = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
+            drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
             around = [name for name in (self.world, self.lidar, self.fix) if name]
             title = ", ".join([self.env.partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
         if self.html is not None:
-            print(f"{self.html}: {write_html(tracks, self.html, title=title):,} bytes; open it in a browser.")
+            print(f"{self.html}: {write_html(drives, self.html, title=title):,} bytes; open it in a browser.")
             return
-        serve(tracks, title=title, host=self.host, port=self.port)
+        serve(drives, title=title, host=self.host, port=self.port)

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym import Noise, make_filter, make_noise
-from turtlebot_gym.calibration import Log, make_log
+from turtlebot_gym.drives import Drive, heading_error, position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.trajectory import heading_error, position_error
-from turtlebot_gym_agents.evaluation.replay import Drive, replay
+from turtlebot_gym_agents.evaluation.replay import replay
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 """Environment of the drives; switched by time, it never terminates."""
@@ -26,7 +25,7 @@ HOLD = 15
 
 def simulated_log(
     noise: Noise, *, seed: int, steps: int = 3000, robot: str = "burger", dt: float = 0.1, integrator: str = "euler"
-) -> Log:
+) -> Drive:
     """Return a drive of the environment that excites all parameters: straight ahead, on the spot and in arcs, in random order.
 
     Args:
@@ -55,13 +54,14 @@ def simulated_log(
     poses = told["odometry"]
     if not noise.odometry.wheel:
         poses[1:][(poses[1:] == poses[:-1]).all(axis=1)] = np.nan  # a lost measurement repeats the last one
-    return make_log(np.asarray(dt * np.arange(steps + 1), np.float64), twist, poses, told["true_state"][:, :3])
+    return Drive(
+        time=np.asarray(dt * np.arange(steps + 1), np.float64), twist=twist, odometry=poses, true_state=told["true_state"]
+    )
 
 
-def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int = 0, rate: float = 10.0) -> Log:
+def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int = 0, rate: float = 10.0) -> Drive:
     """Return a recorded drive with measured poses generated from its true ones, as in `replay`."""
-    told = replay(drive, noise=noise, seed=seed, rate=rate)
-    return make_log(drive.time, drive.twist, told.odometry, drive.truth)
+    return replace(drive, odometry=replay(drive, noise=noise, seed=seed, rate=rate).odometry)
 
 
 class Judged(NamedTuple):
@@ -94,7 +94,7 @@ def judge(
     if calibrated is not None:
         rest = tuple(b - known for b, known in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
         model = replace(model, odometry=replace(model.odometry, bias=rest))
-        drive = drive._replace(twist=drive.twist * calibrated.process.scale)
+        drive = replace(drive, twist=drive.twist * calibrated.process.scale)
         tuning = make_filter("matched", calibrated)
     found = []
     for seed in seeds:

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.systems import OBSERVED, Parameters
 from turtlebot_gym.tasks import Task, arrived, believed_to_arrive
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
@@ -34,11 +34,12 @@ class Record(NamedTuple):
     covariance: NDArray[np.float64]
     """Covariance of the first environment only, shape (T + 1, 5, 5)."""
 
-    def trajectory(self, *, dt: float) -> Trajectory:
+    def trajectory(self, *, dt: float) -> Drive:
         """Return the first environment's episode."""
         rows = np.flatnonzero(self.running[:, 0])
-        drive = {name: getattr(self, name)[rows, 0] for name in Trajectory._fields if name not in ("time", "covariance")}
-        return Trajectory(time=np.asarray(rows * dt, np.float64), covariance=self.covariance[rows], **drive)
+        names = ("true_state", "odometry", "estimate", "reference", "command", "clearance")
+        drive = {name: getattr(self, name)[rows, 0] for name in names}
+        return Drive(time=np.asarray(rows * dt, np.float64), covariance=self.covariance[rows], **drive)
 
 
 class Episodes(NamedTuple):

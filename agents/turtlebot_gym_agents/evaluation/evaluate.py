@@ -16,9 +16,9 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import OBSERVED, Parameters
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
@@ -45,7 +45,7 @@ class Evaluation:
     max_linear: float = field(repr=False)
     """The robot's highest speed, m/s."""
     episodes: Episodes = field(repr=False)
-    trajectory: Trajectory = field(repr=False)
+    trajectory: Drive = field(repr=False)
     """The first episode."""
 
     def times(self) -> NDArray[np.float64]:
@@ -197,7 +197,7 @@ def drive(
     progress: Callable[[int], None] = lambda ended: None,
     *,
     allow_mismatch: bool = False,
-) -> tuple[Episodes, Trajectory, Parameters]:
+) -> tuple[Episodes, Drive, Parameters]:
     """Drive one episode in each environment.
 
     Args:

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.calibration.columns import read_text_table, some_of
-from turtlebot_gym.calibration.log import make_log
 from turtlebot_gym.calibration.plausibility import require_units
+from turtlebot_gym.drives import Drive, known, position_error
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.odometry import sense
@@ -28,10 +26,8 @@ from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.trajectory import Trajectory, position_error
 from turtlebot_gym.validation import choose, whole
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
-from turtlebot_gym_agents.evaluation.columns import Columns
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
 if TYPE_CHECKING:
@@ -40,56 +36,26 @@ if TYPE_CHECKING:
 
 ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)
 """Speed limits for unknown robots; no small robot reaches the refused multiples of them."""
-LARGEST_NUMBER = 1e15
-"""Greatest number in a table; time since 1970 in seconds, or by mistake in nanoseconds, is smaller."""
 
 
-class Drive(NamedTuple):
-    """A recorded drive of T rows."""
-
-    time: NDArray[np.float64]
-    """Shape (T,), s; increasing."""
-    twist: NDArray[np.float64]
-    """Speed and turning rate by the wheels, shape (T, 2); the twist of row k covers the interval from row k-1 to row k."""
-    truth: NDArray[np.float64]
-    """True poses, shape (T, 3)."""
-
-
-def read_drive(path: str | Path, *, columns: Columns | None = None, robot: Robot = ANY_ROBOT) -> Drive:
-    """Read a table with named columns: a header line, then numbers separated by commas, semicolons or blanks.
-
-    Args:
-        path: The file.
-        columns: Names of the columns; others are ignored.
-        robot: Robot whose speed limits say which speeds are possible.
+def replayable(drive: Drive) -> Drive:
+    """Return the longest stretch of a drive whose rows continue each other and that begins and ends with a true pose.
 
     Raises:
-        OSError: If the file cannot be read.
-        ValueError: If a column is missing, a cell is not a number, time does not increase, or a unit is wrong; the message
-            names the file and the line.
+        ValueError: If there is no truth, or a unit is wrong.
     """
-    names = astuple(columns or Columns())
-    table = read_text_table(path)
-    missing = [name for name in names if name not in table.names]
-    if missing:
-        raise ValueError(f"{path}: column {', '.join(map(repr, missing))} is missing; there are {some_of(table.names)}.")
-    rows = table.numbers(names)
-    if len(rows) < 2:
-        raise ValueError(f"{path}: a drive has at least two rows, got {len(rows)}.")
-    bad = np.argwhere(~(np.abs(rows) <= LARGEST_NUMBER))
-    if len(bad):
-        row, column = bad[0]
-        raise ValueError(
-            f"{path}: line {table.lines[row]}: column {names[column]!r} must be finite, at most {LARGEST_NUMBER:g} in size, "
-            f"got {rows[row, column]}."
-        )
-    stuck = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
-    if len(stuck):
-        before, after = rows[stuck[0] : stuck[0] + 2, 0]
-        line = table.lines[stuck[0] + 1]
-        raise ValueError(f"{path}: line {line}: column {names[0]!r} must increase, got {after} after {before}.")
-    require_units(make_log(rows[:, 0], rows[:, 1:3], None, rows[:, 3:]), robot, str(path))
-    return Drive(rows[:, 0], rows[:, 1:3], rows[:, 3:])
+    where = drive.around.label
+    there = known(drive.truth)
+    if there.sum() < 2:
+        raise ValueError(f"{where}: a replay needs the true poses; record them, or name their columns or their topic.")
+    require_units(drive, ANY_ROBOT, where)
+    begins = np.flatnonzero(~drive.joined)
+    stretches = [rows[there[rows]] for rows in np.split(np.arange(len(drive)), begins[1:])]
+    first, last = max(((rows[0], rows[-1]) for rows in stretches if rows.size), key=lambda ends: ends[1] - ends[0])
+    if last - first + 1 == len(drive):
+        return drive
+    remark = f"{where}: replayed are rows {first + 1} to {last + 1} of {len(drive)}, the longest stretch without a gap"
+    return replace(drive[first : last + 1], remarks=(*drive.remarks, remark))
 
 
 def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.float64]:
@@ -110,8 +76,9 @@ def segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp
         truth: True poses, shape (T, 3).
         length: Length of a segment, m.
     """
-    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[:, :2], axis=0).T))])
-    ends = np.searchsorted(path, np.arange(0.0, path[-1], length))
+    there = np.flatnonzero(known(truth))
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[there, :2], axis=0).T))])
+    ends = there[np.searchsorted(path, np.arange(0.0, path[-1], length))]
     return ends[:-1], ends[1:]
 
 
@@ -145,11 +112,11 @@ def replay(
     seed: int = 0,
     rate: float = 10.0,
     integrator: str = "midpoint",
-) -> Trajectory:
+) -> Drive:
     """Run the filter over a recorded drive.
 
     Args:
-        drive: The drive.
+        drive: A drive with twist and truth, as from `replayable`.
         noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry is used, since the noise of execution is
             real.
         filter: A name in `turtlebot_gym.presets.FILTERS` (for that odometry, and for ``process``), or a tuning.
@@ -159,8 +126,8 @@ def replay(
         integrator: "euler" or "midpoint".
 
     Returns:
-        The drive with odometry (NaN on rows without a measurement), estimate and covariance on every row. ``command`` is the
-        recorded twist; there is no reference, and only the pose of the true state is known.
+        The drive from time 0 with generated odometry (NaN on rows without a measurement), estimate and covariance on every row.
+        ``command`` is the recorded twist.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
@@ -177,7 +144,7 @@ def replay(
     commands.append(commands[-1])
     elapsed = drive.time - drive.time[0]
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
-    due = np.diff(ticks, prepend=-1.0) > 0.0
+    due = (np.diff(ticks, prepend=-1.0) > 0.0) & known(drive.truth)
 
     filter_start, filter_step, *_ = filter_of(tuning)
     now = sense(true[0], wheels[0], commands[0], Odometry(true[0], commands[0], True), in_force.odometry, key, 0)
@@ -193,14 +160,12 @@ def replay(
         odometry.append(now.pose)
         beliefs.append(estimate.belief)
 
-    unknown = np.full((elapsed.size, 3), np.nan)
-    return Trajectory(
+    return replace(
+        drive,
         time=elapsed,
-        true_state=np.hstack([drive.truth, unknown[:, :2]]),
         odometry=np.where(due[:, None], np.array(odometry), np.nan),
         estimate=np.array([belief.mean for belief in beliefs]),
         covariance=np.array([matrix(belief.covariance) for belief in beliefs]),
-        reference=unknown,
         command=np.array(commands),
     )
 
@@ -227,7 +192,7 @@ class Replayed(NamedTuple):
     """Mean position error of dead reckoning over consecutive segments of 1 m, m."""
     drift_heading: float
     """Mean heading error over the same segments, rad."""
-    trajectory: Trajectory
+    trajectory: Drive
     """The drive with the first seed."""
 
     def summary(self) -> dict[str, Any]:
@@ -268,7 +233,7 @@ def replay_seeds(
     )
 
 
-def replay_figure(trajectory: Trajectory, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
+def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
     """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning.
 
     Args:

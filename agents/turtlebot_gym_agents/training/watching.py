@@ -6,9 +6,10 @@ import time
 
 from stable_baselines3.common.callbacks import BaseCallback
 
+from turtlebot_gym.drives import Drive, Growing
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.watch import Growing, Track, record_episode
+from turtlebot_gym_agents.watch import record_episode
 from turtlebot_gym_agents.watch.server import Server
 
 SHARE = 20.0
@@ -40,13 +41,13 @@ class WatchCallback(BaseCallback):
         self.server.__enter__()
         print(f"{self.server.url} shows the current policy", flush=True)
 
-    def _record(self) -> Track:
+    def _record(self) -> Drive:
         begun = time.monotonic()
         label = f"after {self.num_timesteps:,} steps"
-        track = record_episode(policy_of(self.model), env=self._config.env, seed=EVALUATION_SEED, label=label, **self._options)
+        drive = record_episode(policy_of(self.model), env=self._config.env, seed=EVALUATION_SEED, label=label, **self._options)
         ended = time.monotonic()
         self._due = ended + max(self._seconds, SHARE * (ended - begun))
-        return track
+        return drive
 
     def _on_step(self) -> bool:
         return True

@@ -1,10 +1,9 @@
-"""Drives in a browser: a record, `Track`, filled by episodes, recordings and live graphs, and a view that draws it.
+"""Drives in a browser: episodes, recordings and live graphs, and a view that draws them.
 
-The view needs Bokeh, the extra [watch]; the record does not.
+The view needs Bokeh, the extra [watch]; the drives do not.
 """
 
 from turtlebot_gym_agents.watch.episode import record_episode
 from turtlebot_gym_agents.watch.recorded import read_recorded
-from turtlebot_gym_agents.watch.track import Growing, Seen, Surroundings, Track, concatenate, of_trajectory
 
-__all__ = ["Growing", "Seen", "Surroundings", "Track", "concatenate", "of_trajectory", "read_recorded", "record_episode"]
+__all__ = ["read_recorded", "record_episode"]

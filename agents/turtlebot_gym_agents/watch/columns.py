@@ -1,4 +1,4 @@
-"""A track as columns for a browser: numbers in single precision, ranges in millimetres."""
+"""A drive as columns for a browser: numbers in single precision, ranges in millimetres."""
 
 from __future__ import annotations
 
@@ -7,31 +7,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.drives import Drive, Seen, heading_error, position_error
 from turtlebot_gym.plotting import SIGMAS
-from turtlebot_gym.trajectory import heading_error, position_error
-from turtlebot_gym_agents.watch.track import Seen, Track
 
 MILLIMETRES = 1000.0
 NOTHING = 0
 """Value for a beam that returned nothing."""
 
 
-def rows_of(track: Track, *, scans_before: int = 0, start: float = 0.0) -> dict[str, Any]:
-    """Return the columns of a track's rows, all of length T; angles in rad, lengths in m.
+def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[str, Any]:
+    """Return the columns of a drive's rows, all of length T; angles in rad, lengths in m.
 
     ``x, y, theta, v, omega`` are the truth; names with the prefix ``e`` are the estimate, ``o`` the odometry and ``g`` the
     goal; ``width, height, tilt`` are the axes of the estimate's ellipse.
 
     Args:
-        track: The track, or a piece of one.
+        drive: The drive, or a piece of one.
         scans_before: Number of scans in earlier pieces.
         start: Time that is shown as 0, s.
     """
-    drive = track.drive
     truth, estimate = drive.true_state, drive.estimate
     width, height, tilt = _axes(drive.covariance)
-    newest = np.full(track.rows, scans_before - 1)
-    for seen in track.scans:
+    newest = np.full(len(drive), scans_before - 1)
+    for seen in drive.scans:
         newest[seen.row :] += 1
     numbers = {
         "time": drive.time - start,
@@ -47,14 +45,14 @@ def rows_of(track: Track, *, scans_before: int = 0, start: float = 0.0) -> dict[
         "odometry_error": position_error(drive.odometry, truth),
         "turn": heading_error(estimate, truth),
         "odometry_turn": heading_error(drive.odometry, truth),
-        "nis": track.nis,
-        "clearance": track.clearance,
-        "level": track.level,
+        "nis": drive.nis,
+        "clearance": drive.clearance,
+        "level": drive.level,
         "scan": newest,
     }
     columns: dict[str, Any] = {name: np.ascontiguousarray(values, np.float32) for name, values in numbers.items()}
-    columns["report"] = list(track.report)
-    columns["circles"] = [np.asarray(circles, np.float32).ravel() for circles in track.circles]
+    columns["report"] = list(drive.report)
+    columns["circles"] = [np.asarray(circles, np.float32).ravel() for circles in drive.circles]
     return columns
 
 

@@ -1,9 +1,10 @@
-"""An episode as a track: the first episode of `evaluate` with the same arguments."""
+"""An episode as a drive: the first episode of `evaluate` with the same arguments."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -11,16 +12,15 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from turtlebot_gym.drives import Drive, Seen, Surroundings
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters, system_of
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
-from turtlebot_gym_agents.watch.track import Seen, Surroundings, Track, of_trajectory
 
 
 class _Row(NamedTuple):
@@ -40,8 +40,8 @@ def record_episode(
     label: str | None = None,
     allow_mismatch: bool = False,
     **options: Any,
-) -> Track:
-    """Drive an episode and return its track.
+) -> Drive:
+    """Drive an episode and return it.
 
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
@@ -64,7 +64,7 @@ def record_episode(
     finally:
         envs.close()
     name = label or (policy if isinstance(policy, str) else type(policy).__name__)
-    return _track(rows, p, label=name, grid=grid)
+    return _episode(rows, p, label=name, grid=grid)
 
 
 def _scene_of(envs: VectorEnv) -> Scene | None:
@@ -89,27 +89,24 @@ def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
         ended = bool(terminated[0] or truncated[0])
 
 
-def _track(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None) -> Track:
+def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None) -> Drive:
     infos = [{name: values[0] for name, values in row.info.items()} for row in rows]
-    drive = Trajectory.from_infos(infos, dt=p.dt)
     rooms = [row.room for row in rows if row.room]
     walking = any(room.circles != rooms[0].circles for room in rooms)
-    around = Surroundings(
-        label=label,
-        room=rooms[0] if rooms else None,
-        grid=grid,
-        robot_radius=p.robot.radius,
-        goal_radius=p.task.radius,
+    drive = Drive.stack(
+        infos,
+        time=p.dt * np.arange(len(infos)),
+        circles=tuple(np.array(room.circles).reshape(-1, 3) for room in rooms) if walking else (),
+        around=Surroundings(
+            label=label,
+            room=rooms[0] if rooms else None,
+            grid=grid,
+            robot_radius=p.robot.radius,
+            goal_radius=p.task.radius,
+        ),
+        outcome=f"{_ending(infos[-1])} after {p.dt * (len(infos) - 1):.1f} s",
     )
-    return of_trajectory(
-        drive,
-        around,
-        nis=np.array([info["nis"] for info in infos]),
-        clearance=np.array([info.get("clearance", np.nan) for info in infos]),
-        circles=[np.array(room.circles).reshape(-1, 3) for room in rooms] if walking else None,
-        scans=_scans(rows, drive, p),
-        outcome=f"{_ending(infos[-1])} after {drive.time[-1]:.1f} s",
-    )
+    return replace(drive, scans=_scans(rows, drive, p))
 
 
 def _ending(info: dict[str, Any]) -> str:
@@ -118,11 +115,12 @@ def _ending(info: dict[str, Any]) -> str:
     return "collision" if info.get("collision", False) else "time is up"
 
 
-def _scans(rows: Sequence[_Row], drive: Trajectory, p: Parameters) -> list[Seen]:
+def _scans(rows: Sequence[_Row], drive: Drive, p: Parameters) -> tuple[Seen, ...]:
     """Return the scans, each at the step in which it became the newest one."""
     if not p.room:
-        return []
-    lidar, scans = p.room.lidar, []
+        return ()
+    lidar = p.room.lidar
+    scans: list[Seen] = []
     last: NDArray[np.float32] | None = None
     for at, row in enumerate(rows):
         assert row.ranges is not None
@@ -130,7 +128,7 @@ def _scans(rows: Sequence[_Row], drive: Trajectory, p: Parameters) -> list[Seen]
             last = row.ranges
             scan = Scan(last[: lidar.beams], 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max)
             scans.append(Seen(at, mounted(State(*drive.true_state[at].tolist()), lidar), scan))
-    return scans
+    return tuple(scans)
 
 
 def _grid_of(scene: Scene | None) -> GridMap | None:

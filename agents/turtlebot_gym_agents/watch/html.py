@@ -9,29 +9,29 @@ from bokeh.document import Document
 from bokeh.embed import file_html
 from bokeh.resources import INLINE
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.watch.track import Track
 from turtlebot_gym_agents.watch.view import fill
 
 
-def to_html(tracks: Sequence[Track], *, title: str) -> str:
+def to_html(drives: Sequence[Drive], *, title: str) -> str:
     """Return the view of some drives as a self-contained page.
 
     Args:
-        tracks: The drives; several are shown side by side.
+        drives: The drives; several are shown side by side.
         title: Title of the page.
 
     Raises:
         ValueError: See `view.fill`.
     """
     document = Document()
-    fill(document, tracks, title=title)
+    fill(document, drives, title=title)
     return file_html(document, INLINE, title=title, template=document.template, template_variables=document.template_variables)
 
 
-def write_html(tracks: Sequence[Track], path: str | Path, *, title: str) -> int:
+def write_html(drives: Sequence[Drive], path: str | Path, *, title: str) -> int:
     """Write the view of some drives, and return the file's size in bytes; see `to_html`."""
-    path, page = Path(path), to_html(tracks, title=title)
+    path, page = Path(path), to_html(drives, title=title)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         beside.write_text(page, encoding="utf-8")

@@ -10,11 +10,11 @@ from bokeh.models import LinearColorMapper, Range1d
 from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym_agents.watch import style
 from turtlebot_gym_agents.watch.theme import Theme
-from turtlebot_gym_agents.watch.track import Track
 
 PAD = 0.3
 """Margin around the visible contents, m."""
@@ -40,17 +40,17 @@ class Map(NamedTuple):
         return {name: getattr(self, name) for name in ("figure", "still", "sizes", "seen")}
 
 
-def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, beside: Figure | None) -> Map:
+def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure | None) -> Map:
     """Return the map of a run.
 
     Args:
-        track: The run.
-        tracks: All runs; each map covers the area of all of them.
+        drive: The run.
+        drives: All runs; each map covers the area of all of them.
         theme: Registry of the colours.
         name: Name of the figure.
         beside: Another run's map, panned and zoomed together with this one.
     """
-    low, high = extent(tracks)
+    low, high = extent(drives)
     x_range, y_range = (
         (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
     )
@@ -60,28 +60,28 @@ def make_map(track: Track, tracks: Sequence[Track], theme: Theme, *, name: str, 
     )  # fmt: skip
     figure.toolbar.autohide = True
     theme.dress(figure)
-    _draw_room(figure, track, theme)
+    _draw_room(figure, drive, theme)
     figure.scatter([], [])  # Bokeh warns of a figure that has nothing to draw
-    room, around = track.around.room, track.around
+    room, around = drive.around.room, drive.around
     still = [number for circle in (room.circles if room else ()) for number in circle]
     width, height = high - low
     aspect = float(np.clip(width / height, 0.7, 2.0))
     return Map(figure, aspect, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
 
 
-def extent(tracks: Sequence[Track]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lower left and the upper right corner of the visible area, m: rooms, paths and waypoints."""
     points = []
-    for track in tracks:
-        drive, room = track.drive, track.around.room
+    for drive in drives:
+        room = drive.around.room
         points += [drive.true_state[:, :2], drive.estimate[:, :2], drive.reference[:, :2]]
         if not np.isfinite(drive.true_state[:, :2]).any():
             points.append(drive.odometry[:, :2])
         if room:
             x, y, a, b = room.walls
             points.append(np.array([[x - a, y - b], [x + a, y + b]]))
-        elif track.around.grid is not None:
-            points.append(_corners(track.around.grid))
+        elif drive.around.grid is not None:
+            points.append(_corners(drive.around.grid))
     known = np.concatenate(points)
     known = known[np.isfinite(known).all(axis=1)]
     if not len(known):
@@ -121,9 +121,9 @@ def _corners(grid: GridMap) -> NDArray[np.float64]:
     return np.array([[x + cosine * u - sine * v, y + sine * u + cosine * v] for u in (0.0, width) for v in (0.0, height)])
 
 
-def _draw_room(figure: Figure, track: Track, theme: Theme) -> None:
+def _draw_room(figure: Figure, drive: Drive, theme: Theme) -> None:
     """Draw what stands still; circles are left to the client, since they may walk."""
-    room, grid = track.around.room, track.around.grid
+    room, grid = drive.around.room, drive.around.grid
     if grid is not None:
         shown, (x, y, width, height) = picture(grid)
         for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):

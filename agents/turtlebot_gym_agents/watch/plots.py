@@ -10,11 +10,13 @@ from bokeh.models import BasicTicker, ColumnDataSource, CustomJS, DataRange1d, F
 from bokeh.plotting import figure as Figure
 from scipy.stats import chi2
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym_agents.watch import style
 from turtlebot_gym_agents.watch.style import Ink
 from turtlebot_gym_agents.watch.theme import Theme
-from turtlebot_gym_agents.watch.track import ERROR, OK, WARNING, Track
 
+OK, WARNING, ERROR = 0.0, 1.0, 2.0
+"""Levels of a report, as in ``diagnostic_msgs/DiagnosticStatus``."""
 HEIGHT = 112
 """Height of a plot, pixels."""
 MARGIN = 58
@@ -41,11 +43,11 @@ class Curve(NamedTuple):
     width: float = 1.4
 
 
-def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
+def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
     """Return the plots; those without any data are left out, unless drives still grow."""
-    end = max(float(track.drive.time[-1] - track.drive.time[0]) for track in tracks)
+    end = max(float(drive.time[-1] - drive.time[0]) for drive in drives)
     plots = Plots([], Range1d(start=0.0, end=max(end, 1.0)))
-    several = len(tracks) > 1
+    several = len(drives) > 1
 
     def plot(title: str, curves: Sequence[Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
         if not (known or live):
@@ -61,22 +63,22 @@ def make_plots(tracks: Sequence[Track], rows: Sequence[ColumnDataSource], theme:
     plot("speed (m/s)", [truth, command])
     plot("turning rate (rad/s)", [truth._replace(column="omega"), command._replace(column="command_omega")])
     believed, measured = Curve("error", style.ESTIMATE, width=1.8), Curve("odometry_error", style.ODOMETRY, width=1.0)
-    known = any(np.isfinite(track.drive.true_state[:, :2]).any() for track in tracks)
+    known = any(np.isfinite(drive.true_state[:, :2]).any() for drive in drives)
     plot("position error (m)", [measured, believed], floor=0.0, known=known)
     turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
     plot("heading error (rad)", turns, floor=0.0, known=known)
-    degrees = tracks[0].around.nis_degrees
+    degrees = drives[0].around.nis_degrees
     limit = float(chi2.ppf(CONFIDENCE, degrees))
     title = f"NIS, and the {limit:.2f} that 95 % stay below"
-    nis = plot(title, [Curve("nis", style.ESTIMATE)], floor=0.0, known=any(np.isfinite(track.nis).any() for track in tracks))
+    nis = plot(title, [Curve("nis", style.ESTIMATE)], floor=0.0, known=any(np.isfinite(drive.nis).any() for drive in drives))
     if nis:
         _line(nis, limit, theme)
-    clear = any(np.isfinite(track.clearance).any() for track in tracks)
+    clear = any(np.isfinite(drive.clearance).any() for drive in drives)
     clearance = plot("clearance (m); contact below 0", [Curve("clearance", style.TRUTH)], known=clear)
     if clearance:
         _line(clearance, 0.0, theme)
         clearance.scatter([0.0], [0.0], alpha=0.0)  # contact is always in the picture
-    reported = any(np.isfinite(track.level).any() for track in tracks)
+    reported = any(np.isfinite(drive.level).any() for drive in drives)
     guard = plot("state of the guard", [Curve("level", style.LEVELS[1], steps=True, width=2.4)], known=reported)
     if guard:
         guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)

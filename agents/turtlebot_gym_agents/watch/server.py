@@ -6,6 +6,7 @@ The page and all its resources come from this server; by default it listens on t
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import socket
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,17 +17,46 @@ from typing import Any
 from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
 from bokeh.document import Document
-from bokeh.server.server import Server as BokehServer
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from bokeh.server.util import bind_sockets
+from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPServerRequest
+from tornado.ioloop import IOLoop
+from tornado.routing import Matcher, Rule, RuleRouter
 
-from turtlebot_gym_agents.watch.track import Growing, Track
+from turtlebot_gym.drives import Drive, Growing
 from turtlebot_gym_agents.watch.view import View, fill
 
-LOCAL = ("localhost", "127.0.0.1")
-"""Names of this machine that only it can reach."""
 EVERYWHERE = ("", "0.0.0.0")
 """Wildcard addresses."""
 PERIOD_MS = 150
 """Time between two checks for new pieces."""
+
+
+class _OfThisServer(Matcher):
+    """Matches requests to a name of this server, from its own pages.
+
+    A page elsewhere whose name is rebound to this machine (DNS rebinding) sends its own name; an address cannot be rebound.
+    """
+
+    def __init__(self, host: str) -> None:
+        name = socket.gethostname()
+        self._names = {host, "localhost", name, f"{name}.local"}
+
+    def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+        """Return no arguments for a request that is served, and None for another one."""
+        origin = request.headers.get("Origin")
+        own = origin is None or origin.rpartition("//")[2] == request.host
+        return {} if own and (request.host_name in self._names or _is_address(request.host_name)) else None
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True
 
 
 class Server:
@@ -77,13 +107,13 @@ class Server:
         asyncio.set_event_loop(loop)
         server = None
         try:
-            self._port = _free_port(self._host, self._port)
-            server = BokehServer(
-                {"/": Application(FunctionHandler(self._show))},
-                address=self._host,
-                port=self._port,
-                allow_websocket_origin=self._origins(),
-            )
+            with socket.create_server((self._host, self._port)) as free:  # raises where it cannot listen, without a leak
+                self._port = int(free.getsockname()[1])
+            sockets, _ = bind_sockets(self._host, self._port)
+            pages = BokehTornado({"/": Application(FunctionHandler(self._show))}, extra_websocket_origins=["*"])
+            http = HTTPServer(RuleRouter([Rule(_OfThisServer(self._host), pages)]))  # which judges origins instead
+            http.add_sockets(sockets)
+            server = BaseServer(IOLoop.current(), pages, http)
             server.start()
         except BaseException as error:  # raised again at the start of the block
             self._error = _explained(error, self._host, self._port)
@@ -93,25 +123,18 @@ class Server:
             loop.run_until_complete(_end(server))
         loop.close()
 
-    def _origins(self) -> list[str]:
-        """Return the origins from which a browser may connect: this server's own pages."""
-        if self._host in EVERYWHERE:
-            return ["*"]  # it has as many names as the machine
-        return [f"{name}:{self._port}" for name in {self._host, *(LOCAL if self._host in LOCAL else ())}]
-
     def _show(self, document: Document) -> None:
         """Fill a browser's document, and keep it updated."""
         read = [drive.read() for drive in self._drives]
-        tracks = [track for _, track, _ in read if track is not None]
-        view = fill(document, tracks, title=self._title, live=self._live)
+        view = fill(document, [drive for _, drive, _ in read if drive is not None], title=self._title, live=self._live)
         if self._live:
             seen = [(number, pieces) for number, _, pieces in read]
             document.add_periodic_callback(lambda: _follow(self._drives, view, seen), PERIOD_MS)
 
 
-def serve(tracks: Sequence[Track], *, title: str, host: str = "localhost", port: int = 5006) -> None:
+def serve(drives: Sequence[Drive], *, title: str, host: str = "localhost", port: int = 5006) -> None:
     """Serve complete drives, print the URL, and return when the process is interrupted (Ctrl-C)."""
-    with Server([Growing(track) for track in tracks], title=title, live=False, host=host, port=port) as server:
+    with Server([Growing(drive) for drive in drives], title=title, live=False, host=host, port=port) as server:
         wait(server)
 
 
@@ -131,15 +154,15 @@ def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) 
         seen: Number of each drive, and how many of its pieces the view has; updated in place.
     """
     for at, (drive, run) in enumerate(zip(drives, view.runs, strict=True)):
-        number, track, pieces = drive.read(*seen[at])
+        number, piece, pieces = drive.read(*seen[at])
         if number != seen[at][0]:
             view.reload()
-        elif track is not None:
-            run.add(track)
+        elif piece is not None:
+            run.add(piece)
         seen[at] = number, pieces
 
 
-async def _end(server: BokehServer) -> None:
+async def _end(server: BaseServer) -> None:
     """Stop listening and close all connections."""
     server.stop()
     server.unlisten()
@@ -148,16 +171,6 @@ async def _end(server: BokehServer) -> None:
     for task in rest:
         task.cancel()
     await asyncio.gather(*rest, return_exceptions=True)
-
-
-def _free_port(host: str, port: int) -> int:
-    """Return a port, or for 0 any free one.
-
-    Raises:
-        OSError: If the port is taken, or the address is not this machine's.
-    """
-    with socket.create_server((host, port)) as free:
-        return int(free.getsockname()[1])
 
 
 def _explained(error: BaseException, host: str, port: int) -> BaseException:

@@ -16,13 +16,13 @@ from bokeh.document import Document
 from bokeh.models import ColumnDataSource, CustomJS
 from jinja2 import Template
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_agents.watch import style
 from turtlebot_gym_agents.watch.columns import rows_of, scans_of
 from turtlebot_gym_agents.watch.maps import Map, make_map
 from turtlebot_gym_agents.watch.plots import make_plots
 from turtlebot_gym_agents.watch.theme import Theme
-from turtlebot_gym_agents.watch.track import Track
 
 MOST_RUNS = 6
 """Most runs side by side."""
@@ -36,9 +36,9 @@ class Run(NamedTuple):
     start: float
     """Time that is shown as 0, s."""
 
-    def add(self, piece: Track) -> None:
+    def add(self, piece: Drive) -> None:
         """Append the next piece."""
-        if piece.rows:
+        if len(piece):
             before = len(self.scans.data["x"])
             self.scans.stream(scans_of(piece.scans))
             self.rows.stream(rows_of(piece, scans_before=before, start=self.start))
@@ -56,24 +56,24 @@ class View(NamedTuple):
         self.again.data = {"times": [len(self.again.data["times"]) + 1.0]}
 
 
-def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool = False) -> View:
+def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool = False) -> View:
     """Put the view of some drives into a document.
 
     Args:
         document: An empty document.
-        tracks: The drives, of the same world where there are several.
+        drives: The drives, of the same world where there are several.
         title: Title of the page.
         live: Whether the drives grow: the view then follows their end.
 
     Raises:
         ValueError: If there is no drive, one is empty, or there are more than `MOST_RUNS`.
     """
-    if not 0 < len(tracks) <= MOST_RUNS or not all(track.rows for track in tracks):
-        raise ValueError(f"tracks must hold 1 to {MOST_RUNS} drives with rows, got {[track.rows for track in tracks]}.")
+    if not 0 < len(drives) <= MOST_RUNS or not all(map(len, drives)):
+        raise ValueError(f"drives must hold 1 to {MOST_RUNS} drives with rows, got {list(map(len, drives))}.")
     theme = Theme()
-    runs = [_run(track) for track in tracks]
-    maps = _maps(tracks, runs, theme)
-    plots = make_plots(tracks, [run.rows for run in runs], theme, live=live)
+    runs = [_run(drive) for drive in drives]
+    maps = _maps(drives, runs, theme)
+    plots = make_plots(drives, [run.rows for run in runs], theme, live=live)
     for root in (*(each.figure for each in maps), *plots.figures):
         document.add_root(root)
     client: dict[str, Any] = {
@@ -91,28 +91,28 @@ def fill(document: Document, tracks: Sequence[Track], *, title: str, live: bool 
     document.js_on_event("document_ready", CustomJS(args=client, code=_text("present.js") + _text("client.js")))
     document.title = title
     document.template = _template()
-    document.template_variables.update(_variables(tracks, maps, [str(each.name) for each in plots.figures], title, live))
+    document.template_variables.update(_variables(drives, maps, [str(each.name) for each in plots.figures], title, live))
     return View(runs, again)
 
 
-def _run(track: Track) -> Run:
-    start = float(track.drive.time[0])
-    rows = ColumnDataSource(rows_of(track, start=start))
-    return Run(rows, ColumnDataSource(scans_of(track.scans)), start)
+def _run(drive: Drive) -> Run:
+    start = float(drive.time[0])
+    rows = ColumnDataSource(rows_of(drive, start=start))
+    return Run(rows, ColumnDataSource(scans_of(drive.scans)), start)
 
 
-def _maps(tracks: Sequence[Track], runs: Sequence[Run], theme: Theme) -> list[Map]:
+def _maps(drives: Sequence[Drive], runs: Sequence[Run], theme: Theme) -> list[Map]:
     """Return the runs' maps, which are panned and zoomed together."""
     maps: list[Map] = []
-    for at, track in enumerate(tracks):
-        maps.append(make_map(track, tracks, theme, name=f"map{at}", beside=maps[0].figure if maps else None))
+    for at, drive in enumerate(drives):
+        maps.append(make_map(drive, drives, theme, name=f"map{at}", beside=maps[0].figure if maps else None))
     return maps
 
 
-def _variables(tracks: Sequence[Track], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:
+def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:
     """Return the variables of the page's template."""
-    several = len(tracks) > 1
-    scans, known = any(track.scans for track in tracks), any(np.isfinite(track.drive.true_state).any() for track in tracks)
+    several = len(drives) > 1
+    scans, known = any(drive.scans for drive in drives), any(np.isfinite(drive.true_state).any() for drive in drives)
     symbols = [
         ("truth", style.TRUTH, "line", known),
         (ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
@@ -127,9 +127,9 @@ def _variables(tracks: Sequence[Track], maps: Sequence[Map], plots: Sequence[str
         "live": live,
         "legend": [(name, ink, kind) for name, ink, kind, shown in symbols if shown],
         "runs": [
-            {"map": each.figure.name, "label": track.around.label, "outcome": track.outcome, "aspect": each.aspect,
+            {"map": each.figure.name, "label": drive.around.label, "outcome": drive.outcome, "aspect": each.aspect,
              "ink": style.run_style(at)[0] if several else None, "dash": _svg_dash(style.run_style(at)[1])}
-            for at, (track, each) in enumerate(zip(tracks, maps, strict=True))
+            for at, (drive, each) in enumerate(zip(drives, maps, strict=True))
         ],
         "plots": plots,
         "several": several,

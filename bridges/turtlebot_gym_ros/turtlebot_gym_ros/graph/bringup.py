@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from turtlebot_gym.drives import Drive, heading_error, position_error
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
@@ -21,7 +21,6 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.tasks import ROOM, arrived
-from turtlebot_gym.trajectory import Trajectory, heading_error, position_error
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.process import refuse
@@ -38,7 +37,7 @@ REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
 
 
-def metrics(trajectory: Trajectory) -> dict[str, float]:
+def metrics(trajectory: Drive) -> dict[str, float]:
     """Return the tutorial's metrics of a drive: mean errors in m and rad, and the distances to waypoints."""
     truth, odometry, estimate, reference = (
         trajectory.true_state,
@@ -68,25 +67,24 @@ def metrics(trajectory: Trajectory) -> dict[str, float]:
     }
 
 
-def room_metrics(trajectory: Trajectory, clearance: NDArray[np.float64]) -> dict[str, float]:
+def room_metrics(trajectory: Drive) -> dict[str, float]:
     """Return how an episode in a room ended by the true pose, as the environment judges it.
 
     The first contact or arrival ends the episode; later ones are ignored.
 
     Args:
-        trajectory: The drive.
-        clearance: Distance from the footprint to the room in each row, shape (T,), m.
+        trajectory: The drive, with clearance.
     """
     poses = zip(trajectory.true_state.tolist(), trajectory.reference.tolist(), strict=True)
     there = [at > 0 and arrived(State(*state), Pose(*goal), ROOM) for at, (state, goal) in enumerate(poses)]
-    contact = clearance < 0.0
+    contact = trajectory.clearance < 0.0
     ended = np.flatnonzero(contact | there)
     end = int(ended[0]) if len(ended) else len(there) - 1
     return {
         "collision": float(contact[end]),
         "goal reached": float(there[end] and not contact[end]),
         "end of the episode": float(trajectory.time[end]),
-        "least clearance": float(np.nanmin(clearance[: end + 1])),
+        "least clearance": float(np.nanmin(trajectory.clearance[: end + 1])),
     }
 
 
@@ -154,13 +152,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 except KeyboardInterrupt:
                     print("interrupted", file=sys.stderr)
                 trajectory = graph.trajectory()
-                clearance = graph.clearance() if graph.in_room else None
                 latest = dict(graph.latest)
         except KeyboardInterrupt:
             return 0
         except (ValueError, RuntimeError, OSError, ImportError) as error:
             return refuse(error)
-        _tell(trajectory, clearance, latest, given, figure=figure, report=report)
+        _tell(trajectory, latest, given, figure=figure, report=report)
         if view:
             view.stay()
     return 0
@@ -173,8 +170,7 @@ def _view(given: dict[str, Any], port: int) -> View:
 
 
 def _tell(
-    trajectory: Trajectory,
-    clearance: NDArray[np.float64] | None,
+    trajectory: Drive,
     latest: dict[str, Any],
     given: dict[str, Any],
     *,
@@ -185,8 +181,8 @@ def _tell(
     if len(trajectory.time) < 2:
         return
     figures = metrics(trajectory)
-    if clearance is not None:
-        figures |= room_metrics(trajectory, clearance[: len(trajectory.time)])
+    if np.isfinite(trajectory.clearance).any():
+        figures |= room_metrics(trajectory)
     for name, value in figures.items():
         print(f"{name:<26}{value:10.3f}")
     if report:

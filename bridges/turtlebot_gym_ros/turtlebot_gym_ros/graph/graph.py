@@ -9,14 +9,12 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from std_srvs.srv import SetBool, Trigger
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_ros.base.frames import Common
@@ -206,13 +204,9 @@ class Graph:
         """Time since the start by the stamps, s."""
         return self._recorder.time
 
-    def trajectory(self) -> Trajectory:
+    def trajectory(self) -> Drive:
         """Return the drive so far."""
         return self._recorder.trajectory()
-
-    def clearance(self) -> NDArray[np.float64]:
-        """Return the clearance in each row of the drive so far, shape (T,), m; in a world only."""
-        return self._recorder.clearance()
 
     def wait_until(self, condition: Callable[[Graph], Any], *, timeout: float | None = 60.0) -> None:
         """Wait until a condition on the graph holds.

@@ -1,4 +1,4 @@
-"""An observer that records the topics of a running graph as a trajectory.
+"""An observer that records the topics of a running graph as a drive.
 
 A row is a step, as in the infos of the environment: the true, measured and estimated state at a stamp, and the command in force
 in the interval before it, as stated by ``/odom``. The command that answers a step is in the next row; that of the first row is
@@ -15,18 +15,17 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
-from turtlebot_gym.trajectory import Trajectory
 from turtlebot_gym.values import Command, Odometry, Pose, State
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
 from turtlebot_gym_ros.base.swift import Swift
@@ -191,39 +190,14 @@ class Recorder:
             _require_whole(rows, len(self._step))
         return rows
 
-    def clearance(self) -> NDArray[np.float64]:
-        """Return the clearance in each row of `trajectory`, shape (T,), m; NaN where none was received.
-
-        Raises:
-            RuntimeError: As `trajectory`.
-        """
-        return np.array([row["clearance"].distance if "clearance" in row else np.nan for _, row in self._collect()])
-
-    def trajectory(self) -> Trajectory:
-        """Return the record so far, with NaN for missing values. In lock-step it ends with the last complete step.
+    def trajectory(self) -> Drive:
+        """Return the drive so far, with NaN for missing values. In lock-step it ends with the last complete step.
 
         Raises:
             RuntimeError: If in lock-step a step before that one was not heard as a whole.
         """
         rows = self._collect()
-
-        def column(topic: str, size: int, pick: Callable[[Any], Any] = tuple) -> NDArray[np.float64]:
-            gap = (np.nan,) * size
-            return np.array([pick(row[topic]) if topic in row else gap for _, row in rows], float).reshape(len(rows), size)
-
-        covariance = np.full((len(rows), 5, 5), np.nan)
-        for k, (_, row) in enumerate(rows):
-            if "estimate" in row:
-                covariance[k] = matrix(row["estimate"].belief.covariance)
-        return Trajectory(
-            time=self._time_of([stamp for stamp, _ in rows]),
-            true_state=column("true_state", 5),
-            odometry=column("odom", 3, lambda odometry: odometry.pose),
-            estimate=column("estimate", 5, lambda estimate: estimate.belief.mean),
-            covariance=covariance,
-            reference=column("reference", 3),
-            command=column("odom", 2, lambda odometry: odometry.twist),
-        )
+        return Drive.stack((_columns(row) for _, row in rows), time=self._time_of([stamp for stamp, _ in rows]))
 
     def _time_of(self, stamps: list[int]) -> Any:
         """Return the time of rows since the first one, s; in lock-step counted in steps, as in the environment."""
@@ -234,6 +208,19 @@ class Recorder:
     def close(self) -> None:
         """Destroy the node."""
         self.node.destroy_node()
+
+
+def _columns(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of a drive in a row of values by topic."""
+    columns: dict[str, Any] = {name: row[name] for name in ("true_state", "reference") if name in row}
+    if "odom" in row:
+        columns |= {"odometry": row["odom"].pose, "command": row["odom"].twist, "twist": row["odom"].twist}
+    if "estimate" in row:
+        mean, covariance = row["estimate"].belief
+        columns |= {"estimate": mean, "covariance": matrix(covariance)}
+    if "clearance" in row:
+        columns["clearance"] = row["clearance"].distance
+    return columns
 
 
 def _require_whole(rows: list[tuple[int, dict[str, Any]]], topics: int) -> None:

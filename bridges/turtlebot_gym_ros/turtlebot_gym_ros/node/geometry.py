@@ -9,7 +9,7 @@ from typing import Any
 
 from geometry_msgs.msg import Quaternion, Twist
 
-from turtlebot_gym.models.angles import yaw_of_quaternion
+from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.values import Command, Pose
 
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
@@ -25,16 +25,7 @@ def yaw_of(q: Quaternion) -> float:
     norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(norm - 1.0) < 0.01:  # also refuses NaN
         raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
-    if q.x == q.y == 0.0:
-        return _planar_yaw(q.z, q.w)
-    yaw = yaw_of_quaternion(q.w, q.x, q.y, q.z)
-    return -math.pi if yaw >= math.pi else yaw
-
-
-def _planar_yaw(z: float, w: float) -> float:
-    """Return the heading of a rotation about the vertical axis, rad, in [-pi, pi)."""
-    yaw = 2.0 * (math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w))  # q and -q are the same rotation
-    return -math.pi if yaw >= math.pi else yaw
+    return yaw_of_rotation(q.w, q.x, q.y, q.z)
 
 
 def quaternion_of(yaw: float) -> Quaternion:
@@ -44,8 +35,8 @@ def quaternion_of(yaw: float) -> Quaternion:
     `yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other end of a topic.
     """
     z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
-    if _planar_yaw(z, w) != yaw and -math.pi <= yaw < math.pi:
-        z, w = next(((a, b) for a, b in _neighbours(z, w) if _planar_yaw(a, b) == yaw), (z, w))
+    if yaw_of_rotation(w, 0.0, 0.0, z) != yaw and -math.pi <= yaw < math.pi:
+        z, w = next(((a, b) for a, b in _neighbours(z, w) if yaw_of_rotation(b, 0.0, 0.0, a) == yaw), (z, w))
     return Quaternion(x=0.0, y=0.0, z=z, w=w)
 
 

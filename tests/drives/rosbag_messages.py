@@ -1,0 +1,73 @@
+"""ROS 2 messages and bags written by rosbags, from numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs rosbags, of the extras [deploy] and [ros]")
+typesys = pytest.importorskip("rosbags.typesys")
+
+Plugin = rosbag2.StoragePlugin
+TYPES = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+ODOMETRY, POSE, POINT = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped"
+TRANSFORM, TF, TWIST = "geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/Twist"
+
+
+def make(kind, *values, **named):
+    return TYPES.types[kind](*values, **named)
+
+
+def stamp(seconds):
+    whole = math.floor(seconds)
+    return make("builtin_interfaces/msg/Time", whole, round((seconds - whole) * 1e9))
+
+
+def header(seconds, frame="odom"):
+    return make("std_msgs/msg/Header", stamp(seconds), frame)
+
+
+def vector(x=0.0, y=0.0, z=0.0):
+    return make("geometry_msgs/msg/Vector3", float(x), float(y), float(z))
+
+
+def point(x, y):
+    return make("geometry_msgs/msg/Point", float(x), float(y), 0.0)
+
+
+def turn(theta):
+    return make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(theta / 2.0), math.cos(theta / 2.0))
+
+
+def pose(x, y, theta):
+    return make("geometry_msgs/msg/Pose", point(x, y), turn(theta))
+
+
+def twist(v, omega):
+    return make(TWIST, vector(v), vector(z=omega))
+
+
+def odometry(seconds, place, speeds=(0.0, 0.0), *, variances=(0.0, 0.0, 0.0), measured=True):
+    covariance = np.zeros(36)
+    covariance[[0, 7, 35]] = variances
+    covariance[0] = covariance[0] if measured else -1.0
+    stated = make("geometry_msgs/msg/PoseWithCovariance", pose(*place), covariance)
+    return make(
+        ODOMETRY, header(seconds), "base", stated, make("geometry_msgs/msg/TwistWithCovariance", twist(*speeds), np.zeros(36))
+    )
+
+
+def transform(seconds, place, child="base"):
+    x, y, theta = place
+    return make(TRANSFORM, header(seconds), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
+
+
+def write_bag(folder, said, *, plugin=Plugin.SQLITE3):
+    """Write messages, each given as its topic, its type, when it was received, and itself."""
+    with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+        opened = {}
+        for topic, kind, received, message in said:
+            if topic not in opened:
+                opened[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+            writer.write(opened[topic], round(received * 1e9), TYPES.serialize_cdr(message, kind))
+    return folder

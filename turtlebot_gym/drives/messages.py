@@ -1,0 +1,244 @@
+"""What ROS 2 messages say of a drive: for messages of a bag, decoded by `rosbags`, as well as for those of a running graph.
+
+A row is a message on ``odom``. The truth is interpolated; of everything else, the last value holds for a while. What a message
+does not state stays unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.drives.alignment import Stream
+from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
+from turtlebot_gym.models.angles import yaw_of_rotation
+from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted
+from turtlebot_gym.values import Pose, State
+
+GUARD = "cmd_vel_guard"
+"""Name of the guard's node."""
+HELD = 1.0
+"""Age up to which a value holds, s; a waypoint holds indefinitely."""
+_CUBE, _CYLINDER, _LINE_STRIP = 1, 3, 4
+"""Types of ``visualization_msgs/msg/Marker`` in a room."""
+
+ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
+POSES = (
+    ODOMETRY,
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "geometry_msgs/msg/PointStamped",
+    TRANSFORMS,
+)
+"""Types of messages that state a pose, or at least a position."""
+TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist")
+TYPES: dict[str, tuple[str, ...]] = {
+    "odom": (ODOMETRY,),
+    "true_state": POSES,
+    "fix": POSES,
+    "twist": TWISTS,
+    "estimate": (ODOMETRY,),
+    "reference": ("geometry_msgs/msg/PoseStamped",),
+    "nis": ("diagnostic_msgs/msg/DiagnosticArray",),
+    "clearance": ("sensor_msgs/msg/Range",),
+    "scan": ("sensor_msgs/msg/LaserScan",),
+    "obstacles": ("visualization_msgs/msg/MarkerArray",),
+    "map": ("nav_msgs/msg/OccupancyGrid",),
+    "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray",),
+}
+"""Types of messages by topic, named as in this project's graph."""
+
+
+def _motion(message: Any) -> list[float]:
+    """Return x, y, heading, speed and turning rate; NaN for those that a message does not state, or marks as not measured."""
+    outer = getattr(message, "pose", None) or getattr(message, "transform", None) or getattr(message, "point", None)
+    place = getattr(outer, "pose", outer)
+    covariance = getattr(outer, "covariance", None)
+    if covariance is not None and covariance[0] < 0.0:
+        place = None  # how this project marks a lost measurement
+    position = getattr(place, "position", None) or getattr(place, "translation", place)
+    q = getattr(place, "orientation", None) or getattr(place, "rotation", None)
+    x, y = (math.nan, math.nan) if position is None else (position.x, position.y)
+    theta = math.nan if q is None else yaw_of_rotation(q.w, q.x, q.y, q.z)
+    twist = getattr(message, "twist", None)
+    twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
+    return [x, y, theta, *((math.nan, math.nan) if twist is None else (twist.linear.x, twist.angular.z))]
+
+
+def _covariance(message: Any) -> NDArray[np.float64]:
+    """Return the covariance of x, y, heading, v and omega in an Odometry message; it lacks that between pose and twist."""
+    P = np.zeros((5, 5))
+    pose, twist = (np.asarray(part.covariance, np.float64).reshape(6, 6) for part in (message.pose, message.twist))
+    P[:3, :3], P[3:, 3:] = pose[np.ix_((0, 1, 5), (0, 1, 5))], twist[np.ix_((0, 5), (0, 5))]
+    return P
+
+
+def _nis(message: Any) -> float:
+    return next((float(pair.value) for status in message.status for pair in status.values if pair.key == "nis"), math.nan)
+
+
+def _scan(message: Any) -> Scan:
+    """Return a scan; a beam that is not a number or beyond the sensor's limits returned nothing."""
+    ranges = np.array(message.ranges, np.float32)
+    ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = np.inf
+    increment = max(float(message.time_increment), 0.0)
+    return Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max, increment)
+
+
+def _room(message: Any) -> Obstacles | None:
+    """Return a room from its markers: a line around it, cylinders and cubes; None for other markers."""
+    walls, circles, boxes = None, [], []
+    for marker in message.markers:
+        at, q, size = marker.pose.position, marker.pose.orientation, marker.scale
+        if marker.type == _CYLINDER:
+            circles.append((at.x, at.y, 0.5 * size.x))
+        elif marker.type == _CUBE:
+            boxes.append((at.x, at.y, size.x, size.y, yaw_of_rotation(q.w, q.x, q.y, q.z)))
+        elif marker.type == _LINE_STRIP and len(marker.points) == 5:
+            a, b = marker.points[0], marker.points[2]
+            walls = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (b.x - a.x), 0.5 * (b.y - a.y)
+    return None if walls is None else Obstacles(walls, tuple(circles), tuple(boxes))
+
+
+def _grid(message: Any) -> GridMap:
+    info = message.info
+    origin, q = info.origin.position, info.origin.orientation
+    return GridMap(
+        cells=np.array(message.data, np.int8).reshape(info.height, info.width),
+        resolution=float(str(np.float32(info.resolution))),
+        origin=Pose(origin.x, origin.y, yaw_of_rotation(q.w, q.x, q.y, q.z)),
+    )
+
+
+_READ: dict[str, Callable[[Any], Any]] = {
+    "nis": _nis,
+    "clearance": lambda message: message.range,
+    "scan": _scan,
+    "obstacles": _room,
+    "map": _grid,
+}
+
+
+def _stamped(message: Any, received: float, child: str) -> Iterator[tuple[float, Any]]:
+    """Yield what a message states with the time for which it does, s: the message, or each transform of the wanted frame."""
+    for each in getattr(message, "transforms", (message,)):
+        header = getattr(each, "header", None) or next((marker.header for marker in getattr(each, "markers", ())), None)
+        if not child or each.child_frame_id == child:
+            yield received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9, each
+
+
+class Listener:
+    """Takes the messages of a drive topic by topic, and returns rows.
+
+    Args:
+        lidar: The robot's LiDAR, for its mounting.
+        guard: Name of the guard's node in ``diagnostics``, with its namespace; empty for that of any namespace.
+        live: Whether the drive has no end: then only the newest values are kept, and a stamp far back begins anew. Of a
+            recorded drive, a message with an empty stamp counts from when it was received.
+    """
+
+    def __init__(self, *, lidar: Lidar = LIDARS["lds01"], guard: str = "", live: bool = False) -> None:
+        self._lidar, self._guard, self._live = lidar, guard, live
+        self._streams: dict[str, Stream] = {}
+
+    def __getitem__(self, topic: str) -> Stream:
+        return self._streams.setdefault(topic, Stream(live=self._live))
+
+    def hear(self, topic: str, message: Any, received: float, *, child: str = "") -> bool:
+        """Take a message, and return whether it is newer than the ones before it on its topic.
+
+        Args:
+            topic: A key of `TYPES`.
+            message: The message.
+            received: When it was received, s.
+            child: Of transforms, the frame whose pose counts; by default any.
+        """
+        newer = False
+        for stamp, each in _stamped(message, received, child):
+            time = stamp if stamp or self._live else received
+            if topic == "diagnostics":
+                newer |= self._hear_reports(each, received)
+            elif (value := _READ.get(topic, _motion)(each)) is not None and self[topic].add(time, value):
+                newer = True
+                if topic == "estimate":
+                    self["covariance"].add(time, _covariance(each))
+                elif topic == "odom":
+                    self["received"].add(time, received)
+        return newer
+
+    def _hear_reports(self, message: Any, received: float) -> bool:
+        for status in message.status:
+            if status.name == self._guard or (not self._guard and status.name.rpartition("/")[2] == GUARD):
+                level = status.level[0] if isinstance(status.level, bytes) else status.level
+                return self["diagnostics"].add(received, (float(level), str(status.message)))
+        return False
+
+    def rows(
+        self,
+        time: NDArray[np.float64],
+        *,
+        start: float = 0.0,
+        after: float = -math.inf,
+        held: float = HELD,
+        around: Surroundings | None = None,
+    ) -> Drive:
+        """Return rows.
+
+        Args:
+            time: Stamps on ``odom``, shape (T,), s.
+            start: Time that counts as 0, s.
+            after: Time of the row before the first one, s, whose scans are left out.
+            held: Age up to which estimate and NIS hold, s; 0 for those of the same stamp alone.
+            around: Label, room and map; by default the room and the map that were heard.
+        """
+        odom, truth = self["odom"].held(time, 5, fresh=0.0), self["true_state"].held(time, 5)
+        truth[:, :3] = self["true_state"].interpolated(time)
+        truth[np.isnan(truth[:, 0])] = np.nan
+        if around is None:
+            rooms, grids = self["obstacles"].values, self["map"].values
+            around = Surroundings(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
+        reports = self["diagnostics"].last(self["received"].held(time))
+        told = [self["diagnostics"].values[at] if at >= 0 else (math.nan, "") for at in reports.tolist()]
+        drive = Drive(
+            time=time,
+            true_state=truth,
+            odometry=self["fix"].nearest(time, 3) if self["fix"] else odom[:, :3],
+            estimate=self["estimate"].held(time, 5, fresh=held),
+            covariance=self["covariance"].held(time, (5, 5), fresh=held),
+            reference=self["reference"].held(time, 5)[:, :3],
+            twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
+            nis=self["nis"].held(time, fresh=held),
+            clearance=self["clearance"].held(time, fresh=HELD),
+            level=np.array([level for level, _ in told]),
+            report=tuple(text for _, text in told),
+            circles=self._walkers(time, around.room),
+            around=around,
+        )
+        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, after))
+
+    def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
+        """Return the circles of each row where they are others than those of the room."""
+        rooms = self["obstacles"]
+        circles = [rooms.values[at].circles if at >= 0 and room else () for at in rooms.last(time).tolist()]
+        return tuple(np.array(() if room and each == room.circles else each).reshape(-1, 3) for each in circles)
+
+    def _scans(self, drive: Drive, after: float) -> tuple[Seen, ...]:
+        """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
+        scans: list[Seen] = []
+        states = np.where(np.isfinite(drive.truth), drive.truth, drive.estimate[:, :3])
+        states = np.where(np.isfinite(states), states, drive.odometry)
+        for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
+            complete = stamp + scan.beam_period * len(scan.ranges)
+            row = int(np.searchsorted(drive.time, complete - 1e-3))
+            if complete - 1e-3 > after and row < len(drive) and np.isfinite(states[row]).all():
+                x, y, theta = states[row].tolist()
+                scans.append(Seen(row, mounted(State(x, y, theta, 0.0, 0.0), self._lidar), scan))
+        return tuple(scans)
