@@ -75,11 +75,11 @@ def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
     if true is not None:
         remarks += _holes(f"{path}: true poses", true)
     more = {name: table.numbers(names)[keep] for name, names in _MORE if all(column in table.names for column in names)}
-    columns: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | more
+    known: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | more
     return Drive(
         time=time[keep],
         twist=twist[keep],
-        **columns,
+        **known,
         joined=np.concatenate([[False], keep[:-1]])[keep],
         around=Surroundings(label),
         remarks=tuple(remarks),
