@@ -21,11 +21,13 @@ except ImportError:
     extending = None
 
 HAS_NUMBA = extending is not None
+if HAS_NUMBA:
+    from turtlebot_gym import intrinsics
 
 
 def kernel(function: F) -> F:
     """Let a compiled loop inline this function; calling it from Python runs it as plain Python."""
-    return function if extending is None else extending.register_jitable(forceinline=True)(function)
+    return function if extending is None else extending.register_jitable(**intrinsics.INLINED)(function)
 
 
 def algebra(function: F) -> F:
@@ -33,7 +35,9 @@ def algebra(function: F) -> F:
 
     The compiler can then omit products with a constant zero. No other result changes, not even in the last bit.
     """
-    return function if extending is None else extending.register_jitable(forceinline=True, fastmath={"nnan", "nsz"})(function)
+    return (
+        function if extending is None else extending.register_jitable(**intrinsics.INLINED, fastmath={"nnan", "nsz"})(function)
+    )
 
 
 def sqrt(x: float) -> float:
@@ -57,27 +61,8 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
-def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]) -> tuple[Callable, Callable]:
-    """Let a compiled loop inline two functions that load and store a value, without compiling them from Python, which is slow.
-
-    Args:
-        load: ``load(buffer, at)``, as plain Python.
-        store: ``store(buffer, at, value)``, as plain Python.
-        example: A nested tuple of floats and bools.
-        leaves: For each number its place relative to ``at``, with its bits inverted if it is not stored; or the number itself,
-            a float or a bool, if it is a constant.
-    """
-    return load, store
-
-
-prefer_wide: Any = None
-"""``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
-compiled_scratch: Any = None
-"""``compiled_scratch(size)`` returns room for ``size`` numbers, a constant, until the calling compiled function ends."""
-
-
 def scratch(size: int) -> Any:
-    """Return room for ``size`` numbers; see `compiled_scratch`."""
+    """Return room for ``size`` numbers; compiled code uses `compiled_scratch`."""
     return [0.0] * size
 
 
@@ -89,156 +74,46 @@ def borrowed(array: Any) -> Any:
     return array
 
 
-if extending is not None:
-    from llvmlite import ir
-    from numba import float64, int64, typeof, types
-    from numba.core import cgutils, errors
-    from numba.np import arrayobj
+prefer_wide: Any = intrinsics.wide_vectors if HAS_NUMBA else None
+"""``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it."""
+compiled_scratch: Any = intrinsics.stack_array if HAS_NUMBA else None
+"""``compiled_scratch(size)`` returns room for ``size`` numbers, a constant, until the calling compiled function ends."""
 
-    def _emit_sqrt(typing_context, x):
-        def emit(context, builder, signature, arguments):
-            return builder.call(builder.module.declare_intrinsic("llvm.sqrt", [arguments[0].type]), arguments)
 
-        return float64(float64), emit
+def _inlined(function: Callable, make: Callable[..., Callable]) -> None:
+    """Let compiled loops inline what ``make`` returns for the arguments' types, in place of a function."""
+    overload: Any = intrinsics.extending.overload
+    overload(function, jit_options=intrinsics.INLINED)(make)
 
-    _intrinsic: Any = extending.intrinsic
-    _sqrt_instruction = _intrinsic(_emit_sqrt)
-    _overload: Any = extending.overload
 
-    @_overload(sqrt, jit_options={"forceinline": True})
-    def _sqrt(x):
-        # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
-        return lambda x: _sqrt_instruction(x)
+def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]) -> tuple[Callable, Callable]:
+    """Let a compiled loop inline two functions that load and store a value.
 
-    def _emitting(operation: str) -> Any:
-        def typing(typing_context, a, b):
-            def emit(context, builder, signature, arguments):
-                return getattr(builder, operation)(*arguments)
+    To compile them from their Python would take numba longer than a whole step.
 
-            return int64(int64, int64), emit
+    Args:
+        load: ``load(buffer, at)``, as plain Python.
+        store: ``store(buffer, at, value)``, as plain Python.
+        example: A nested tuple of floats and bools.
+        leaves: For each number its place relative to ``at``, with its bits inverted if it is not stored; or the number itself,
+            a float or a bool, if it is a constant.
+    """
+    if HAS_NUMBA:
+        load_numbers, store_numbers = intrinsics.loading(example, leaves), intrinsics.storing(leaves)
+        _inlined(load, lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
+        _inlined(store, lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value))
+    return load, store
 
-        return _intrinsic(typing)
 
-    # numba declares that its integers never overflow, and LLVM then drops masks that only matter on overflow.
-    _multiply, _add = _emitting("mul"), _emitting("add")
+if HAS_NUMBA:
+    from numba import int64
 
-    @_overload(times, jit_options={"forceinline": True})
-    def _times(a, b):
-        return lambda a, b: _multiply(int64(a), int64(b))
+    _root, _multiply, _add, _split = intrinsics.square_root, intrinsics.multiply, intrinsics.add, intrinsics.split_bits
+    _without_owner = intrinsics.without_owner
 
-    @_overload(plus, jit_options={"forceinline": True})
-    def _plus(a, b):
-        return lambda a, b: _add(int64(a), int64(b))
-
-    _TUPLE: Any = types.BaseTuple
-
-    def _place(context, builder, signature, arguments):
-        """Return the address of number ``at`` in a buffer."""
-        data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
-        return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
-
-    def access(
-        load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]
-    ) -> tuple[Callable, Callable]:
-        loaded = typeof(example)
-
-        def type_load(typing_context, buffer, at):
-            def emit(context, builder, signature, arguments):
-                first, rest = _place(context, builder, signature, arguments), iter(leaves)
-
-                def build(kind):
-                    if isinstance(kind, _TUPLE):
-                        return context.make_tuple(builder, kind, [build(one) for one in kind.types])
-                    leaf = next(rest)
-                    if not isinstance(leaf, int) or isinstance(leaf, bool):
-                        return context.get_constant(kind, leaf)
-                    number = builder.load(builder.gep(first, [context.get_constant(types.intp, max(leaf, ~leaf))]))
-                    return builder.fcmp_unordered("!=", number, number.type(0.0)) if kind == types.boolean else number
-
-                return build(loaded)
-
-            return loaded(buffer, at), emit
-
-        def type_store(typing_context, buffer, at, value):
-            def emit(context, builder, signature, arguments):
-                first, rest = _place(context, builder, signature, arguments), iter(leaves)
-
-                def write(kind, part):
-                    if isinstance(kind, _TUPLE):
-                        for index, one in enumerate(kind.types):
-                            write(one, builder.extract_value(part, index))
-                        return
-                    leaf = next(rest)
-                    if isinstance(leaf, int) and not isinstance(leaf, bool) and leaf >= 0:
-                        number = context.cast(builder, part, kind, float64)
-                        builder.store(number, builder.gep(first, [context.get_constant(types.intp, leaf)]))
-
-                write(signature.args[2], arguments[2])
-                return context.get_dummy_value()
-
-            return types.void(buffer, at, value), emit
-
-        load_numbers, store_numbers = _intrinsic(type_load), _intrinsic(type_store)
-        _overload(load, jit_options={"forceinline": True})(lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
-        _overload(store, jit_options={"forceinline": True})(
-            lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value)
-        )
-        return load, store
-
-    def _emit_split(typing_context, x):
-        def emit(context, builder, signature, arguments):
-            bits = builder.bitcast(arguments[0], ir.IntType(64))
-            exponent = builder.sub(builder.lshr(bits, bits.type(52)), bits.type(1022))
-            half = builder.or_(builder.and_(bits, bits.type(0x000FFFFFFFFFFFFF)), bits.type(0x3FE0000000000000))
-            parts = builder.bitcast(half, ir.DoubleType()), builder.sitofp(exponent, ir.DoubleType())
-            return context.make_tuple(builder, signature.return_type, parts)
-
-        return types.UniTuple(float64, 2)(float64), emit
-
-    _split_bits = _intrinsic(_emit_split)
-
-    @_overload(split, jit_options={"forceinline": True})
-    def _split(x):
-        return lambda x: _split_bits(x)
-
-    def _emit_scratch(typing_context, size):
-        if not isinstance(size, types.Literal):
-            raise errors.RequireLiteralValue(size)
-        count = size.literal_value
-
-        def emit(context, builder, signature, arguments):
-            with builder.goto_entry_block():
-                room = builder.alloca(ir.DoubleType(), ir.Constant(ir.IntType(64), count))
-                room.align = 64
-            array = context.make_array(signature.return_type)(context, builder)
-            shape = cgutils.pack_array(builder, [context.get_constant(types.intp, count)])
-            strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)])
-            arrayobj.populate_array(array, room, shape, strides, context.get_constant(types.intp, 8), None)
-            return array._getvalue()
-
-        return types.Array(float64, 1, "C")(size), emit  # an overload's frame would end before its caller's
-
-    compiled_scratch = _intrinsic(_emit_scratch)
-
-    def _emit_wide(typing_context):
-        def emit(context, builder, signature, arguments):
-            set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite does not support such attributes
-            return context.get_dummy_value()
-
-        return types.void(), emit
-
-    prefer_wide = _intrinsic(_emit_wide)
-
-    def _emit_borrowed(typing_context, array):
-        def emit(context, builder, signature, arguments):
-            view = context.make_array(signature.args[0])(context, builder, value=arguments[0])
-            view.meminfo, view.parent = view.meminfo.type(None), view.parent.type(None)
-            return view._getvalue()
-
-        return array(array), emit
-
-    _without_owner = _intrinsic(_emit_borrowed)
-
-    @_overload(borrowed, jit_options={"forceinline": True})
-    def _borrowed(array):
-        return lambda array: _without_owner(array)
+    # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
+    _inlined(sqrt, lambda x: lambda x: _root(x))
+    _inlined(times, lambda a, b: lambda a, b: _multiply(int64(a), int64(b)))
+    _inlined(plus, lambda a, b: lambda a, b: _add(int64(a), int64(b)))
+    _inlined(split, lambda x: lambda x: _split(x))
+    _inlined(borrowed, lambda array: lambda array: _without_owner(array))

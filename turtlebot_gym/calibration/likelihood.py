@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import bind, compiled, fingerprint
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.ekf import predict
@@ -111,7 +111,6 @@ def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
     return hypotheses.high if weights[1] > 0.5 else (hypotheses.low if weights[2] > 0.5 else hypotheses.true)
 
 
-@kernel
 def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale, middle):
     rows, total, running, alone = len(time), 0.0, False, False
     hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
@@ -145,7 +144,6 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale
     return total
 
 
-@kernel
 def _of_measurements(poses, truth, due, tuning, bias):
     total = 0.0
     nothing = Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -158,34 +156,9 @@ def _of_measurements(poses, truth, due, tuning, bias):
     return total
 
 
-def _work(*arguments: Any) -> float:
-    """Stand for a kernel, which `_loops` binds to this name."""
-    raise NotImplementedError
-
-
-def _innovations_loop(identity: str) -> Callable[..., float]:
-    def loop(time, twist, poses, due, begins, joined, tuning, bias, scale, middle):
-        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
-        return _work(time, twist, poses, due, begins, joined, tuning, bias, scale, middle)
-
-    return loop
-
-
-def _measurements_loop(identity: str) -> Callable[..., float]:
-    def loop(poses, truth, due, tuning, bias):
-        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
-        return _work(poses, truth, due, tuning, bias)
-
-    return loop
-
-
 @cache
 def _loops() -> tuple[Callable[..., float], Callable[..., float]]:
-    loops = []
-    for make, work in ((_innovations_loop, _of_innovations), (_measurements_loop, _of_measurements)):
-        identity = f"{fingerprint(make(''), work)} parallel=False"
-        loops.append(compiled(bind(make(identity), _work=work), parallel=False))
-    return loops[0], loops[1]
+    return compiled(_of_innovations, "likelihood of drives"), compiled(_of_measurements, "likelihood of poses")
 
 
 def tuning_of(noise: Noise) -> FilterTuning:

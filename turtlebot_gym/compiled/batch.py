@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.loop import layout_of, loops_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
+from turtlebot_gym.compiled.parallel import address_of, parallel_loop
 from turtlebot_gym.compiled.threads import Pace, Threads
+from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems import Parameters, Surroundings, System, World, system_of
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
@@ -68,10 +70,13 @@ class Batch:
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
-        self._keys = np.zeros((n_tiles, TILE), np.int64)
+        self._keys = np.zeros((n_tiles, TILE + 1), np.int64)
+        self._keys[:, TILE] = np.arange(n_tiles)
         self._tiles = np.zeros((n_tiles, layout.world.size * TILE))
         self._plan = plan
-        self._parallel = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
+        is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
+        self._parallel = is_large and HAS_NUMBA and self.system.compiled
+        self._addresses: dict[str, int] = {}
         self._pace = Pace()
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
@@ -112,6 +117,7 @@ class Batch:
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
+        self._addresses = {}  # of loops for the types of the scenes so far
         self._choose_loops(first if same else None)
         if self._around:
             self._make_room_for(
@@ -184,14 +190,23 @@ class Batch:
         outcomes: NDArray[np.float64],
     ) -> None:
         """Write the observations of some environments, and begin their episodes first if asked."""
-        state = self._tiles, self._keys, self._parameters, self.waypoints
         parallel = self._around is not None and self._parallel and Threads.acquire()
-        loop = self._loops.reset_parallel if parallel else self._loops.reset
+        state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         try:
-            loop(mask, begins, self.seeds, self.episodes, *state, observations, outcomes, self.scenes)
+            self._run("reset", parallel, mask, begins, self.seeds, self.episodes, *state)
         finally:
             if parallel:
                 Threads.release()
+
+    def _run(self, name: str, parallel: bool, *arguments: Any) -> None:
+        """Run a loop over all tiles, on one thread or on all."""
+        loop = getattr(self._loops, name)
+        if not parallel:
+            loop(*arguments)
+            return
+        if name not in self._addresses:
+            self._addresses[name] = address_of(loop, *arguments)
+        parallel_loop(name)(self._addresses[name], Threads.count(), *arguments)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`: new, or old ones without other references.
@@ -216,15 +231,17 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are new arrays.
         """
         observations, outcomes = self.empty()
+        if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array
+            actions = actions.copy()
         if not self._parallel:
             self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )  # fmt: skip
             return observations, outcomes
+        state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         shared, start = Threads.acquire(None if self._pace.parallel else 1), time.perf_counter()
         try:
-            loop = self._loops.step_parallel if shared else self._loops.step
-            loop(actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes)
+            self._run("step", shared, actions, *state)
         finally:
             if shared:
                 Threads.release()

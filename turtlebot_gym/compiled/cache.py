@@ -1,17 +1,23 @@
-"""Compile a function once per machine: numba's cache, keyed on everything the function consists of.
+"""Compile a function once for all processes, checkouts and virtual environments of a user.
 
-numba keys its cache on a function's own code and closure, but not on the helpers it calls or its compiler flags. So
-each function compiled here closes over a string that identifies those.
+The cache holds a file for each compiled function, named by a hash of all that its machine code is made of: the function, what
+it calls, the numbers it uses, the compilers and the processor. numba's own cache neither looks at helpers in other files nor at
+compiler flags, and forgets a function whenever its file changes.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+import pickle
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -22,39 +28,42 @@ _LLVM_OPTIONS = ("-memory-check-merge-threshold=4000",)
 """LLVM proves with one check per group of addresses that a tile does not overlap the parameters, but stops grouping
 after 100 comparisons, and a step has more numbers than that. It then counts too many checks and gives up vectorizing,
 and a step takes four times as long."""
+MOST_BYTES = 200_000_000
+"""Size of the cache above which the files that nobody used for the longest time are removed: about 300 functions."""
+LONGEST_WAIT = 300.0
+"""Longest time to wait for another process that compiles the same function, s: several times what a robot's computer needs."""
 
 if HAS_NUMBA:
+    import llvmlite
+    import numba
     from llvmlite import binding as llvm
-    from numba import njit
-    from numba.core import event
+    from numba import config, njit
+    from numba.core.compiler import CompileResult
+    from numba.core.serialize import dumps
+    from numba.misc.appdirs import user_cache_dir
+
+    from turtlebot_gym import intrinsics
 
     for option in _LLVM_OPTIONS:
         llvm.set_option("", option)
-
-    class _Announcer(event.Listener):
-        """Says on a terminal, once, that a function of this package is being compiled."""
-
-        said = False
-
-        def on_start(self, event: Any) -> None:
-            ours = str(event.data["dispatcher"].py_func.__module__).startswith("turtlebot_gym.")
-            if ours and not self.said and sys.stderr.isatty():
-                self.said = True
-                print("turtlebot_gym: compiling for this machine, once; this takes about ten seconds.", file=sys.stderr)
-
-        def on_end(self, event: Any) -> None:
-            """Say nothing."""
-
-    event.register("numba:compile", _Announcer())
+    _COMPILERS = (
+        *_LLVM_OPTIONS, numba.__version__, llvmlite.__version__, sys.implementation.cache_tag,
+        config.OPT, config.LOOP_VECTORIZE, config.SLP_VECTORIZE, config.BOUNDSCHECK,
+        *(Path(module.__file__).read_text("utf-8") for module in (kernel, intrinsics)),  # no call leads to intrinsics
+    )  # fmt: skip
 else:  # the functions run as plain Python
     njit: Any = lambda function, **options: function  # noqa: E731
+    _COMPILERS = ()
+
+try:
+    import fcntl
+except ImportError:  # Windows: processes that start together compile the same, each for itself
+    fcntl = None
 
 
 def fingerprint(*functions: Callable[..., Any]) -> str:
-    """Return a hash of functions, of everything they call, and of the numbers they use; comments do not count."""
-    digest = hashlib.sha256(Path(kernel.__file__).read_bytes())  # intrinsics are not reached by following calls
-    digest.update(" ".join(_LLVM_OPTIONS).encode())
-    seen: set[int] = set()
+    """Return a hash of functions, of everything they call, and of the numbers they use; comments and paths do not count."""
+    digest, seen = hashlib.sha256(), set()
     for function in functions:
         for part in _parts(function, seen):
             digest.update(part.encode())
@@ -80,7 +89,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         for constant in value.co_consts:
             yield from _parts(constant, seen)
     elif isinstance(value, type) and issubclass(value, tuple):
-        yield f"{value.__qualname__} {getattr(value, '_fields', ())}"
+        yield f"{value.__module__}.{value.__qualname__} {getattr(value, '_fields', ())}"
     elif isinstance(value, (bool, int, float, str, np.generic, type(None))):
         yield repr(value)
     elif isinstance(value, (tuple, frozenset)):
@@ -89,27 +98,138 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             yield from _parts(item, seen)
 
 
-def bind(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
-    """Return a function with some of its globals replaced.
-
-    numba compiles globals as constants. Unlike a closure they are not part of its cache key, where functions would
-    count by their memory address.
-    """
-    assert isinstance(function, FunctionType)
-    scope = {**function.__globals__, **names}
-    bound = FunctionType(function.__code__, scope, function.__name__, function.__defaults__, function.__closure__)
-    bound.__qualname__, bound.__module__ = function.__qualname__, function.__module__
-    return bound
+def folder() -> Path:
+    """Return the folder of the cache: in NUMBA_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(given, "turtlebot_gym") if given else Path(user_cache_dir("turtlebot_gym", appauthor=False))
 
 
-def compiled(function: Callable[..., Any], *, parallel: bool) -> Callable[..., Any]:
-    """Compile a function at its first call, with numba's cache if its folder is writable.
+class _Store:
+    """Cache of a function's machine code, a file for each type of its arguments. It has the methods of numba's own caches.
 
     Args:
-        function: A function that closes over a string that identifies it: its `fingerprint` and ``parallel``.
+        name: What the function does, for people.
+        identity: Hash of everything the machine code is made of, except for types and processor.
+    """
+
+    def __init__(self, name: str, identity: str) -> None:
+        self._name, self._identity = name, identity
+        self._lock: IO[str] | None = None
+        self._began = 0.0
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(folder())
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return a compile result from its file; None, and a notice, if numba has to compile."""
+        target.refresh()
+        path = self._path(signature, target.codegen())
+        result = _load(path, target)
+        if result is None:
+            self._lock = self._lock or _lock(path.with_suffix(".lock"), self._name)
+            result = _load(path, target)  # another process may have compiled it meanwhile
+        if result is None:
+            self._began = time.perf_counter()
+            _say(f"turtlebot_gym: compiling {self._name} for this machine, once ... ")
+        else:
+            self._release()
+        return result
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Write what numba has compiled, if the folder is writable."""
+        _say(f"{time.perf_counter() - self._began:.1f} s\n")
+        path = self._path(signature, result.codegen)
+        assert not result.library.has_dynamic_globals, "addresses in the code are another process's"
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
+                file.write(dumps(result._reduce()))
+            os.replace(file.name, path)  # at once, so that nobody reads a part of it
+            _tidy(path.parent)
+        self._release()
+
+    def _path(self, signature: Any, codegen: Any) -> Path:
+        key = f"{self._identity} {signature} {codegen.magic_tuple()}"
+        return folder() / f"{self._name.replace(' ', '-')}-{hashlib.sha256(key.encode()).hexdigest()[:32]}.bin"
+
+    def _release(self) -> None:
+        """Let others load the file."""
+        if self._lock is not None:
+            with suppress(OSError):
+                os.unlink(self._lock.name)
+            self._lock.close()
+            self._lock = None
+
+
+def _load(path: Path, target: Any) -> Any:
+    """Return a compile result from a file, None if there is no such file or only a part of one."""
+    try:
+        result = CompileResult._rebuild(target, *pickle.loads(path.read_bytes()))
+        os.utime(path)  # in use: `_tidy` keeps it
+    except Exception:  # whatever is wrong with the file, compiling replaces it
+        return None
+    return result
+
+
+def _lock(path: Path, name: str) -> IO[str] | None:
+    """Return a file that this process has locked; None if that is impossible, or another one holds it for too long."""
+    if fcntl is None:
+        return None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("w")
+    except OSError:  # the folder is not writable
+        return None
+    began = time.perf_counter()
+    waited = False
+    while time.perf_counter() - began < LONGEST_WAIT:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if not waited:
+                _say(f"turtlebot_gym: waiting for another process, which is compiling {name} ... ")
+            waited = True
+            time.sleep(0.05)
+        except OSError:  # the file system has no locks
+            break
+        else:
+            if waited:
+                _say(f"{time.perf_counter() - began:.1f} s\n")
+            return file
+    file.close()
+    return None
+
+
+def _tidy(directory: Path) -> None:
+    """Remove the files that were not used for the longest time, if all of them are larger than `MOST_BYTES`."""
+    files = sorted(((status := path.stat()).st_mtime, status.st_size, path) for path in directory.glob("*.bin"))
+    excess = sum(size for _, size, _ in files) - MOST_BYTES
+    for _, size, path in files:
+        if excess <= 0:
+            return
+        path.unlink(missing_ok=True)
+        excess -= size
+
+
+def _say(text: str) -> None:
+    """Write a notice, if somebody watches."""
+    if sys.stderr.isatty():
+        sys.stderr.write(text)
+        sys.stderr.flush()
+
+
+def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False) -> Callable[..., Any]:
+    """Compile a function at its first call, unless the cache holds it.
+
+    Args:
+        function: Its globals and its closure hold kernels and numbers, which become a part of it.
+        name: What it does, for the notice on a terminal and the name of its file.
         parallel: Whether its ``prange`` runs on all threads.
     """
-    try:
-        return njit(function, error_model="numpy", parallel=parallel, cache=True)
-    except RuntimeError:  # there is no folder for the cache
-        return njit(function, error_model="numpy", parallel=parallel)
+    dispatcher = njit(function, error_model="numpy", parallel=parallel)
+    if HAS_NUMBA:
+        identity = f"{fingerprint(function)} {parallel} {_COMPILERS}"
+        dispatcher._cache = _Store(name, hashlib.sha256(identity.encode()).hexdigest())
+    return dispatcher

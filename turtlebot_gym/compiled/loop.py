@@ -13,9 +13,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from turtlebot_gym.compiled.cache import bind, compiled, fingerprint
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import TILE, Packing, as_tuple, packing
 from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, kernel, prefer_wide, scratch
 from turtlebot_gym.models.random import episode_key
@@ -24,11 +22,6 @@ from turtlebot_gym.systems import System, step_of
 from turtlebot_gym.systems.episode import start_outcome
 from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
-
-if HAS_NUMBA:
-    from numba import prange
-else:
-    prange = range
 
 
 class Layout(NamedTuple):
@@ -52,13 +45,9 @@ class Loops(NamedTuple):
 
     layout: Layout
     step: Callable[..., None]
-    """Advances all environments, on one thread."""
-    step_parallel: Callable[..., None]
-    """The same, on all threads."""
+    """Advances the environments of some tiles; the last number among the keys of a tile is the tile's own."""
     reset: Callable[..., None]
-    """Begins episodes of some environments, or writes their current observations again."""
-    reset_parallel: Callable[..., None]
-    """The same, on all threads: worth it if each episode draws a room."""
+    """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
 
 def layout_of(system: System, special: Special = GENERAL) -> Layout:
@@ -273,63 +262,36 @@ def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., 
     return reset_lane
 
 
-def _work(*arguments: Any) -> None:
-    """Stand for a kernel of a system, which `loops_of` binds to this name."""
-    raise NotImplementedError
-
-
-def _step_rows(identity: str) -> Callable[..., None]:
-    def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
-        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
-        for index in prange(len(tiles)):
-            at = np.int64(index)  # prange counts in unsigned integers; mixed with signed ones they become floats
-            first = at * TILE
-            row = parameters[at if len(parameters) > 1 else 0]
-            count = min(TILE, len(actions) - first)
-            _work(first, count, actions, tiles[at], keys[at], row, waypoints, observations, outcomes, scenes)
-
-    return step_rows
-
-
-def _reset_rows(identity: str) -> Callable[..., None]:
-    def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
-        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
-        for index in prange(len(tiles)):
-            at = np.int64(index)
-            row = parameters[at if len(parameters) > 1 else 0]
-            for environment in range(at * TILE, min((at + 1) * TILE, len(mask))):
-                if mask[environment]:
-                    lane, visited = environment % TILE, waypoints[environment]
-                    if begins:
-                        keys[at, lane] = episode_key(int(seeds[environment]), int(episodes[environment]))
-                    key = int(keys[at, lane])  # signed: a mix of unsigned and signed integers becomes a float
-                    _work(environment, lane, begins, tiles[at], key, row, visited, observations, outcomes, scenes)
-
-    return reset_rows
-
-
-def _loop(
-    make: Callable[[str], Callable[..., None]], work: Callable[..., None], *, system: System, parallel: bool
-) -> Callable[..., None]:
-    """Return a loop around a kernel, to be compiled at its first call if the system can be."""
-    if not system.compiled:
-        return bind(make(""), _work=work)
-    identity = f"{fingerprint(make(''), work)} parallel={parallel}"
-    return compiled(bind(make(identity), _work=work), parallel=parallel)
-
-
 def loops_of(system: System, special: Special = GENERAL) -> Loops:
-    """Return the compiled loops of a system, general or for a special case; processes share them through numba's cache."""
+    """Return the compiled loops of a system, general or for a special case; processes share them through the cache."""
     return _loops_of(system, special)
 
 
 @cache
 def _loops_of(system: System, special: Special) -> Loops:
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
-    return Loops(
-        layout_of(system, special),
-        _loop(_step_rows, step_tile, system=system, parallel=False),
-        _loop(_step_rows, step_tile, system=system, parallel=True),
-        _loop(_reset_rows, reset_lane, system=system, parallel=False),
-        _loop(_reset_rows, reset_lane, system=system, parallel=True),
-    )
+
+    def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        for at in range(len(tiles)):
+            number = keys[at, TILE]
+            row = parameters[number if len(parameters) > 1 else 0]
+            count = min(TILE, len(actions) - number * TILE)
+            step_tile(number * TILE, count, actions, tiles[at], keys[at], row, waypoints, observations, outcomes, scenes)
+
+    def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        for at in range(len(tiles)):
+            number = keys[at, TILE]
+            row = parameters[number if len(parameters) > 1 else 0]
+            for environment in range(number * TILE, min((number + 1) * TILE, len(mask))):
+                if mask[environment]:
+                    lane, visited = environment % TILE, waypoints[environment]
+                    if begins:
+                        keys[at, lane] = episode_key(int(seeds[environment]), int(episodes[environment]))
+                    key = int(keys[at, lane])  # signed: a mix of unsigned and signed integers becomes a float
+                    reset_lane(environment, lane, begins, tiles[at], key, row, visited, observations, outcomes, scenes)
+
+    layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
+    if not system.compiled:
+        return Loops(layout, step_rows, reset_rows)
+    case = "" if special == GENERAL else " without slip and delay"
+    return Loops(layout, compiled(step_rows, f"steps {place}{case}"), compiled(reset_rows, f"resets {place}{case}"))

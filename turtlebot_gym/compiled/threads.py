@@ -55,6 +55,13 @@ class Threads:
         return allowed
 
     @classmethod
+    def count(cls) -> int:
+        """Return the number of threads of the parallel loop that the caller may run."""
+        import numba
+
+        return numba.get_num_threads()
+
+    @classmethod
     def release(cls) -> None:
         """Let the next caller run a parallel loop."""
         if cls._numbas:

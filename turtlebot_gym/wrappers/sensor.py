@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.cache import compiled, fingerprint
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.models.random import MAX_SEED, SENSOR, episode_key, normals, sub_key
 from turtlebot_gym.wrappers.transition import ask, require_box
 
@@ -93,17 +93,13 @@ def _seeds_of(seed: Any, rows: int) -> list[int | None]:
     return [seed + row for row in range(rows)] if isinstance(seed, (int, np.integer)) else list(seed)
 
 
-def _rows(identity: str) -> Callable[..., None]:
-    def fill(seeds, episodes, steps, draws):
-        identity  # noqa: B018  # pyright: ignore[reportUnusedExpression]  # part of the cache's key
-        for row in range(len(seeds)):
-            key = sub_key(episode_key(int(seeds[row]), int(episodes[row])), SENSOR)
-            for stream in range(draws.shape[1] // 2):
-                draws[row, 2 * stream], draws[row, 2 * stream + 1] = normals(key, int(steps[row]), stream)
-
-    return fill
+def _fill(seeds, episodes, steps, draws):
+    for row in range(len(seeds)):
+        key = sub_key(episode_key(int(seeds[row]), int(episodes[row])), SENSOR)
+        for stream in range(draws.shape[1] // 2):
+            draws[row, 2 * stream], draws[row, 2 * stream + 1] = normals(key, int(steps[row]), stream)
 
 
 @cache
 def _filler() -> Callable[..., None]:
-    return compiled(_rows(fingerprint(_rows(""))), parallel=False)
+    return compiled(_fill, "noise of wrappers")

@@ -1,0 +1,228 @@
+"""What `kernel` needs from numba's and LLVM's insides: single instructions, buffers, and kernels that exist only to be inlined.
+
+Without numba this module cannot be imported; `kernel` then uses plain Python alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import _dynfunc, extending, float64, int64, typeof, types
+from numba.core import cgutils, errors
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import NativeLowering
+from numba.np import arrayobj
+
+_intrinsic: Any = extending.intrinsic
+_TUPLE: Any = types.BaseTuple
+
+
+class _InlinedLibrary(JITCodeLibrary):
+    """The code of a kernel, as it is: the loop that inlines it links, optimizes and translates it as a part of the whole.
+
+    numba would do so for each kernel with all that it calls, level by level, which takes as long as everything else together
+    and makes the loop no faster.
+    """
+
+    def finalize(self) -> None:
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        whole = super()._get_module_for_linking().clone()
+        for library in self._called():
+            inlined = isinstance(library, _InlinedLibrary)
+            module = super(_InlinedLibrary, library) if inlined else library
+            whole.link_in(module._get_module_for_linking(), preserve=True)
+        return whole
+
+    def _called(self) -> Iterator[Any]:
+        """Yield the libraries of all functions that this one reaches, each once."""
+        seen, ahead = {self}, list(self._linking_libraries)
+        while ahead:
+            library = ahead.pop()
+            if library not in seen:
+                seen.add(library)
+                ahead += library._linking_libraries if isinstance(library, _InlinedLibrary) else ()
+                yield library
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _InlinedLowering(NativeLowering):
+    """numba's translation into LLVM's language, without machine code at its end."""
+
+    _name = "inlined_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        name = state.func_id.func_name
+        state.library = library = _InlinedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        library.finalize()
+        lowered = state.cr
+        # numba finds a compiled function by the object that Python would call; nobody calls this one, and its address is 0
+        known_by = _dynfunc.make_function(lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (library,))
+        state.targetctx.insert_user_function(known_by, lowered.fndesc, [library])
+        state.cr = lowered._replace(cfunc=known_by)
+        return True
+
+
+class _InlinedCompiler(CompilerBase):
+    """numba's compiler, for functions that are only inlined."""
+
+    def define_pipelines(self) -> list[Any]:
+        manager: Any = DefaultPassBuilder.define_nopython_pipeline(self.state, "inlined")
+        manager.passes = [(_InlinedLowering if step is NativeLowering else step, why) for step, why in manager.passes]
+        manager.finalize()
+        return [manager]
+
+
+INLINED: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True, "pipeline_class": _InlinedCompiler}
+"""Options of all functions that compiled loops inline."""
+
+
+def _emit_sqrt(typing_context, x):
+    def emit(context, builder, signature, arguments):
+        return builder.call(builder.module.declare_intrinsic("llvm.sqrt", [arguments[0].type]), arguments)
+
+    return float64(float64), emit
+
+
+def _emitting(operation: str) -> Any:
+    def typing(typing_context, a, b):
+        def emit(context, builder, signature, arguments):
+            return getattr(builder, operation)(*arguments)
+
+        return int64(int64, int64), emit
+
+    return _intrinsic(typing)
+
+
+def _emit_split(typing_context, x):
+    def emit(context, builder, signature, arguments):
+        bits = builder.bitcast(arguments[0], ir.IntType(64))
+        exponent = builder.sub(builder.lshr(bits, bits.type(52)), bits.type(1022))
+        half = builder.or_(builder.and_(bits, bits.type(0x000FFFFFFFFFFFFF)), bits.type(0x3FE0000000000000))
+        parts = builder.bitcast(half, ir.DoubleType()), builder.sitofp(exponent, ir.DoubleType())
+        return context.make_tuple(builder, signature.return_type, parts)
+
+    return types.UniTuple(float64, 2)(float64), emit
+
+
+def _emit_scratch(typing_context, size):
+    if not isinstance(size, types.Literal):
+        raise errors.RequireLiteralValue(size)
+    count = size.literal_value
+
+    def emit(context, builder, signature, arguments):
+        with builder.goto_entry_block():
+            room = builder.alloca(ir.DoubleType(), ir.Constant(ir.IntType(64), count))
+            room.align = 64
+        array = context.make_array(signature.return_type)(context, builder)
+        shape = cgutils.pack_array(builder, [context.get_constant(types.intp, count)])
+        strides = cgutils.pack_array(builder, [context.get_constant(types.intp, 8)])
+        arrayobj.populate_array(array, room, shape, strides, context.get_constant(types.intp, 8), None)
+        return array._getvalue()
+
+    return types.Array(float64, 1, "C")(size), emit  # an overload's frame would end before its caller's
+
+
+def _emit_wide(typing_context):
+    def emit(context, builder, signature, arguments):
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite does not support such attributes
+        return context.get_dummy_value()
+
+    return types.void(), emit
+
+
+def _emit_borrowed(typing_context, array):
+    def emit(context, builder, signature, arguments):
+        view = context.make_array(signature.args[0])(context, builder, value=arguments[0])
+        view.meminfo, view.parent = view.meminfo.type(None), view.parent.type(None)
+        return view._getvalue()
+
+    return array(array), emit
+
+
+def _emit_call(typing_context, address, arguments):
+    def emit(context, builder, signature, values):
+        kinds = tuple(arguments.types)
+        kind_of_function = context.call_conv.get_function_type(types.none, kinds).as_pointer()
+        function = builder.inttoptr(values[0], kind_of_function)
+        items = [builder.extract_value(values[1], at) for at in range(len(kinds))]
+        status, _ = context.call_conv.call_function(builder, function, types.none, kinds, items)
+        with cgutils.if_unlikely(builder, status.is_error):
+            context.call_conv.return_status_propagate(builder, status)
+        return context.get_dummy_value()
+
+    return types.none(int64, arguments), emit
+
+
+def _place(context, builder, signature, arguments):
+    """Return the address of number ``at`` in a buffer."""
+    data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
+    return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
+
+
+def loading(example: Any, leaves: Sequence[int | float | bool]) -> Callable[..., Any]:
+    """Return the intrinsic ``load(buffer, at)`` of `kernel.access`."""
+    loaded = typeof(example)
+
+    def type_load(typing_context, buffer, at):
+        def emit(context, builder, signature, arguments):
+            first, rest = _place(context, builder, signature, arguments), iter(leaves)
+
+            def build(kind):
+                if isinstance(kind, _TUPLE):
+                    return context.make_tuple(builder, kind, [build(item) for item in kind.types])
+                leaf = next(rest)
+                if not isinstance(leaf, int) or isinstance(leaf, bool):
+                    return context.get_constant(kind, leaf)
+                number = builder.load(builder.gep(first, [context.get_constant(types.intp, max(leaf, ~leaf))]))
+                return builder.fcmp_unordered("!=", number, number.type(0.0)) if kind == types.boolean else number
+
+            return build(loaded)
+
+        return loaded(buffer, at), emit
+
+    return _intrinsic(type_load)
+
+
+def storing(leaves: Sequence[int | float | bool]) -> Callable[..., Any]:
+    """Return the intrinsic ``store(buffer, at, value)`` of `kernel.access`."""
+
+    def type_store(typing_context, buffer, at, value):
+        def emit(context, builder, signature, arguments):
+            first, rest = _place(context, builder, signature, arguments), iter(leaves)
+
+            def write(kind, part):
+                if isinstance(kind, _TUPLE):
+                    for index, item in enumerate(kind.types):
+                        write(item, builder.extract_value(part, index))
+                    return
+                leaf = next(rest)
+                if isinstance(leaf, int) and not isinstance(leaf, bool) and leaf >= 0:
+                    number = context.cast(builder, part, kind, float64)
+                    builder.store(number, builder.gep(first, [context.get_constant(types.intp, leaf)]))
+
+            write(signature.args[2], arguments[2])
+            return context.get_dummy_value()
+
+        return types.void(buffer, at, value), emit
+
+    return _intrinsic(type_store)
+
+
+square_root = _intrinsic(_emit_sqrt)
+# numba declares that its integers never overflow, and LLVM then drops masks that only matter on overflow.
+multiply, add = _emitting("mul"), _emitting("add")
+split_bits = _intrinsic(_emit_split)
+stack_array = _intrinsic(_emit_scratch)
+wide_vectors = _intrinsic(_emit_wide)
+without_owner = _intrinsic(_emit_borrowed)
+call = _intrinsic(_emit_call)
