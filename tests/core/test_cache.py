@@ -1,18 +1,20 @@
-"""What keys numba's cache: all that a loop is made of, and nothing else."""
+"""The cache of compiled functions: what a file is found by, who shares it, who waits for it, and what a terminal shows."""
 
 from __future__ import annotations
 
 import os
 import pty
+import re
 import subprocess
 import sys
+from contextlib import suppress
 from types import FunctionType
 
 import pytest
 
-from turtlebot_gym.compiled import loop
-from turtlebot_gym.compiled.cache import bind, fingerprint
-from turtlebot_gym.estimation.interface import DEAD_RECKONING, EXTENDED_KALMAN
+from turtlebot_gym.compiled import cache, loop
+from turtlebot_gym.compiled.cache import fingerprint
+from turtlebot_gym.estimation.interface import EXTENDED_KALMAN
 from turtlebot_gym.systems import open_ground, step_of
 
 
@@ -73,78 +75,133 @@ def test_it_reaches_through_closures_and_modules():
 
 
 def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
-    """Each kernel of a system is replaced in turn: all loops that run it must then be compiled anew."""
     system = open_ground(EXTENDED_KALMAN)
     tile, lane = fingerprint(loop._step_tile_of(system)), fingerprint(loop._reset_lane_of(system))
+    assert tile != lane
     for name in ("move", "sense", "estimate", "judge", "observe"):
         kernel = getattr(system, name)
-        renamed = FunctionType(kernel.__code__.replace(co_consts=(*kernel.__code__.co_consts, 0.125)), kernel.__globals__,
-                               name, None, kernel.__closure__)  # fmt: skip
-        assert fingerprint(step_of(system._replace(**{name: renamed})).advance, renamed) != tile
-        changed = fingerprint(step_of(system._replace(**{name: renamed})).advance)
-        assert (changed != fingerprint(step_of(system).advance)) == (name != "observe")
-    assert tile != lane
+        code = kernel.__code__.replace(co_consts=(*kernel.__code__.co_consts, 0.125))
+        changed = FunctionType(code, kernel.__globals__, name, None, kernel.__closure__)
+        advance = fingerprint(step_of(system._replace(**{name: changed})).advance)
+        assert (advance != fingerprint(step_of(system).advance)) == (name != "observe")
 
 
-def test_systems_have_fingerprints_of_their_own_and_the_same_in_every_process():
-    program = (
-        "from turtlebot_gym.compiled import loop\n"
-        "from turtlebot_gym.compiled.cache import fingerprint\n"
-        "from turtlebot_gym.estimation.interface import DEAD_RECKONING, EXTENDED_KALMAN\n"
-        "from turtlebot_gym.systems import open_ground\n"
-        "for it in (EXTENDED_KALMAN, DEAD_RECKONING): print(fingerprint(loop._step_tile_of(open_ground(it))))\n"
-    )
-    here = [fingerprint(loop._step_tile_of(open_ground(it))) for it in (EXTENDED_KALMAN, DEAD_RECKONING)]
-    assert here[0] != here[1]
-    for seed in ("1", "2"):
-        there = subprocess.run(
-            [sys.executable, "-c", program],
-            capture_output=True,
-            text=True,
-            check=True,
-            env=os.environ | {"PYTHONHASHSEED": seed},
-        )
-        assert there.stdout.split() == here
+# Processes that share a cache.
 
-
-def test_a_bound_function_finds_other_values_and_leaves_the_first_one_alone():
-    f = with_source("def f(x):\n    return FACTOR * x\n", FACTOR=2.0)
-    assert (bind(f, FACTOR=5.0)(1.0), f(1.0)) == (5.0, 2.0)
-
-
-COMPILE = """
+FUNCTION = """
+import sys, time
 import numpy as np
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.values import Pose
-batch = Batch(1, make_parameters(), [Pose(0.0, 0.0, 0.0)])
-batch.reset(np.ones(1, np.bool_), *batch.empty())
+from turtlebot_gym.compiled import cache
+from turtlebot_gym.kernel import kernel
+
+@kernel
+def double(x):
+    return 2.0 * x
+
+def function(x):
+    return double(x) + 1.0
+
+began = time.perf_counter()
+loop = cache.compiled(function, "a function")
+result = loop(3.0)
+print(result, sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
 """
 
 
-def test_the_first_compilation_says_so_on_a_terminal_and_the_second_run_is_silent(tmp_path):
-    def said():
+def start(folder, program=FUNCTION, **options):
+    """Start a Python that runs a program with its cache in a folder."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)} | options.pop("environment", {})
+    return subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, env=environment, text=True, **options)
+
+
+def ran(folder, program=FUNCTION, **options):
+    """Run such a program and return what it prints."""
+    process = start(folder, program, **options)
+    printed, _ = process.communicate(timeout=300)
+    assert process.returncode == 0
+    return printed.split()
+
+
+LOADED, COMPILED = ["7.0", "1", "0"], ["7.0", "0", "1"]
+
+
+def test_the_second_process_loads_what_the_first_one_compiled(tmp_path):
+    assert ran(tmp_path) == COMPILED
+    assert ran(tmp_path, environment={"PYTHONHASHSEED": "5"}) == LOADED
+    assert [path.suffix for path in (tmp_path / "turtlebot_gym").iterdir()] == [".bin"]  # no lock, no part of a file
+
+
+def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(tmp_path):
+    assert ran(tmp_path) == COMPILED
+    assert (
+        ran(tmp_path, "# one line more\n" + FUNCTION.replace("def double", "def unused(): pass\n@kernel\ndef double")) == LOADED
+    )
+    assert ran(tmp_path, FUNCTION.replace("2.0 * x", "x + x + 0.0")) == COMPILED
+
+
+def test_a_damaged_file_is_compiled_again(tmp_path):
+    ran(tmp_path)
+    (path,) = (tmp_path / "turtlebot_gym").iterdir()
+    path.write_bytes(path.read_bytes()[:1000])
+    assert ran(tmp_path) == COMPILED
+    assert ran(tmp_path) == LOADED
+
+
+def test_without_a_folder_for_the_cache_it_goes_on(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert ran(blocked) == COMPILED
+    assert ran(blocked) == COMPILED
+
+
+def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):
+    slow = FUNCTION.replace("began =", "save = cache._Store.save_overload\n"
+        "cache._Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nbegan =")  # fmt: skip
+    processes = [start(tmp_path, slow) for _ in range(2)]
+    printed = sorted(process.communicate(timeout=300)[0].split() for process in processes)
+    assert printed == [COMPILED, LOADED]
+
+
+def test_the_wait_for_another_process_ends(tmp_path):
+    hold = "import fcntl, sys; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print(flush=True); input()"
+    impatient = FUNCTION.replace("began =", "cache.LONGEST_WAIT = 0.2\nbegan =")
+    assert ran(tmp_path, impatient) == COMPILED
+    (path,) = (tmp_path / "turtlebot_gym").iterdir()
+    path.unlink()
+    holder = subprocess.Popen(
+        [sys.executable, "-c", hold, str(path.with_suffix(".lock"))], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    holder.stdout.readline()
+    assert ran(tmp_path, impatient) == COMPILED
+    holder.communicate(b"\n")
+
+
+def test_files_that_nobody_used_for_the_longest_time_are_removed(tmp_path, monkeypatch):
+    for age in range(5):
+        (tmp_path / f"{age}.bin").write_bytes(b"x" * 100)
+        os.utime(tmp_path / f"{age}.bin", (1e9 - age, 1e9 - age))
+    monkeypatch.setattr(cache, "MOST_BYTES", 250)
+    cache._tidy(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.bin", "1.bin"]
+
+
+def test_a_terminal_shows_what_is_compiled_and_how_long_it_took(tmp_path):
+    def shown():
         ours, theirs = pty.openpty()
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-        process = subprocess.Popen([sys.executable, "-c", COMPILE], stderr=theirs, env=environment)
+        process = start(tmp_path, stderr=theirs)
         os.close(theirs)
         text = b""
-        try:
+        with suppress(OSError):  # the other end is closed
             while chunk := os.read(ours, 4096):
                 text += chunk
-        except OSError:  # the other end is closed
-            pass
         os.close(ours)
-        assert process.wait() == 0
+        process.communicate(timeout=300)
         return text.decode()
 
-    first = said()
-    assert first.count("\n") == 1
-    assert first.startswith("turtlebot_gym: compiling for this machine, once")
-    assert said() == ""
+    assert re.fullmatch(r"turtlebot_gym: compiling a function for this machine, once \.\.\. \d+\.\d s\r\n", shown())
+    assert shown() == ""
 
 
-def test_it_is_silent_where_stderr_is_no_terminal(tmp_path):
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", COMPILE], env=environment, capture_output=True, text=True, check=True)
-    assert done.stderr == ""
+def test_it_is_silent_where_stderr_is_not_a_terminal(tmp_path):
+    process = start(tmp_path, stderr=subprocess.PIPE)
+    assert process.communicate(timeout=300)[1] == ""
