@@ -6,10 +6,10 @@ Without numba this module cannot be imported; `kernel` then uses plain Python al
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from llvmlite import ir
-from numba import _dynfunc, extending, float64, int64, typeof, types
+from numba import _dynfunc, extending, float64, int64, typeof, types  # pyright: ignore[reportAttributeAccessIssue]
 from numba.core import cgutils, errors
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -58,7 +58,7 @@ class _InlinedLowering(NativeLowering):
 
     _name = "inlined_lowering"
 
-    def run_pass(self, state: Any) -> bool:
+    def run_pass(self, state: Any) -> Literal[True]:
         name = state.func_id.func_name
         state.library = library = _InlinedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True

@@ -21,8 +21,9 @@ except ImportError:
     extending = None
 
 HAS_NUMBA = extending is not None
+intrinsics: Any = None
 if HAS_NUMBA:
-    from turtlebot_gym import intrinsics
+    from turtlebot_gym import intrinsics  # pyright: ignore[reportConstantRedefinition]
 
 
 def kernel(function: F) -> F:
@@ -82,8 +83,7 @@ compiled_scratch: Any = intrinsics.stack_array if HAS_NUMBA else None
 
 def _inlined(function: Callable, make: Callable[..., Callable]) -> None:
     """Let compiled loops inline what ``make`` returns for the arguments' types, in place of a function."""
-    overload: Any = intrinsics.extending.overload
-    overload(function, jit_options=intrinsics.INLINED)(make)
+    intrinsics.extending.overload(function, jit_options=intrinsics.INLINED)(make)
 
 
 def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]) -> tuple[Callable, Callable]:

@@ -12,7 +12,7 @@ from types import FunctionType
 
 import pytest
 
-from turtlebot_gym.compiled import cache, loop
+from turtlebot_gym.compiled import loop, store
 from turtlebot_gym.compiled.cache import fingerprint
 from turtlebot_gym.estimation.interface import EXTENDED_KALMAN
 from turtlebot_gym.systems import open_ground, step_of
@@ -91,7 +91,7 @@ def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
 FUNCTION = """
 import sys, time
 import numpy as np
-from turtlebot_gym.compiled import cache
+from turtlebot_gym.compiled import cache, store
 from turtlebot_gym.kernel import kernel
 
 @kernel
@@ -155,8 +155,8 @@ def test_without_a_folder_for_the_cache_it_goes_on(tmp_path):
 
 
 def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):
-    slow = FUNCTION.replace("began =", "save = cache._Store.save_overload\n"
-        "cache._Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nbegan =")  # fmt: skip
+    slow = FUNCTION.replace("began =", "save = store.Store.save_overload\n"
+        "store.Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nbegan =")  # fmt: skip
     processes = [start(tmp_path, slow) for _ in range(2)]
     printed = sorted(process.communicate(timeout=300)[0].split() for process in processes)
     assert printed == [COMPILED, LOADED]
@@ -164,7 +164,7 @@ def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):
 
 def test_the_wait_for_another_process_ends(tmp_path):
     hold = "import fcntl, sys; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print(flush=True); input()"
-    impatient = FUNCTION.replace("began =", "cache.LONGEST_WAIT = 0.2\nbegan =")
+    impatient = FUNCTION.replace("began =", "store.LONGEST_WAIT = 0.2\nbegan =")
     assert ran(tmp_path, impatient) == COMPILED
     (path,) = (tmp_path / "turtlebot_gym").iterdir()
     path.unlink()
@@ -180,8 +180,8 @@ def test_files_that_nobody_used_for_the_longest_time_are_removed(tmp_path, monke
     for age in range(5):
         (tmp_path / f"{age}.bin").write_bytes(b"x" * 100)
         os.utime(tmp_path / f"{age}.bin", (1e9 - age, 1e9 - age))
-    monkeypatch.setattr(cache, "MOST_BYTES", 250)
-    cache._tidy(tmp_path)
+    monkeypatch.setattr(store, "MOST_BYTES", 250)
+    store._tidy(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.bin", "1.bin"]
 
 

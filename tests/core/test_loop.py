@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -137,19 +138,24 @@ def test_huge_seeds_and_episodes_are_fine():
 # Other processes.
 
 
-def run(script, *, path=None, **environment):
+def run(script, *arguments, path=None, **environment):
     """Run a script in a Python of its own, and return what it prints as JSON."""
     env = os.environ | {key: str(value) for key, value in environment.items()}
     if path is not None:
         env["PYTHONPATH"] = str(path)
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", script], env=env, capture_output=True, text=True, cwd=path, timeout=300
+        [sys.executable, "-W", "error", "-c", script, *map(str, arguments)],
+        env=env,
+        capture_output=True,
+        text=True,
+        cwd=path,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
-CACHE = f"""
+CACHE = """
 import json
 import numpy as np
 import turtlebot_gym.compiled.batch as batch_module
@@ -158,51 +164,34 @@ from turtlebot_gym.systems import make_parameters, system_of
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 p = make_parameters(SQUARE, noise="clean")
-loops = loops_of(system_of(p))
-report = {{"file": batch_module.__file__}}
-for parallel, size in ((False, 1), (True, {PARALLEL_FROM})):
-    batch = batch_module.Batch(size, p, SQUARE_WAYPOINTS)
-    for _ in range(3):
-        batch.step(np.full((size, 2), 0.5, np.float32))
-    stats = (loops.step_parallel if parallel else loops.step).stats
-    x = batch.world(size - 1).body.true_state.x
-    report[str(parallel)] = sum(stats.cache_misses.values()), sum(stats.cache_hits.values()), x
-print(json.dumps(report))
+batch = batch_module.Batch(1, p, SQUARE_WAYPOINTS)
+for _ in range(3):
+    batch.step(np.full((1, 2), 0.5, np.float32))
+hits = sum(loops_of(system_of(p)).step.stats.cache_hits.values())
+print(json.dumps([batch_module.__file__, hits, batch.world(0).body.true_state.x]))
 """
 
 
-def test_the_cache_serves_neither_stale_sources_nor_the_other_flag(tmp_path):
-    """numba keys its cache on neither: see `turtlebot_gym.compiled.cache`. The last process must see the new physics."""
-    package = tmp_path / "turtlebot_gym"
-    shutil.copytree(Path(turtlebot_gym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    options = {"path": tmp_path, "NUMBA_CACHE_DIR": tmp_path / "cache"}
-    first = run(CACHE, **options)
-    assert first["file"] == str(package / "compiled" / "batch.py")
-    assert first["False"][:2] == [1, 0]
-    assert first["True"][:2] == [1, 0], "the parallel loop was loaded from the serial one's cache"
-    second = run(CACHE, **options)
-    assert second["False"] == [0, 1, first["False"][2]]
-    assert second["True"] == [0, 1, first["False"][2]]
+def test_clones_share_the_cache_until_one_of_them_changes_an_equation(tmp_path):
+    clones = [tmp_path / name / "turtlebot_gym" for name in ("first", "second")]
+    for clone in clones:
+        shutil.copytree(Path(turtlebot_gym.__file__).parent, clone, ignore=shutil.ignore_patterns("__pycache__"))
+    shared = {"NUMBA_CACHE_DIR": tmp_path / "cache"}
+    file, hits, x = run(CACHE, path=clones[0].parent, **shared)
+    assert (file, hits) == (str(clones[0] / "compiled" / "batch.py"), 0)
 
-    helper = package / "models" / "unicycle.py"
+    unused = clones[1] / "compiled" / "loop.py"
+    unused.write_text("# One line more.\n" + unused.read_text())
+    file, hits, same = run(CACHE, path=clones[1].parent, **shared)
+    assert (file, hits, same) == (str(clones[1] / "compiled" / "batch.py"), 1, x)
+
+    helper = clones[1] / "models" / "unicycle.py"
     changed = helper.read_text().replace("        v * cosine * dt, v", "        2.0 * v * cosine * dt, v")
     assert changed != helper.read_text()
     helper.write_text(changed)
-    third = run(CACHE.replace(f", (True, {PARALLEL_FROM})", ","), **options)
-    assert third["False"][:2] == [1, 0], "the loop was loaded from before its helper changed"
-    assert third["False"][2] > 1.5 * first["False"][2]
-
-
-def test_without_a_folder_for_the_cache_it_goes_on(monkeypatch):
-    from turtlebot_gym.compiled import cache
-
-    def njit(function, *, cache=False, **options):
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return function
-
-    monkeypatch.setattr(cache, "njit", njit)
-    assert callable(cache.compiled(lambda: None, parallel=False))
+    _, hits, farther = run(CACHE, path=clones[1].parent, **shared)
+    assert hits == 0, "the loop was loaded from before its helper changed"
+    assert farther > 1.5 * x
 
 
 THREADS = f"""
@@ -264,6 +253,24 @@ print(json.dumps([os.waitstatus_to_exitcode(status), bool((batch().step(actions)
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_lives_after_its_parent_ran_in_parallel():
     assert run(FORK) == [0, True]  # a signal's number, negative, if OpenMP killed it
+
+
+PICKLED = """
+import json, pickle, sys
+import numpy as np
+with open(sys.argv[1], "rb") as file:
+    batch = pickle.load(file)
+print(json.dumps(batch.step(np.full((batch.num_envs, 2), 0.5, np.float32))[0].tobytes().hex()))
+"""
+
+
+def test_a_batch_that_ran_in_parallel_goes_on_in_another_process(tmp_path):
+    batch = started(2 * PARALLEL_FROM, make_parameters(SQUARE))
+    actions = np.full((batch.num_envs, 2), 0.5, np.float32)
+    batch.step(actions)
+    path = tmp_path / "batch.pickle"
+    path.write_bytes(pickle.dumps(batch))
+    assert run(PICKLED, path) == batch.step(actions)[0].tobytes().hex()
 
 
 BARE = """

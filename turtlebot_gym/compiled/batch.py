@@ -77,6 +77,7 @@ class Batch:
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._parallel = is_large and HAS_NUMBA and self.system.compiled
         self._addresses: dict[str, int] = {}
+        """Of the loops that a parallel loop calls; they hold for the types of the present scenes, in this process."""
         self._pace = Pace()
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
@@ -89,9 +90,9 @@ class Batch:
         self.system, self.layout, self._around = system, layout_of(system), system.surroundings
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without what follows from it: kernels are local functions, which cannot be pickled, and views."""
+        """Return the state without what follows from it: views, local functions, and their addresses."""
         kernels = {"layout", "_around", "_loops", "_first", *({"system"} if self._by_parameters else ())}
-        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_given": []}
+        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_given": [], "_addresses": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -117,7 +118,7 @@ class Batch:
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
-        self._addresses = {}  # of loops for the types of the scenes so far
+        self._addresses = {}
         self._choose_loops(first if same else None)
         if self._around:
             self._make_room_for(
