@@ -47,9 +47,9 @@ def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iter
     """
     asked = list(outputs)
     read = list(chain.from_iterable(map(_paths_in, inputs)))
-    for (one, path, _), (other, there, _) in combinations(asked, 2):
+    for (option, path, _), (another, there, _) in combinations(asked, 2):
         if _same(path, there):
-            raise ValueError(f"{other} {there}: it is the output of {one}, too; choose another name.")
+            raise ValueError(f"{another} {there}: it is the output of {option}, too; choose another name.")
     for option, path, kind in asked:
         try:
             _require(f"{option} {path}", path, kind, read, force=force)
@@ -97,12 +97,12 @@ def require_file(path: Path) -> None:
         target.unlink()
 
 
-def _require(told: str, path: Path, kind: Output, inputs: list[Path], *, force: bool) -> None:
+def _require(where: str, path: Path, kind: Output, inputs: list[Path], *, force: bool) -> None:
     """Refuse an output by itself."""
     if kind.folder:
         if path.exists() and not path.is_dir():
-            raise ValueError(f"{told}: it is a file; a folder is needed.")
-        missing = [one for one in (path, *path.parents) if not one.exists()]
+            raise ValueError(f"{where}: it is a file; a folder is needed.")
+        missing = [folder for folder in (path, *path.parents) if not folder.exists()]
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
@@ -112,13 +112,13 @@ def _require(told: str, path: Path, kind: Output, inputs: list[Path], *, force: 
     if path.exists() and not path.is_file() and not path.is_dir():
         return  # a device or a pipe
     if path.is_dir():
-        raise ValueError(f"{told}: it is a folder; a file is needed.")
+        raise ValueError(f"{where}: it is a folder; a file is needed.")
     if kind.endings and path.suffix.lower() not in kind.endings:
-        raise ValueError(f"{told}: its name must end with {' or '.join(kind.endings)}.")
-    if any(_same(path, one) or (one.is_dir() and path.exists() and _within(path, one)) for one in inputs):
-        raise ValueError(f"{told}: it is an input of the same command; choose another name.")
+        raise ValueError(f"{where}: its name must end with {' or '.join(kind.endings)}.")
+    if any(_same(path, read) or (read.is_dir() and path.exists() and _within(path, read)) for read in inputs):
+        raise ValueError(f"{where}: it is an input of the same command; choose another name.")
     if not force and not kind.resumed and path.exists() and path.stat().st_size > 0:
-        raise ValueError(f"{told}: it exists; choose another name, or overwrite it with --force.")
+        raise ValueError(f"{where}: it exists; choose another name, or overwrite it with --force.")
     require_file(path)
 
 
@@ -129,16 +129,16 @@ def _paths_in(value: object) -> Iterator[Path]:
         if text and "\0" not in text:
             yield Path(text)
     elif isinstance(value, (list, tuple)):
-        for one in value:
-            yield from _paths_in(one)
+        for part in value:
+            yield from _paths_in(part)
 
 
-def _same(one: Path, other: Path) -> bool:
+def _same(path: Path, other: Path) -> bool:
     """Return whether two paths lead to the same file or folder, by a symbolic or a hard link as well."""
     try:
-        return os.path.samefile(one, other)
+        return os.path.samefile(path, other)
     except OSError:
-        return os.path.realpath(one) == os.path.realpath(other)
+        return os.path.realpath(path) == os.path.realpath(other)
 
 
 def _within(path: Path, folder: Path) -> bool:

@@ -115,7 +115,7 @@ def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
         return [first + row for row in range(num_envs)]
     if len(seed) != num_envs:
         raise ValueError(f"seed must hold {num_envs} seeds, got {len(seed)}.")
-    return [None if one is None else whole(f"seed[{row}]", one) for row, one in enumerate(seed)]
+    return [None if given is None else whole(f"seed[{row}]", given) for row, given in enumerate(seed)]
 
 
 def read_actions(actions: Any) -> NDArray[np.float32]:
@@ -161,10 +161,10 @@ def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequenc
     Raises:
         ValueError: If it is no boolean array of shape (num_envs,), true somewhere, or there is another option.
     """
-    told = read_options(options, ["reset_mask", *others])
-    if "reset_mask" not in told:
+    given = read_options(options, ["reset_mask", *others])
+    if "reset_mask" not in given:
         return np.ones(num_envs, np.bool_)
-    mask = told["reset_mask"]
+    mask = given["reset_mask"]
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (num_envs,):
         raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {shown(mask)}.")
     if not mask.any():
@@ -174,7 +174,7 @@ def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequenc
 
 def of_rows(mask: NDArray[np.bool_], observations: NDArray[np.float32]) -> NDArray[Any]:
     """Return an array of objects: copies of the observations where a mask is true, and None for the others."""
-    found = np.empty(len(mask), object)
+    last = np.empty(len(mask), object)
     for row, observation in zip(np.flatnonzero(mask).tolist(), observations[mask], strict=True):
-        found[row] = observation
-    return found
+        last[row] = observation
+    return last

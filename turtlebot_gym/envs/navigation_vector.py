@@ -150,11 +150,13 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         """
         mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
         asked = self._poses.read(options or {}, mask) if self._poses else {}
-        super().reset(seed=next((one for one in seeds if one is not None), None))
+        super().reset(seed=next((row_seed for row_seed in seeds if row_seed is not None), None))
         if not self._begun:
-            seeds = [self._entropy() + i if one is None else one for i, one in enumerate(seeds)]
-        given = np.array([one is not None for one in seeds]) & mask
-        batch.seeds[given] = [one & MAX_SEED for one, use in zip(seeds, given, strict=True) if use and one is not None]
+            seeds = [self._entropy() + i if row_seed is None else row_seed for i, row_seed in enumerate(seeds)]
+        given = np.array([row_seed is not None for row_seed in seeds]) & mask
+        batch.seeds[given] = [
+            row_seed & MAX_SEED for row_seed, use in zip(seeds, given, strict=True) if use and row_seed is not None
+        ]
         batch.episodes[mask] += 1
         batch.episodes[given] = 0
         observations, outcomes = batch.last()

@@ -65,16 +65,16 @@ class _Stepped(NamedTuple):
 
 def _merged(infos: dict[str, Any], others: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
     """Return infos, replaced by those of others where a mask is true."""
-    found = dict(infos)
+    merged = dict(infos)
     for key, value in others.items():
-        mine = infos.get(key)
+        before = infos.get(key)
         if isinstance(value, dict):
-            found[key] = _merged(mine or {}, value, mask)
-        elif mine is None:
-            found[key] = value
+            merged[key] = _merged(before or {}, value, mask)
+        elif before is None:
+            merged[key] = value
         else:
-            found[key] = np.where(mask.reshape(-1, *(1,) * (value.ndim - 1)), value, mine)
-    return found
+            merged[key] = np.where(mask.reshape(-1, *(1,) * (value.ndim - 1)), value, before)
+    return merged
 
 
 class _RowsWrapper(VectorWrapper):

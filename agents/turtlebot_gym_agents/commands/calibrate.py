@@ -74,7 +74,7 @@ class Calibrate(Writing):
         parts = itertools.count(1)
         try:
             with progress(PARTS) as advance_to:
-                found = calibrate(
+                fitted = calibrate(
                     drive,
                     kind=self.odometry,
                     use_truth=self.truth != "none",
@@ -85,24 +85,24 @@ class Calibrate(Writing):
                 )
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
-        print_tables(*calibration_tables(found, title=self.log.name))
+        print_tables(*calibration_tables(fitted, title=self.log.name))
         if self.out is not None:
-            write_parameters(found.noise, self.out, comment=comment(found, self.log.name, provenance()["version"]))
+            write_parameters(fitted.noise, self.out, comment=comment(fitted, self.log.name, provenance()["version"]))
         if self.json is not None:
-            write_json(self.json, result_of(found), config=self.asked())
+            write_json(self.json, result_of(fitted), config=self.asked())
         if self.plot is not None:
-            save_figure(calibration_figure(found, title=self.log.name), self.plot)
+            save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
 
 
-def result_of(found: Calibration) -> dict[str, object]:
+def result_of(fitted: Calibration) -> dict[str, object]:
     """Return a calibration as JSON content."""
-    plain = {name: getattr(found, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
+    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
     return plain | {
-        "noise": asdict(found.noise),
-        "likeliest": asdict(found.likeliest),
-        "estimates": {name: asdict(one) for name, one in found.estimates.items()},
-        "unknown": found.unknown,
-        "delay": found.delay._asdict(),
-        "truth_delay": found.truth_delay._asdict(),
-        "frame": found.frame._asdict(),
+        "noise": asdict(fitted.noise),
+        "likeliest": asdict(fitted.likeliest),
+        "estimates": {name: asdict(estimate) for name, estimate in fitted.estimates.items()},
+        "unknown": fitted.unknown,
+        "delay": fitted.delay._asdict(),
+        "truth_delay": fitted.truth_delay._asdict(),
+        "frame": fitted.frame._asdict(),
     }

@@ -20,88 +20,90 @@ BINS = 60
 """Bins of the histograms."""
 
 
-def basis(found: Calibration) -> str:
+def basis(fitted: Calibration) -> str:
     """Describe what a calibration was fitted to."""
-    what = "measured poses" if found.kind == "pose" else "wheel odometry"
-    to = "the truth" if found.has_truth else "the innovations alone"
-    by = f", alphas over segments, {found.segments} of them of {found.segment:g} m" if found.segment else ""
-    return f"{what}, fitted to {to}{by}, integrator {found.integrator}"
+    what = "measured poses" if fitted.kind == "pose" else "wheel odometry"
+    to = "the truth" if fitted.has_truth else "the innovations alone"
+    by = f", alphas over segments, {fitted.segments} of them of {fitted.segment:g} m" if fitted.segment else ""
+    return f"{what}, fitted to {to}{by}, integrator {fitted.integrator}"
 
 
-def calibration_tables(found: Calibration, *, title: str) -> list[Table]:
+def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
     """Return the estimates of a log, the parameters that it does not determine, and remarks on it."""
     table = Table(
-        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {basis(found)}",
+        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {basis(fitted)}",
         caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
     )  # fmt: skip
-    for name, one in found.estimates.items():
-        table.add_row(name, f"{one.value:.4g}", _interval(one), one.unit, _in_file(found, name, one))
+    for name, estimate in fitted.estimates.items():
+        table.add_row(name, f"{estimate.value:.4g}", _interval(estimate), estimate.unit, _in_file(fitted, name, estimate))
     tables = [table]
-    open_ = {name: one.remedy for name, one in found.estimates.items() if not one.is_determined} | found.unknown
+    open_ = {
+        name: estimate.remedy for name, estimate in fitted.estimates.items() if not estimate.is_determined
+    } | fitted.unknown
     if open_:
         unknown = Table("not determined by this log", "what would determine it")
         for name, remedy in open_.items():
             unknown.add_row(name, remedy)
         tables.append(unknown)
-    if found.remarks:
+    if fitted.remarks:
         remarks = Table("found in the log")
-        for remark in found.remarks:
+        for remark in fitted.remarks:
             remarks.add_row(remark)
         tables.append(remarks)
     return tables
 
 
-def _interval(one: Estimate) -> str:
-    high = f"{one.high:.4g}" if math.isfinite(one.high) else "?"
-    return f"{one.low:.4g} to {high}{' *' if one.is_profile else ''}"
+def _interval(estimate: Estimate) -> str:
+    high = f"{estimate.high:.4g}" if math.isfinite(estimate.high) else "?"
+    return f"{estimate.low:.4g} to {high}{' *' if estimate.is_profile else ''}"
 
 
-def _in_file(found: Calibration, name: str, one: Estimate) -> str:
+def _in_file(fitted: Calibration, name: str, estimate: Estimate) -> str:
     from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
 
-    value = value_of(found.noise, name) if name in PARAMETERS else one.value
-    return f"{value:.4g}" + ("" if one.is_determined else " (not determined)")
+    value = value_of(fitted.noise, name) if name in PARAMETERS else estimate.value
+    return f"{value:.4g}" + ("" if estimate.is_determined else " (not determined)")
 
 
-def comment(found: Calibration, name: str, version: str) -> str:
+def comment(fitted: Calibration, name: str, version: str) -> str:
     """Return the comment above the numbers in a noise file."""
-    lines = [f"Calibrated from {name} by turtlebot-gym {version}: {basis(found)}."]
-    for key, one in found.estimates.items():
-        note = "" if one.is_determined else "; not determined: " + one.remedy
-        lines.append(f"{key}: {one.value:.4g}, 95 % interval {_interval(one)} {one.unit}".rstrip() + note)
-    lines += [f"{key}: unknown; {remedy}" for key, remedy in found.unknown.items()]
-    lines += [f"Found: {remark}" for remark in found.remarks]
+    lines = [f"Calibrated from {name} by turtlebot-gym {version}: {basis(fitted)}."]
+    for key, estimate in fitted.estimates.items():
+        note = "" if estimate.is_determined else "; not determined: " + estimate.remedy
+        lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {_interval(estimate)} {estimate.unit}".rstrip() + note)
+    lines += [f"{key}: unknown; {remedy}" for key, remedy in fitted.unknown.items()]
+    lines += [f"Found: {remark}" for remark in fitted.remarks]
     return "\n".join(lines)
 
 
-def calibration_figure(found: Calibration, *, title: str) -> Figure:
+def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
     """Return a figure of measured against fitted errors: histograms of residuals or innovations, and drift by distance."""
     from matplotlib.figure import Figure
 
-    has_poses, has_drift = found.kind == "pose", found.has_truth
+    has_poses, has_drift = fitted.kind == "pose", fitted.has_truth
     figure = Figure(figsize=(4.0 * (3 * has_poses + 2 * has_drift) * 0.8, 3.4), layout="constrained")
     panels = iter(np.atleast_1d(figure.subplots(1, 3 * has_poses + 2 * has_drift)))
     if has_poses:
-        shown = residuals(found)
-        what = "measured minus true" if found.has_truth else "innovation of"
+        shown = residuals(fitted)
+        what = "measured minus true" if fitted.has_truth else "innovation of"
         for at, name in enumerate(("x, m", "y, m", "heading, rad")):
-            draw_histogram(next(panels), found, shown, at, f"{what} {name}")
+            draw_histogram(next(panels), fitted, shown, at, f"{what} {name}")
     if has_drift:
-        told = drift(found)
+        drifts = drift(fitted)
         for at, name in enumerate(("position, m", "heading, rad")):
-            draw_drift(next(panels), told, at, name)
+            draw_drift(next(panels), drifts, at, name)
     figure.suptitle(title)
     return figure
 
 
-def draw_histogram(axes: Axes, found: Calibration, shown: Residuals, at: int, label: str) -> Axes:
+def draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, label: str) -> Axes:
     """Draw the residuals of a component and the fitted density."""
     values, deviations = shown.values[:, at], shown.deviations[:, at]
     axes.hist(values, bins=BINS, density=True, color=BLUE, alpha=0.5, label="measured")
     x = np.linspace(values.min(), values.max(), 300)
     spikes = [(1.0, 0.0)]
     if at == 2:
-        share, size = found.likeliest.odometry.spike_probability, found.likeliest.odometry.spike
+        share, size = fitted.likeliest.odometry.spike_probability, fitted.likeliest.odometry.spike
         spikes = [(1.0 - share, 0.0), (0.5 * share, size), (0.5 * share, -size)]
     s = np.sqrt((deviations**2).mean())
     density = sum(weight * np.exp(-0.5 * ((x - mean) / s) ** 2) for weight, mean in spikes) / (s * math.sqrt(2.0 * math.pi))
@@ -111,10 +113,10 @@ def draw_histogram(axes: Axes, found: Calibration, shown: Residuals, at: int, la
     return axes
 
 
-def draw_drift(axes: Axes, told: Drift, at: int, label: str) -> Axes:
+def draw_drift(axes: Axes, drifts: Drift, at: int, label: str) -> Axes:
     """Draw the drift of wheel odometry by distance, measured and fitted."""
-    axes.plot(told.length, told.measured[:, at], "o", color=BLUE, label="measured")
-    axes.plot(told.length, told.fitted[:, at], "--", color=ORANGE, label="fitted")
+    axes.plot(drifts.length, drifts.measured[:, at], "o", color=BLUE, label="measured")
+    axes.plot(drifts.length, drifts.fitted[:, at], "--", color=ORANGE, label="fitted")
     axes.set(xlabel="way, m", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))
     axes.grid(alpha=0.3)
     axes.legend()

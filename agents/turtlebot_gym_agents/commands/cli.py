@@ -73,15 +73,15 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
         names, common = ("policy", "noise", "observation"), {"env": self.env, "episodes": self.episodes, "seed": self.seed}
         asked = [common | self.options() | dict(zip(names, values, strict=True)) for values in combinations]
         with progress(self.episodes * len(combinations)) as advance_to:
-            found = (self._spread if self.spread else self._here)(asked, advance_to)
-        evaluations = dict(zip(itertools.starmap(self._label, combinations), found, strict=True))
+            results = (self._spread if self.spread else self._here)(asked, advance_to)
+        evaluations = dict(zip(itertools.starmap(self._label, combinations), results, strict=True))
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
         print_tables(*report.evaluation_tables(evaluations, title=title))
         if self.json is not None:
             runs = [
-                {"label": label, "config": one.config, "summary": one.summary(), "episodes": one.episodes}
-                for label, one in evaluations.items()
+                {"label": label, "config": evaluation.config, "summary": evaluation.summary(), "episodes": evaluation.episodes}
+                for label, evaluation in evaluations.items()
             ]
             write_json(self.json, {"runs": runs}, config=self.settings())
         if self.plot is not None:
@@ -92,8 +92,8 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
 
         self.require_cluster()
         return [
-            evaluate(**one, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
-            for at, one in enumerate(asked)
+            evaluate(**options, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
+            for at, options in enumerate(asked)
         ]
 
     def _spread(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
@@ -106,8 +106,8 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
     def _label(self, *names: str) -> str:
         """Return the names that distinguish a combination from the others."""
         choices = (self.policy, self.noise, self.observation)
-        told = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
-        return ", ".join(told or names[:1])
+        varied = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
+        return ", ".join(varied or names[:1])
 
 
 @own_first

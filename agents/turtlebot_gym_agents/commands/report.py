@@ -39,24 +39,24 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
     )  # fmt: skip
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
     odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")
-    for label, one in evaluations.items():
-        s = one.summary()
+    for label, evaluation in evaluations.items():
+        s = evaluation.summary()
         driven.add_row(
             label,
-            "-" if one.config.get("switch") == "time" else _percent(s["success"]),
+            "-" if evaluation.config.get("switch") == "time" else _percent(s["success"]),
             _number(s["time_to_goal"], 2),
             _number(s["time"], 2),
-            "" if one is first else _number(paired(one, first), 2),
+            "" if evaluation is first else _number(paired(evaluation, first), 2),
             _number(s["efficiency"], 3, brief=True),
             _number(s["reached"], 2, brief=True),
             _number(s["miss"], 2, brief=True),
             _number(s["effort"], 2, brief=True),
             _percent(s["false_arrival"]),
         )
-        estimate.add_row(label, *_errors(one.episodes.estimate))
-        odometry.add_row(label, *_errors(one.episodes.odometry))
+        estimate.add_row(label, *_errors(evaluation.episodes.estimate))
+        odometry.add_row(label, *_errors(evaluation.episodes.odometry))
     tables = [driven, estimate, odometry]
-    if all("collision" in one.summary() for one in evaluations.values()):
+    if all("collision" in evaluation.summary() for evaluation in evaluations.values()):
         tables.insert(1, _rooms_table(evaluations))
     return tuple(tables)
 
@@ -67,8 +67,8 @@ def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
         "", "collision, %", "time-out, %", "SPL", "BARN's score", "least clearance, m", "its 5th percentile, m",
         title="in rooms",
     )  # fmt: skip
-    for label, one in evaluations.items():
-        s = one.summary()
+    for label, evaluation in evaluations.items():
+        s = evaluation.summary()
         shares = (_percent(s[name]) for name in ("collision", "timeout"))
         table.add_row(label, *shares, *(_number(s[name], 3) for name in ("spl", "barn", "clearance", "clearance_5th")))
     return table
@@ -77,9 +77,9 @@ def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
 def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> Figure:
     """Return a figure of the first episode; for several evaluations, of the paths of their first episodes."""
     if len(evaluations) == 1:
-        ((label, one),) = evaluations.items()
-        return tutorial_figure(one.trajectory, title=f"{title}, {label}")
-    return comparison_figure([(label, one.trajectory) for label, one in evaluations.items()], title=title)
+        ((label, evaluation),) = evaluations.items()
+        return tutorial_figure(evaluation.trajectory, title=f"{title}, {label}")
+    return comparison_figure([(label, evaluation.trajectory) for label, evaluation in evaluations.items()], title=title)
 
 
 def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
@@ -90,11 +90,11 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
         title: Title of the figure or table.
     """
     table = Table("", "", *ERRORS, "drift, m per metre", "drift, rad per metre", title=title)
-    for name, one in results.items():
+    for name, replayed in results.items():
         table.add_section()
-        table.add_row(name, "measured pose", *_errors(one.raw))
-        table.add_row("", "wheels alone", *_errors(one.wheels), f"{one.drift:.3f}", f"{one.drift_heading:.3f}")
-        table.add_row("", "filter", *_errors(one.filter))
+        table.add_row(name, "measured pose", *_errors(replayed.raw))
+        table.add_row("", "wheels alone", *_errors(replayed.wheels), f"{replayed.drift:.3f}", f"{replayed.drift_heading:.3f}")
+        table.add_row("", "filter", *_errors(replayed.filter))
     return table
 
 
@@ -109,15 +109,15 @@ def estimation_table(result: Estimation) -> Table:
         "filter, which is beyond 3 sigma in 0.8 % of the time; correlation of successive innovations: 0",
     )  # fmt: skip
     table.add_row("bound", *(f"{number:.4f}" for number in result.bound[-1]))
-    for name, one in result.filters.items():
+    for name, errors in result.filters.items():
         table.add_row(
             name,
-            *(f"{number:.4f}" for number in one.rmse[-1]),
-            *(_number(ratio, 3) for ratio in one.ratio),
-            _number(one.nees, 2),
-            _number(one.nis, 2),
-            f"{100.0 * one.outside:.1f}",
-            f"{max(one.correlation, key=abs):.2f}",
+            *(f"{number:.4f}" for number in errors.rmse[-1]),
+            *(_number(ratio, 3) for ratio in errors.ratio),
+            _number(errors.nees, 2),
+            _number(errors.nis, 2),
+            f"{100.0 * errors.outside:.1f}",
+            f"{max(errors.correlation, key=abs):.2f}",
         )
     return table
 
@@ -129,8 +129,8 @@ def estimation_figure(result: Estimation) -> Figure:
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     sides = figure.subplots(1, 2)
     for axes, columns, label in zip(sides, (slice(0, 2), slice(2, 3)), ("position (m)", "heading (rad)"), strict=True):
-        for (name, one), (color, style) in zip(result.filters.items(), PATHS, strict=False):
-            rmse = np.sqrt((one.rmse[:, columns] ** 2).sum(axis=1))
+        for (name, errors), (color, style) in zip(result.filters.items(), PATHS, strict=False):
+            rmse = np.sqrt((errors.rmse[:, columns] ** 2).sum(axis=1))
             axes.plot(result.time, rmse, color=color, linestyle=style, label=name)
         axes.plot(result.time, np.sqrt((result.bound[:, columns] ** 2).sum(axis=1)), "k:", linewidth=2.5, label="bound")
         axes.set(xlabel="time (s)", ylabel=f"RMSE of the {label}", ylim=(0.0, None))

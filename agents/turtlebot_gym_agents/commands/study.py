@@ -62,16 +62,16 @@ def table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
     )  # fmt: skip
     for row in rows:
         drawn.add_section()
-        for name, one in {**row["policies"], **row["trainings"]}.items():
-            many = f", {one['trainings']} trainings" if "trainings" in one else ""
-            low, high = 100.0 * one["success"].low, 100.0 * one["success"].high
-            time, gap = one["time"], one["difference"]
+        for name, result in {**row["policies"], **row["trainings"]}.items():
+            many = f", {result['trainings']} trainings" if "trainings" in result else ""
+            low, high = 100.0 * result["success"].low, 100.0 * result["success"].high
+            time, gap = result["time"], result["difference"]
             drawn.add_row(
-                *(str(row["setting"][each]).removeprefix("turtlebot_gym/") for each in varied),
+                *(str(row["setting"][option]).removeprefix("turtlebot_gym/") for option in varied),
                 f"{name}{many}",
-                f"{100.0 * one['success'].value:.1f} ({low:.1f}, {high:.1f})",
+                f"{100.0 * result['success'].value:.1f} ({low:.1f}, {high:.1f})",
                 f"{time.value:.2f} ± {0.5 * (time.high - time.low):.2f}",
                 "" if name == row["compared_with"] else f"{gap.value:+.2f} ({gap.low:+.2f}, {gap.high:+.2f})",
-                f"{one['p_holm']:.2g}" if "p_holm" in one else "",
+                f"{result['p_holm']:.2g}" if "p_holm" in result else "",
             )
     return drawn

@@ -92,10 +92,10 @@ def _groups(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
     """Return which columns stand in which part: as few parts as possible, of widths as even as possible."""
     best = _filled(least, keys, width)
     for narrower in range(width - 1, 0, -1):
-        found = _filled(least, keys, narrower)
-        if len(found) > len(best):
+        groups = _filled(least, keys, narrower)
+        if len(groups) > len(best):
             break
-        best = found
+        best = groups
     return best
 
 
@@ -103,7 +103,7 @@ def _filled(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
     """Return parts that are filled one after the other; each has at least one column besides the keys."""
     groups: list[list[int]] = [[]]
     for at in range(keys, len(least)):
-        if groups[-1] and _total([*least[:keys], *(least[each] for each in (*groups[-1], at))]) > width:
+        if groups[-1] and _total([*least[:keys], *(least[column] for column in (*groups[-1], at))]) > width:
             groups.append([])
         groups[-1].append(at)
     return groups
@@ -113,7 +113,7 @@ def _widths(needs: Sequence[Need], width: int) -> list[int]:
     """Return the widths of a part's columns: what is left goes to those that are wrapped most."""
     widths = [need.least for need in needs]
     for _ in range(width - _total(widths)):
-        at = max(range(len(needs)), key=lambda each: needs[each].whole - widths[each])
+        at = max(range(len(needs)), key=lambda column: needs[column].whole - widths[column])
         if widths[at] >= needs[at].whole:
             break
         widths[at] += 1

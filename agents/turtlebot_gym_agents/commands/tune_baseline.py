@@ -57,10 +57,10 @@ class TuneBaseline(Writing, Setting):
         table = Table("try", "time, s", "success, %", "numbers", title=f"{self.env}, {self.policy}: the best of {len(tries)}")
         ranked = sorted(range(len(tries)), key=lambda at: tries[at].time)
         for at in dict.fromkeys([*ranked[:SHOWN], 0]):
-            one = tries[at]
-            numbers = ", ".join(f"{name} {value:g}" for name, value in one.numbers.items())
-            table.add_row(str(at) if at else "0, defaults", f"{one.time:.3f}", f"{100.0 * one.success:.1f}", numbers)
+            attempt = tries[at]
+            numbers = ", ".join(f"{name} {value:g}" for name, value in attempt.numbers.items())
+            table.add_row(str(at) if at else "0, defaults", f"{attempt.time:.3f}", f"{100.0 * attempt.success:.1f}", numbers)
         print_tables(table)
         print(f"Use it with --policy {self.out}.")
         if self.json is not None:
-            write_json(self.json, {"tries": [asdict(one) for one in tries]}, config=self.asked())
+            write_json(self.json, {"tries": [asdict(attempt) for attempt in tries]}, config=self.asked())
