@@ -376,11 +376,50 @@ def test_weights_in_another_file_are_found_in_a_subgraph(bundle):
     def hidden(model):
         inner = helper.make_graph([], "inner", [], [], [numpy_helper.from_array(WEIGHTS, "V")])
         inner.initializer[0].data_location = TensorProto.EXTERNAL
-        node = model.graph.node.add(op_type="If", input=["observation"], output=["unused"])
+        node = model.graph.node.add(op_type="Relu", input=["observation"], output=["unused"])
         node.attribute.append(helper.make_attribute("then_branch", inner))
 
     with pytest.raises(ValueError, match="its weights are in another file"):
         BundlePolicy(rewritten(bundle, change=hidden))
+
+
+def endless(model):
+    """Repeat, for a number of times that no computer reaches, before the policy acts."""
+    ends = (("k", TensorProto.INT64), ("go", TensorProto.BOOL), ("x", TensorProto.FLOAT))
+    goes, y = (helper.make_tensor_value_info(name, kind, None) for name, kind in (("goes", ends[1][1]), ("y", ends[2][1])))
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["goes"]), helper.make_node("Identity", ["x"], ["y"])],
+        "body",
+        [helper.make_tensor_value_info(name, kind, None) for name, kind in ends],
+        [goes, y],
+    )
+    model.graph.initializer.append(numpy_helper.from_array(np.array(2**62), "times"))
+    model.graph.node.insert(0, helper.make_node("Loop", ["times", "", "observation"], ["seen"], body=body))
+    model.graph.node[1].input[0] = "seen"
+
+
+def huge(model):
+    """Make 4 TB of an observation."""
+    model.graph.initializer.append(numpy_helper.from_array(np.array([10**12, 1, 1]), "shape"))
+    model.graph.node.append(helper.make_node("Expand", ["observation", "shape"], ["unused"]))
+
+
+@pytest.mark.parametrize(("change", "operator"), [(endless, "Loop"), (huge, "Expand")])
+def test_a_model_that_could_take_all_time_or_memory_is_refused_before_it_is_loaded(bundle, change, operator):
+    with pytest.raises(ValueError, match=f"is not a policy bundle: a network has no operator '{operator}'"):
+        BundlePolicy(rewritten(bundle, change=change))
+
+
+def test_operators_and_functions_of_others_are_refused(bundle):
+    def other(model):
+        model.graph.node[0].domain = "com.microsoft"
+
+    def own(model):
+        model.functions.append(helper.make_function("own", "Tanh", ["x"], ["y"], [helper.make_node("Relu", ["x"], ["y"])], []))
+
+    for change, message in ((other, "a network has no operator 'com.microsoft.MatMul'"), (own, "has functions of its own")):
+        with pytest.raises(ValueError, match=message):
+            BundlePolicy(rewritten(bundle, change=change))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

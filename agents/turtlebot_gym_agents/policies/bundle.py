@@ -23,7 +23,7 @@ from turtlebot_gym.systems import SIZES
 from turtlebot_gym.systems.parameters import DT, OBSERVED
 from turtlebot_gym.validation import choose, shown
 from turtlebot_gym_agents.policies.fit import require_fit
-from turtlebot_gym_agents.policies.weights import require_own_finite_weights
+from turtlebot_gym_agents.policies.weights import require_safe_model
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class BundlePolicy:
         self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
-        require_own_finite_weights(path, content)
+        require_safe_model(path, content)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4

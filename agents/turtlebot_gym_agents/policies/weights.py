@@ -1,4 +1,4 @@
-"""Checks that the weights of an ONNX model in a policy bundle are inside the file and finite.
+"""Checks of an ONNX model in a policy bundle before it is loaded: its operators are known ones, its weights its own and finite.
 
 The format's messages are read by field number with protobuf, a dependency of onnxruntime; a robot has no ``onnx``.
 
@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+
+from turtlebot_gym.validation import shown
 
 _PARTS: dict[str, dict[int, str]] = {
     "model": {7: "graph", 20: "training", 25: "function"},
@@ -28,42 +30,69 @@ _DATA_TYPE, _FLOATS, _RAW, _EXTERNAL_DATA, _LOCATION = 2, 4, 9, 13, 14
 _FLOAT32 = 1
 _BYTES = 2
 """Wire type of fields with a length: messages, texts and packed numbers."""
+_OPERATOR, _DOMAIN = 4, 7
+
+_OPERATORS = {
+    "Abs", "Add", "And", "AveragePool", "BatchNormalization", "Cast", "Ceil", "Celu", "Clip", "Concat", "Constant", "Conv",
+    "Cos", "Div", "Dropout", "Elu", "Equal", "Erf", "Exp", "Flatten", "Floor", "Gather", "Gelu", "Gemm",
+    "GlobalAveragePool", "GlobalMaxPool", "Greater", "GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity",
+    "InstanceNormalization", "LayerNormalization", "LeakyRelu", "Less", "LessOrEqual", "Log", "LogSoftmax", "MatMul", "Max",
+    "MaxPool", "Mean", "Min", "Mish", "Mod", "Mul", "Neg", "Not", "Or", "PRelu", "Pow", "Reciprocal", "ReduceL2",
+    "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Relu", "Reshape", "Round", "Selu", "Shape", "Sigmoid", "Sign",
+    "Sin", "Slice", "Softmax", "Softplus", "Softsign", "Split", "Sqrt", "Squeeze", "Sub", "Sum", "Tan", "Tanh", "Transpose",
+    "Unsqueeze", "Where", "Xor",
+}  # fmt: skip
+"""Operators of ONNX in which layers of networks are written. None of them repeats others, draws random numbers, or makes an
+array whose size a number in the file says: with a `Loop` or an `Expand`, 300 bytes take all time or memory."""
 
 
-def require_own_finite_weights(path: object, content: bytes) -> None:
-    """Refuse an ONNX model whose weights are in other files, or not all finite.
+def require_safe_model(path: object, content: bytes) -> None:
+    """Refuse an ONNX model with other operators than those of layers, or whose weights are in other files or not all finite.
 
     Args:
         path: The model's file, for the message.
         content: Content of the file.
 
     Raises:
-        ValueError: If a weight is in another file or not finite, or the file cannot be parsed.
+        ValueError: If it is such a model, or the file cannot be parsed.
     """
     from google.protobuf.message import DecodeError
 
     try:
-        tensors = list(_tensors(content, "model"))
+        parts = list(_parts(content, "model"))
     except (DecodeError, RecursionError) as error:
         raise ValueError(f"{path} is not a policy bundle: it is no ONNX model.") from error
-    for fields in tensors:
-        if any(number == _EXTERNAL_DATA or (number == _LOCATION and value) for number, _, value in fields):
-            raise ValueError(f"{path}: its weights are in another file, which its hash does not cover; a bundle holds its own.")
-        if (_DATA_TYPE, 0, _FLOAT32) in fields:
-            blocks = [value for number, wire, value in fields if number in (_RAW, _FLOATS) and wire == _BYTES]
-            if not all(len(block) % 4 == 0 and np.isfinite(np.frombuffer(block, "<f4")).all() for block in blocks):
-                raise ValueError(f"{path}: its weights are not all finite numbers.")
+    for kind, fields in parts:
+        if kind == "tensor":
+            _require_own_finite(path, fields)
+        elif kind == "node":
+            names = {number: value.decode("utf-8", "replace") for number, _, value in fields if number in (_OPERATOR, _DOMAIN)}
+            operator, domain = names.get(_OPERATOR, ""), names.get(_DOMAIN, "")
+            if operator not in _OPERATORS or domain not in ("", "ai.onnx"):
+                name = f"{domain}.{operator}" if domain else operator
+                raise ValueError(f"{path} is not a policy bundle: a network has no operator {shown(name)}.")
+        elif kind == "function":
+            raise ValueError(f"{path} is not a policy bundle: its model has functions of its own.")
 
 
-def _tensors(content: bytes, kind: str) -> Iterator[list[tuple[int, int, Any]]]:
-    """Yield the fields of all tensors in a message, each as its number, its wire type and its value."""
+def _require_own_finite(path: object, fields: list[tuple[int, int, Any]]) -> None:
+    """Refuse a tensor in another file, or whose numbers are not all finite."""
+    if any(number == _EXTERNAL_DATA or (number == _LOCATION and value) for number, _, value in fields):
+        raise ValueError(f"{path}: its weights are in another file, which its hash does not cover; a bundle holds its own.")
+    if (_DATA_TYPE, 0, _FLOAT32) in fields:
+        blocks = [value for number, wire, value in fields if number in (_RAW, _FLOATS) and wire == _BYTES]
+        if not all(len(block) % 4 == 0 and np.isfinite(np.frombuffer(block, "<f4")).all() for block in blocks):
+            raise ValueError(f"{path}: its weights are not all finite numbers.")
+
+
+def _parts(content: bytes, kind: str) -> Iterator[tuple[str, list[tuple[int, int, Any]]]]:
+    """Yield each message in a message with its kind and its fields, each as its number, its wire type and its value."""
     from google.protobuf import empty_pb2, unknown_fields
 
     message = empty_pb2.Empty()
     message.MergeFromString(content)
     fields = [(field.field_number, field.wire_type, field.data) for field in unknown_fields.UnknownFieldSet(message)]
-    if kind == "tensor":
-        yield fields
+    yield kind, fields
     for number, wire, value in fields:
         if wire == _BYTES and number in _PARTS[kind]:
-            yield from _tensors(value, _PARTS[kind][number])
+            yield from _parts(value, _PARTS[kind][number])
