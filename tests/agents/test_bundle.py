@@ -410,16 +410,25 @@ def test_a_model_that_could_take_all_time_or_memory_is_refused_before_it_is_load
         BundlePolicy(rewritten(bundle, change=change))
 
 
-def test_operators_and_functions_of_others_are_refused(bundle):
-    def other(model):
-        model.graph.node[0].domain = "com.microsoft"
+def from_elsewhere(model):
+    model.graph.node[0].domain = "com.microsoft"
 
-    def own(model):
-        model.functions.append(helper.make_function("own", "Tanh", ["x"], ["y"], [helper.make_node("Relu", ["x"], ["y"])], []))
 
-    for change, message in ((other, "a network has no operator 'com.microsoft.MatMul'"), (own, "has functions of its own")):
-        with pytest.raises(ValueError, match=message):
-            BundlePolicy(rewritten(bundle, change=change))
+def with_a_function(model):
+    relu = helper.make_node("Relu", ["x"], ["y"])
+    model.functions.append(helper.make_function("own", "Twice", ["x"], ["y"], [relu], []))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (from_elsewhere, "a network has no operator 'com.microsoft.MatMul'"),
+        (with_a_function, "its model has functions of its own"),
+    ],
+)
+def test_operators_of_others_and_functions_are_refused(bundle, change, message):
+    with pytest.raises(ValueError, match=message):
+        BundlePolicy(rewritten(bundle, change=change))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -8,6 +8,7 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import yaml
@@ -129,11 +130,35 @@ MAP = {"image": "map.pgm", "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negat
 IMAGE = b"P5\n40 30\n255\n" + bytes([0] * 40 + ([0] + [254] * 38 + [0]) * 28 + [0] * 40)
 
 
+def driven(world):
+    """Drive in a world, and return it."""
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=world, lidar="ideal")
+    observation, _ = env.reset(seed=1)
+    for _ in range(3):
+        assert np.isfinite(observation).all()
+        observation, reward, *_ = env.step(np.array([1.0, 0.3], np.float32))
+        assert math.isfinite(reward)
+    return world
+
+
 @fuzzed(60, 500, content=st.one_of(st.just(IMAGE), mutated(IMAGE)), data=st.data())
-def test_maps(content, data):
+def test_maps_are_driven_in(content, data):
     written("map.pgm", content)
     said = replaced(data.draw, MAP, SCALARS) if content == IMAGE else MAP
-    answered("maps", lambda: find_world(written("g.yaml", dumped(said))))
+    answered("maps", lambda: driven(find_world(written("g.yaml", dumped(said)))))
+
+
+SDF = """<sdf version="1.6"><world name="w"><model name="m"><static>1</static><pose>1 0.5 0 0 0 0.3</pose><link name="l">
+<collision name="c"><geometry><cylinder><radius>0.2</radius><length>1</length></cylinder></geometry></collision>
+<collision name="d"><pose>-1 -1 0.5 0 0 0</pose><geometry><box><size>0.4 0.2 1</size></box></geometry></collision>
+</link></model></world></sdf>"""
+NUMBERS = st.sampled_from(["nan", "inf", "-1", "0", "1e300", "1e9", "-1e9", "1e-300", "x", "", "1 2", "1e5", "30"])
+
+
+@fuzzed(60, 500, number=st.sampled_from(["0.2", "0.4", "-1", "0.5", "0.3", "1"]), other=NUMBERS, damage=mutated(SDF.encode()))
+def test_gazebo_worlds_are_driven_in(number, other, damage):
+    for content in (SDF.replace(number, other, 1), damage):
+        answered("Gazebo worlds", lambda content=content: driven(find_world(written("h.world", content))))
 
 
 @fuzzed(40, 300, data=st.data())

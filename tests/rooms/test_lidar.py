@@ -26,8 +26,9 @@ from turtlebot_gym.rooms.lidar import (
     time_of_beam,
 )
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.sensing import measure
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import Pose, State
 
 QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
 
@@ -162,6 +163,12 @@ def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
     measure(scene, stand, stand, 7, 9, 0.0, 7, QUIET, 0.2)
     assert scene.ranges[1, 7] == pytest.approx(3.0 * math.sqrt(2.0), rel=1e-6)
     assert scene.sectors[0] == pytest.approx(3.0 / 3.5, rel=1e-6)
+
+
+def test_a_lidar_turns_and_moves_with_its_robot():
+    """0.1 m ahead and 0.2 m to the left of a robot that looks along y: 0.2 m against x, 0.1 m along y."""
+    pose = mounted(State(1.0, 2.0, math.pi / 2.0, 0.0, 0.0), Lidar(x=0.1, y=0.2, yaw=3.0))
+    assert pose == pytest.approx((0.8, 2.1, math.pi / 2.0 + 3.0 - 2.0 * math.pi))
 
 
 def test_the_presets_are_what_the_data_sheets_say():

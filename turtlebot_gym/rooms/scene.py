@@ -13,6 +13,8 @@ from turtlebot_gym.rooms.lidar import SECTORS
 
 RESOLUTION = 0.1
 """Side of a cell of the path grid, m."""
+MAX_CELLS = 4_000 * 4_000
+"""Most cells of the path grid: 400 m x 400 m."""
 UNREACHED = 0xFFFF
 """Path length from a cell without a path to the goal."""
 
@@ -94,7 +96,12 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         length: Largest extent along x, m.
         width: Largest extent along y, m.
         beams: Most beams per revolution of a LiDAR.
+
+    Raises:
+        ValueError: If the paths of such a room would take more than `MAX_CELLS`.
     """
+    if cells(length) * cells(width) > MAX_CELLS:
+        raise ValueError(f"A room must have at most {MAX_CELLS:,} cells of {RESOLUTION:g} m, got {length:g} x {width:g} m.")
 
     def zeros(*shape: int, dtype: Any = np.float64) -> NDArray[Any]:
         return np.zeros((number, *shape), dtype)
