@@ -464,6 +464,18 @@ def test_the_parameters_are_those_of_the_monitor():
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
 
 
+def test_with_a_prefix_the_guard_sees_by_its_own_lidar_only():
+    with_prefix = "robot1/", ["robot1/base_scan"], ["robot2/base_scan", "base_scan"]
+    without = "", ["base_scan", "robot2/base_scan"], ["rplidar"]
+    for prefix, good, bad in (with_prefix, without):
+        monitor = Arbiter(Parameters(collision_monitor=True, frame_prefix=prefix), T).monitor
+        for frame in good:
+            points_of(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits, monitor._reach)
+        for frame in bad:
+            with pytest.raises(ValueError, match="its frame is"):
+                points_of(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits, monitor._reach)
+
+
 def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
     arbiter = Arbiter(Parameters(collision_monitor=True), T)
     drive(arbiter, Command(0.2, 0.0), 0.5)

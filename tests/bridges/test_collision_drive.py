@@ -141,6 +141,7 @@ def test_a_scan_that_is_cut_stops_every_robot_within_600_ms(driven):
     assert driven.least.min() > 0.02
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("footprint_x", [-0.032, -0.1])
 def test_a_footprint_behind_the_axle_touches_nothing_by_turning(footprint_x):
     drive = Drive(100, ["dense", "corridor"], seed=3, footprint_x=footprint_x, x=footprint_x)
@@ -157,6 +158,7 @@ def test_a_monitor_that_takes_old_scans_for_new_ones_is_noticed():
     assert drive.run(4.0).least.min() < 0.0
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("world", ["cellular", "crowd"])
 def test_narrow_gaps_and_people_who_wait_are_not_touched_either(world):
     """Between cylinders of a cellular automaton, and among those who walk, and wait where a robot is in their way."""

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 from std_msgs.msg import Empty
 
-from turtlebot_gym_ros.base.discovery import PROFILE, prepare, profiles_variable
+from turtlebot_gym_ros.base.discovery import PROFILE, _profiles_variable, prepare
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
@@ -43,7 +43,7 @@ def test_the_guard_serves_the_network(environment):
 
 def test_the_profile_announces_five_times_a_second(environment):
     prepare()
-    assert environment[profiles_variable()] == str(PROFILE)
+    assert environment[_profiles_variable()] == str(PROFILE)
     assert sum("DEFAULT_PROFILES_FILE" in name for name in environment) == 1  # Kilted complains of the old name
     root = ElementTree.parse(PROFILE).getroot()
     space = {"dds": root.tag.partition("}")[0].strip("{")}
@@ -62,7 +62,7 @@ def test_fast_dds_takes_the_profile():
     code = "import rclpy; rclpy.init(); rclpy.create_node('node').destroy_node(); rclpy.shutdown()"
     for profile, complains in ((str(PROFILE), False), (__file__, True)):
         bare = {name: value for name, value in os.environ.items() if "DEFAULT_PROFILES_FILE" not in name}
-        environment = {**bare, profiles_variable(): profile}
+        environment = {**bare, _profiles_variable(): profile}
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
         assert ("Error" in done.stdout + done.stderr) == complains, done
 
@@ -101,10 +101,10 @@ def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wa
 
 LIBRARY_THREAD = """
 import signal, threading, time
-from turtlebot_gym_ros.base.process import endings_wait
+from turtlebot_gym_ros.base.process import _endings_wait
 thread = threading.Thread(target=time.sleep, args=(60,), daemon=True)  # as those that linear algebra starts when it is imported
 thread.start()
-with endings_wait() as wait_for_the_end:
+with _endings_wait() as wait_for_the_end:
     signal.pthread_kill(thread.ident, signal.SIGTERM)  # before anybody waits for it
     wait_for_the_end()
     signal.pthread_kill(thread.ident, signal.SIGINT)

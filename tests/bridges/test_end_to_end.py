@@ -21,6 +21,7 @@ DURATION = 50.0
 """Simulated time, s: geometry needs 36."""
 
 
+@pytest.mark.nightly
 def test_a_policy_is_trained_exported_evaluated_and_drives_the_live_square(tmp_path):
     train(TrainingConfig(env=SQUARE, steps=1_500_000, evaluations=2, episodes=100), tmp_path, progress=False)
     bundle = tmp_path / "policy.onnx"

@@ -44,6 +44,7 @@ def node(name, *parameters):
     return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in parameters for word in ("-p", each))]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("order", ORDERS, ids=lambda order: "-".join(name.split("_")[-1] for name in order))
 def test_it_starts_from_any_order_and_the_bag_holds_all_that_was_heard(launch, peer, wait_for, read_bag, tmp_path, order):
     heard = {topic: peer.hear(topic, kind, 1000) for topic, kind in TOPICS.items()}
@@ -72,6 +73,7 @@ def test_it_starts_from_any_order_and_the_bag_holds_all_that_was_heard(launch, p
         assert both > 20, topic
 
 
+@pytest.mark.nightly
 def test_it_drives_the_square_in_processes():
     with Graph(processes=True, policy="bearing") as graph:
         graph.wait_until(lambda graph: graph.state == "silent: done")
@@ -84,6 +86,7 @@ def test_it_drives_the_square_in_processes():
     np.testing.assert_allclose(visited, SQUARE_WAYPOINTS, atol=1e-12)
 
 
+@pytest.mark.nightly
 def test_the_tutorials_figures_are_the_environments(compare):
     """In four processes, over 60 s, in every number."""
     drive = compare.SquareDrive("proportional", "tutorial", "time", "tutorial", 4)
@@ -119,6 +122,7 @@ def test_graphs_in_one_process_do_not_disturb_each_other():
         assert "reference" not in other.latest
 
 
+@pytest.mark.nightly
 def test_a_reset_of_the_plant_begins_again(peer):
     with Graph(speed=1.0) as graph:
         graph.wait_until(lambda graph: graph.latest["true_state"].x > 0.3)
@@ -140,6 +144,7 @@ def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait
         assert graph.latest["estimate"].belief.mean.x == pytest.approx(graph.latest["true_state"].x, abs=0.1)
 
 
+@pytest.mark.nightly
 def test_the_scripted_person_drives(launch, peer, wait_for):
     with Graph(mode="teleoperation", noise="clean", speed=10.0) as graph:
         states = peer.hear("simulated_teleop/state", String, LATCHED)
@@ -153,6 +158,7 @@ def test_the_scripted_person_drives(launch, peer, wait_for):
         graph.wait_until(lambda graph: graph.latest["true_state"].v == 0.0)
 
 
+@pytest.mark.nightly
 def test_wrong_parameters_are_refused():
     with pytest.raises(ValueError, match="policy"), Graph(policy="clever"):
         pass
@@ -186,6 +192,7 @@ def test_bringup_refuses_what_is_wrong_on_one_line(capsys, wrong):
     assert line.startswith("error: ")
 
 
+@pytest.mark.nightly
 def test_status_says_who_waits_for_what(capsys, launch, peer, wait_for):
     launch(*node("kalman_filter"))
     wait_for(lambda: "kalman_filter" in peer.node.get_node_names())

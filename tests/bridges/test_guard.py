@@ -1,66 +1,18 @@
-"""The guard as a real process on real DDS; what it decides is tested in test_arbiter."""
+"""The guard as a real process on real DDS; what it decides is tested in test_arbiter and test_collision."""
 
+import math
 import signal
 import time
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Twist, TwistStamped
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import DescribeParameters
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from probe import AHEAD, Probe, laser
 from std_msgs.msg import Bool
-from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
-
-AHEAD = Command(0.1, 0.2)
-
-
-class Probe:
-    """The robot, whoever commands it, and whoever reads the diagnostics."""
-
-    def __init__(self, peer, wait_for, stamped=True):
-        self.node, self.ask, self.until = peer.node, peer.ask, wait_for
-        self.type = TwistStamped if stamped else Twist
-        self.heard, self.reports, self.command, self.pressed = [], [], None, None
-        self.node.create_subscription(self.type, "cmd_vel", self._hear, 1000)
-        self.node.create_subscription(DiagnosticArray, "diagnostics", lambda m: self.reports.extend(m.status), 10)
-        self.speaker, self.button = peer.speak("cmd_vel_in", self.type, 1), peer.speak("emergency_stop", Bool, 1)
-        self.node.create_timer(0.05, self._speak)
-
-    def _hear(self, message):
-        twist = message.twist if self.type is TwistStamped else message
-        self.heard.append(Command(twist.linear.x, twist.angular.z))
-
-    def _speak(self):
-        if self.command is not None:
-            message = self.type()
-            twist = message.twist if self.type is TwistStamped else message
-            twist.linear.x, twist.angular.z = self.command
-            self.speaker.publish(message)
-        if self.pressed is not None:
-            self.button.publish(Bool(data=self.pressed))
-
-    def until_reported(self, *texts):
-        self.reports.clear()
-        return self.until(
-            lambda: next((each for each in list(self.reports) if all(text in each.message for text in texts)), None)
-        )
-
-    def until_driving(self):
-        self.heard.clear()
-        self.command = AHEAD
-        self.until(self._drives)
-
-    def _drives(self):
-        if self.pressed is False:
-            self.enable(True)  # again, where a busy machine kept the button silent for too long
-            time.sleep(0.5)  # an enabled guard has forgotten what was said before
-        return AHEAD in self.heard
-
-    def enable(self, on):
-        return self.ask("/cmd_vel_guard/enable", SetBool, SetBool.Request(data=on))
+from turtlebot_gym_ros.base.qos import LATCHED
 
 
 @pytest.fixture
@@ -83,10 +35,6 @@ def sabotaged(change):
     return "-c", f"from turtlebot_gym_ros.robot import guard\n{change}\nraise SystemExit(guard.main())"
 
 
-def after_driving(heard):
-    return heard[max(k for k, command in enumerate(heard) if command != STOP) + 1 :]
-
-
 def test_passes_then_stops_then_is_silent_without_a_clock(start, probe):
     start("-p", "use_sim_time:=true", "-p", "max_acceleration:=3")  # an integer is accepted for a float
     probe.until(lambda: probe.heard)
@@ -94,26 +42,19 @@ def test_passes_then_stops_then_is_silent_without_a_clock(start, probe):
     probe.until_driving()
     probe.command = None
     probe.until_reported("silent")
-    stopped = after_driving(probe.heard)
-    assert len(stopped) > 10
-    assert set(stopped) == {STOP}
+    assert len(probe.stopped()) > 10
 
 
-def test_unstamped(start, peer, wait_for):
-    start("-p", "enable_stamped_cmd_vel:=false")
-    Probe(peer, wait_for, stamped=False).until_driving()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
 def test_a_signal_sends_zeros_and_ends_in_order(start, probe, number):
     process = start()
     probe.until_driving()
     process.send_signal(number)
     assert process.wait(timeout=2.0) == 0
     probe.until(lambda: probe.heard[-1] == STOP)
-    assert set(after_driving(probe.heard)) == {STOP}
 
 
+@pytest.mark.nightly
 def test_a_signal_without_the_last_zeros_is_noticed(launch, probe):
     process = launch(*sabotaged("guard.CmdVelGuard.close = lambda self: None"))
     probe.until_driving()
@@ -123,6 +64,16 @@ def test_a_signal_without_the_last_zeros_is_noticed(launch, probe):
     assert probe.heard[-1] == AHEAD
 
 
+def test_a_guard_whose_callback_fails_sends_zeros_and_ends_with_an_error(launch, probe):
+    process = launch(*sabotaged("guard.CmdVelGuard._hear_button = lambda *_: guard.math.nope"))
+    probe.until_driving()
+    probe.pressed = False
+    assert process.wait(timeout=10.0) == 1
+    probe.until(lambda: probe.heard[-1] == STOP)
+    assert "AttributeError" in process.stderr.read()
+
+
+@pytest.mark.nightly
 def test_its_death_is_not_covered_but_its_successor_stops_the_robot(start, probe):
     process = start()
     probe.until_driving()
@@ -140,122 +91,80 @@ def test_emergency_stop(start, probe):
     start()
     probe.until_driving()
     probe.pressed = True
-    probe.until_reported("emergency")
-    assert set(after_driving(probe.heard)) == {STOP}
+    probe.until_standing("emergency")
     answer = probe.enable(True)
     assert (answer.success, answer.message) == (False, "the emergency stop is pressed")
     probe.pressed = False
     probe.until(lambda: probe.enable(True).success)
     probe.until_driving()
     probe.pressed = None
-    assert "~/enable" not in probe.until_reported("emergency").message  # the service is named as one types it
-    assert set(after_driving(probe.heard)) == {STOP}
+    assert "~/enable" not in probe.until_standing("emergency").message  # the service is named as one types it
 
 
+@pytest.mark.nightly
 def test_it_can_start_disabled_and_says_whether_it_lets_pass(start, probe, peer):
     start("-p", "start_enabled:=false")
-    passing = peer.hear("cmd_vel_guard/enabled", Bool, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    passing = peer.hear("cmd_vel_guard/enabled", Bool, LATCHED)
     probe.command = AHEAD
-    probe.until_reported("disabled")
-    assert set(probe.heard) == {STOP}
+    probe.until_standing("disabled")
     assert probe.enable(True).success
     probe.until_driving()
     probe.until(lambda: len(passing) == 2)
     assert [message.data for message in passing] == [False, True]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("topic", ["odom", "estimate"])
 def test_geofence(start, probe, peer, topic):
     start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}")
     probe.command = AHEAD
-    probe.until_reported("only a person drives")
-    assert set(probe.heard) == {STOP}
+    probe.until_standing("only a person drives")
     pose, speaker = Odometry(), peer.speak(topic, Odometry)
     probe.node.create_timer(0.05, lambda: speaker.publish(pose))
     probe.until_driving()
     pose.pose.pose.position.y = -1.1
-    probe.until_reported("only a person drives")
-    assert set(after_driving(probe.heard)) == {STOP}
+    probe.until_standing("only a person drives")
 
 
-def test_a_second_publisher_is_an_error(start, probe):
+@pytest.mark.nightly
+def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
     start()
-    probe.until_driving()
-    probe.node.create_publisher(TwistStamped, "cmd_vel", 1)
-    assert probe.until_reported("one publisher", "/peer").level == DiagnosticStatus.ERROR  # names come later than data
-
-
-def test_it_lives_through_every_change_of_what_it_reports(start, peer, wait_for):
-    start()
-    reports = []
-    peer.node.create_subscription(DiagnosticArray, "diagnostics", lambda m: reports.extend(m.status), 10)
-
-    def until_reported(text):
-        reports.clear()
-        return wait_for(lambda: next((status for status in list(reports) if text in status.message), None))
-
-    assert until_reported("has no listener").level == DiagnosticStatus.WARN
+    (own,) = (each for each in probe.node.subscriptions if each.topic_name == "/cmd_vel")
+    probe.node.destroy_subscription(own)
+    assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
     listener = peer.node.create_subscription(TwistStamped, "cmd_vel", lambda message: None, 1)
-    assert until_reported("silent").level == DiagnosticStatus.OK
+    assert probe.until_reported("silent").level == DiagnosticStatus.OK
     other = peer.node.create_publisher(TwistStamped, "cmd_vel", 1)
-    assert until_reported("one publisher").level == DiagnosticStatus.ERROR
+    assert probe.until_reported("one publisher", "/peer").level == DiagnosticStatus.ERROR  # names come later than data
     peer.node.destroy_publisher(other)
-    assert until_reported("silent").level == DiagnosticStatus.OK
+    assert probe.until_reported("silent").level == DiagnosticStatus.OK
     peer.node.destroy_subscription(listener)
-    assert until_reported("has no listener").level == DiagnosticStatus.WARN
+    assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
 
 
-def test_the_wrong_type_is_reported_with_what_to_type(start, peer, wait_for):
-    start()
-    said = ("/peer has geometry_msgs/msg/Twist on /cmd_vel", "-p enable_stamped_cmd_vel:=false")
-    assert Probe(peer, wait_for, stamped=False).until_reported(*said).level == DiagnosticStatus.ERROR
+@pytest.mark.nightly
+@pytest.mark.parametrize("stamped", [True, False])
+def test_the_type_of_commands_is_the_configured_one_and_the_wrong_one_is_reported_with_what_to_type(
+    start, peer, wait_for, stamped
+):
+    start("-p", f"enable_stamped_cmd_vel:={str(stamped).lower()}")
+    probe = Probe(peer, wait_for, stamped=False)
+    if stamped:
+        said = ("/peer has geometry_msgs/msg/Twist on /cmd_vel", "-p enable_stamped_cmd_vel:=false")
+        assert probe.until_reported(*said).level == DiagnosticStatus.ERROR
+    else:
+        probe.until_driving()
 
 
-@pytest.mark.parametrize(
-    ("argument", "text"),
-    [
-        ("max_agee:=0.3", "cmd_vel_guard has no parameter 'max_agee': did you mean max_age?"),
-        ("max_age:=0.6", "max_age must be a number above 0 and at most 0.5 s, got 0.6"),
-        ("rate:=fast", "rate must be of type float, got 'fast'"),
-        ("robot:=roomba", "robot must be one of burger, "),
-    ],
-)
-def test_wrong_parameters_are_refused_before_anything_is_published(launch, argument, text):
+def test_wrong_parameters_are_refused_before_anything_is_published(launch):
     # Publishing would be an error of its own, and a traceback has more than one line.
     publishes = "guard.CmdVelGuard._publish = lambda *_: guard.math.nope"
-    process = launch(*sabotaged(publishes), "--ros-args", "-p", argument)
+    process = launch(*sabotaged(publishes), "--ros-args", "-p", "max_age:=0.6")
     _, stderr = process.communicate(timeout=30.0)
-    assert process.returncode == 2
-    assert stderr.count("\n") == 1
-    assert stderr.startswith(f"error: {text}")
+    assert (process.returncode, stderr) == (2, "error: max_age must be a number above 0 and at most 0.5 s, got 0.6.\n")
 
 
-def test_two_robots_in_namespaces_do_not_collide(start, peer, wait_for):
-    for name in ("left", "right"):
-        start("-r", f"__ns:=/{name}", "-p", f"body_frame:={name}/base_footprint")
-    told = {name: peer.hear(f"/{name}/cmd_vel", TwistStamped) for name in ("left", "right")}
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    wait_for(lambda: {"/left/cmd_vel_guard", "/right/cmd_vel_guard"} <= {each.status[0].name for each in list(reports)})
-    speaker = peer.speak("/left/cmd_vel_in", TwistStamped, 1)
-    message = TwistStamped()
-    message.twist.linear.x = 0.1
-    wait_for(lambda: speaker.publish(message) or any(each.twist.linear.x == 0.1 for each in list(told["left"])))
-    assert {each.twist.linear.x for each in told["right"]} <= {0.0}
-    assert {each.header.frame_id for each in told["left"]} == {"left/base_footprint"}
-
-
-def test_its_parameters_are_described(start, peer):
-    start()
-    names = ["max_age", "robot", "speed_scale"]
-    answer = peer.ask("/cmd_vel_guard/describe_parameters", DescribeParameters, DescribeParameters.Request(names=names))
-    age, robot, scale = answer.descriptors
-    assert age.description.startswith("Age from which a command no longer counts, s; at most 0.5.")
-    assert (age.floating_point_range[0].from_value, age.floating_point_range[0].to_value) == (0.0, 0.5)
-    assert age.read_only
-    assert robot.additional_constraints == "one of burger, waffle, turtlebot4, tutorial, or a FILE.yaml"
-    assert scale.floating_point_range[0].to_value == 1.0
-
-
+@pytest.mark.nightly
 def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, probe, peer):
     start()
     speaker = peer.speak("cmd_vel_teleop", TwistStamped, 1)
@@ -272,3 +181,120 @@ def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, p
         else:  # a stamp of another epoch is none: DDS's own time counts
             probe.until(lambda: Command(0.1, 0.0) in probe.heard)
         probe.node.destroy_timer(timer)
+
+
+# The collision monitor: scans at 5 Hz, commands from a person and from a program.
+
+
+@pytest.fixture
+def seeing(start):
+    return start("-p", "collision_monitor:=true")
+
+
+def see(probe):
+    probe.scan, probe.scan_age = laser(), 0.0
+    probe.until_driving()
+
+
+def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(seeing, probe):
+    probe.command, probe.topic = AHEAD, "cmd_vel_teleop"
+    assert probe.until_standing("/scan: no scan has arrived").level == DiagnosticStatus.ERROR
+    see(probe)
+    for probe.topic, who in (("cmd_vel_teleop", "teleop"), ("cmd_vel_in", "program")):
+        # 0.24 m from the LiDAR, 0.232 m from the footprint's centre: less the radius, the margin and the error, in one second.
+        probe.scan = laser(0.24)
+        status = probe.until_reported(f"{who}, collision monitor: slowed down: an obstacle is ahead")
+        assert status.level == DiagnosticStatus.WARN
+        v, omega = probe.until_told(lambda each: each.v > 0.02)
+        assert v <= 0.232 - 0.105 - 0.05 - 0.085 * 0.24 + 1e-6
+        assert omega / v == pytest.approx(2.0)
+        probe.scan = laser(0.16)
+        probe.until_standing("stopped: an obstacle is in the stop zone")
+        probe.command = Command(-0.1, 0.0)
+        probe.until_told(lambda each: each.v == pytest.approx(-0.05, abs=1e-9))
+        assert min(each.v for each in probe.heard) > -0.0501
+        see(probe)
+    probe.scan = None
+    probe.until_standing("the last scan is older than 0.4 s; the robot stands")
+    see(probe)
+    probe.scan_age = 0.7  # by its stamp, which may be that of the first beam, 0.2 s before the last
+    probe.until_standing("the last scan is older than 0.4 s")
+    probe.scan_age = 0.5
+    probe.until_told(lambda each: each != STOP)
+    assert seeing.poll() is None
+
+
+BAD = {
+    "ranges that are NaN": {"ranges": [1.0, math.nan] * 180},
+    "no ranges": {"ranges": []},
+    "an angle_increment of 0 rad": {"angle_increment": 0.0},
+    "range_min must be in [0, range_max)": {"range_min": 4.0},
+    "its frame is 'rplidar_link', not 'base_scan'": {},
+}
+
+
+@pytest.mark.nightly
+def test_bad_scans_stop_the_robot_with_one_report_and_do_not_end_the_guard(seeing, probe):
+    for why, fields in BAD.items():
+        see(probe)
+        scan = laser(**fields)
+        if not fields:
+            scan.header.frame_id = "rplidar_link"
+        probe.scan = scan
+        status = probe.until_standing(why)
+        assert status.level == DiagnosticStatus.ERROR
+        assert status.message.startswith("collision monitor: /scan: a scan was refused: ")
+        assert "\n" not in status.message
+    see(probe)
+    assert seeing.poll() is None
+
+
+# Several robots in one graph: button, enabling and commands are one robot's, unless a topic is shared on purpose.
+
+
+@pytest.fixture
+def robots(peer, wait_for, start):
+    """Two robots, each with its guard."""
+
+    def make(*arguments, **options):
+        for name in ("robot1", "robot2"):
+            start("-r", f"__ns:=/{name}", "-p", f"frame_prefix:={name}/", *arguments)
+        return [Probe(peer, wait_for, name=name, **options) for name in ("robot1", "robot2")]
+
+    return make
+
+
+@pytest.mark.nightly
+def test_commands_and_a_button_are_one_robots_and_its_enable_is_its_own(robots):
+    one, two = robots()
+    one.until_driving()
+    two.until_reported("silent")
+    assert set(two.heard) == {STOP}  # commands for one robot move no other
+    two.until_driving()
+    one.pressed = True
+    one.until_reported("emergency stop")
+    two.until_driving()  # still
+    assert two.until_reported("").hardware_id == "robot2/burger"
+    assert two.enable(True).success  # enables robot 2, and robot 1 not
+    assert one.until_standing("/robot1/cmd_vel_guard/enable").hardware_id == "robot1/burger"
+    one.pressed = False
+    two.pressed = False  # another robot's button that is not pressed is no release
+    one.until_reported("emergency stop")
+    assert one.frames == {"robot1/base_footprint"}
+
+
+@pytest.mark.nightly
+def test_one_button_can_stop_all_robots_and_each_is_enabled_by_itself(robots, wait_for):
+    one, two = robots("-r", "emergency_stop:=/emergency_stop", button="/emergency_stop")
+    for robot in (one, two):
+        robot.until_driving()
+    two.pressed = False  # a second button of all robots: for a release each must be heard
+    one.pressed = True
+    for robot in (one, two):
+        robot.until_reported("emergency stop")
+    one.pressed = False
+    wait_for(lambda: one.enable(True).success)
+    one.until_driving()
+    two.until_standing("emergency stop")
+    wait_for(lambda: two.enable(True).success)
+    two.until_driving()

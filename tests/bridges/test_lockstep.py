@@ -5,7 +5,7 @@ import pytest
 
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.node.block import Every, Input, On
-from turtlebot_gym_ros.node.chain import missing_link
+from turtlebot_gym_ros.node.chain import _missing_link
 from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, trigger_of
 
 S = 1_000_000_000
@@ -260,7 +260,7 @@ def test_who_is_missing_is_the_first_on_the_way():
     speakers = {"/estimate": ["/kalman_filter"], "/reference": [], "/cmd_vel": ["/velocity_controller"]}
 
     def said(*stamps):
-        return missing_link(12 * S, dict(zip(way, stamps, strict=True)), speakers)
+        return _missing_link(12 * S, dict(zip(way, stamps, strict=True)), speakers)
 
     assert said(None, None, None) == "waits for /estimate of the step at 12.000 s: /kalman_filter has not answered"
     assert said(12 * S, 11 * S, 11 * S) == "waits for /reference of the step at 12.000 s: nobody publishes it"

@@ -17,7 +17,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.recorder import Recorder
-from turtlebot_gym_ros.node.drives import AsPlant
+from turtlebot_gym_ros.node.drives import _AsPlant
 from turtlebot_gym_ros.node.lockstep import Plant
 
 STEPS = 300
@@ -46,13 +46,17 @@ def node(name, *parameters):
 @pytest.mark.parametrize(
     ("policy", "noise", "switch"),
     [
-        ("proportional", "tutorial", "time"),
-        ("proportional", "rough", "arrival"),
-        ("bearing", "documented", "arrival"),
-        ("bearing", "rough", "time"),
-        ("ppo-square", "tutorial", "arrival"),
         ("ppo-square", "rough", "time"),
-        ("bearing", "wheel", "arrival"),
+        *(
+            pytest.param(*case, marks=pytest.mark.nightly)
+            for case in (
+                ("proportional", "tutorial", "time"),
+                ("proportional", "rough", "arrival"),
+                ("bearing", "documented", "arrival"),
+                ("ppo-square", "tutorial", "arrival"),
+                ("bearing", "wheel", "arrival"),
+            )
+        ),
     ],
 )
 def test_the_graph_is_the_environment(compare, policy, noise, switch):
@@ -61,6 +65,7 @@ def test_the_graph_is_the_environment(compare, policy, noise, switch):
     assert max(differ.values()) <= LEAST, differ
 
 
+@pytest.mark.nightly
 def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with_noise_from_a_file(compare, tmp_path):
     write_parameters(NOISES["rough"], tmp_path / "rough.yaml")
     drive = compare.SquareDrive("bearing", str(tmp_path / "rough.yaml"), "arrival", "burger", 3, "slip")
@@ -70,7 +75,14 @@ def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with
     assert max(compare.differences(compare.episode(drive, STEPS), matched).values()) > 0.01
 
 
-@pytest.mark.parametrize(("fix", "processes"), [("late", False), ("late", True), ("markers", False)])
+@pytest.mark.parametrize(
+    ("fix", "processes"),
+    [
+        pytest.param("late", False, marks=pytest.mark.nightly),
+        ("late", True),
+        pytest.param("markers", False, marks=pytest.mark.nightly),
+    ],
+)
 def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare, fix, processes):
     drive = compare.SquareDrive("bearing", "wheel", "arrival", "burger", 3, "matched", fix)
     differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS, processes=processes))
@@ -79,6 +91,7 @@ def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare
     assert max(compare.differences(compare.episode(drive, STEPS), without).values()) > 0.01
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("noise", "policy", "friction"), [("tutorial", "bearing", 1.0), ("wheel", "ppo-square", 0.5)])
 def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
@@ -91,6 +104,7 @@ def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction
     assert max(compare.differences(told, unicycle).values()) > 0.01
 
 
+@pytest.mark.nightly
 def test_a_busy_machine_and_processes_change_no_byte(compare, busy):
     drive = compare.SquareDrive()
     alone = [compare.digest(compare.live(drive, STEPS, processes=processes)) for processes in (False, True)]
@@ -100,9 +114,10 @@ def test_a_busy_machine_and_processes_change_no_byte(compare, busy):
     assert compare.digest(compare.live(drive._replace(seed=1), STEPS)) not in alone  # the fingerprint tells drives apart
 
 
+@pytest.mark.nightly
 def test_another_rule_of_the_plant_is_noticed(compare, monkeypatch):
     """The defect: a plant that takes the newest command, of whatever step."""
-    monkeypatch.setattr(AsPlant, "takes", lambda self, key, stamp: True)
+    monkeypatch.setattr(_AsPlant, "takes", lambda self, key, stamp: True)
     monkeypatch.setattr(Plant, "answers", lambda self, stamps: True)
     drive = compare.SquareDrive()
     with Graph(**drive._asdict(), goal_tolerance=0.0) as graph:
@@ -129,6 +144,7 @@ def test_a_command_of_no_step_is_not_obeyed(compare):
     assert max(differ.values()) <= LEAST, differ
 
 
+@pytest.mark.nightly
 def test_each_command_bears_the_stamp_of_its_step_and_acts_in_the_next(compare):
     drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
@@ -144,6 +160,7 @@ def test_each_command_bears_the_stamp_of_its_step_and_acts_in_the_next(compare):
         assert (answers[k].linear.x, answers[k].angular.z) == pytest.approx(command[k + 1], abs=LEAST)
 
 
+@pytest.mark.nightly
 def test_a_policy_that_takes_its_time_is_waited_for(compare, monkeypatch, tmp_path):
     (tmp_path / "lazy_policy.py").write_text(LAZY)
     monkeypatch.syspath_prepend(tmp_path)
@@ -153,6 +170,7 @@ def test_a_policy_that_takes_its_time_is_waited_for(compare, monkeypatch, tmp_pa
     assert max(differ.values()) <= LEAST, differ
 
 
+@pytest.mark.nightly
 def test_time_goes_on_when_the_controller_is_done_and_the_robot_rests():
     with Graph(policy="bearing", noise="clean") as graph:
         graph.wait_until(lambda graph: graph.state == "silent: done")
@@ -162,6 +180,7 @@ def test_time_goes_on_when_the_controller_is_done_and_the_robot_rests():
     np.testing.assert_array_equal(np.ptp(trajectory.true_state[-20:], axis=0), 0.0)
 
 
+@pytest.mark.nightly
 def test_a_speed_is_a_limit():
     with Graph(policy="bearing", speed=10.0) as graph:
         begin, at = time.monotonic(), graph.time
@@ -169,6 +188,7 @@ def test_a_speed_is_a_limit():
         assert (graph.time - at) / (time.monotonic() - begin) <= 10.5
 
 
+@pytest.mark.nightly
 def test_a_reset_begins_the_next_episode(compare, peer):
     drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
@@ -181,6 +201,7 @@ def test_a_reset_begins_the_next_episode(compare, peer):
     assert max(differ.values()) <= LEAST, differ
 
 
+@pytest.mark.nightly
 def test_while_it_is_not_enabled_time_stands_still(compare, peer):
     drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
@@ -197,6 +218,7 @@ def test_while_it_is_not_enabled_time_stands_still(compare, peer):
     assert max(differ.values()) <= LEAST, differ  # not by a bit: the robot did not move meanwhile
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", CHAIN[1:])
 def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
     drive = compare.SquareDrive("bearing", "rough", "time", "burger", 3)
@@ -215,6 +237,7 @@ def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
     assert max(differ.values()) <= LEAST, differ
 
 
+@pytest.mark.nightly
 def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
     """Time goes on by itself as soon as the chain is complete; the simulator says who is missing."""
     reports, truths = peer.hear("/diagnostics", DiagnosticArray), peer.hear("true_state", Odometry, 1000)
@@ -244,6 +267,7 @@ def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
         moves()
 
 
+@pytest.mark.nightly
 def test_a_robots_odometry_moves_nobody_in_lock_step(launch, peer, wait_for):
     """A real robot's stamps are those of a wall clock: it does not wait."""
     launch(*node("kalman_filter"))

@@ -1,5 +1,6 @@
 """Nodes as processes: what they refuse, how they end, and that the last thing they say is zero."""
 
+import os
 import signal
 import time
 
@@ -72,25 +73,12 @@ def test_a_node_explains_itself(capsys, name):
     [
         (["flight_controller"], "there is no node 'flight_controller'"),
         (["velocity_controller", "--ros-args", "-p", "policy:=clever"], "clever"),
-        (["velocity_controller", "--ros-args", "-p", "policy:=no_such_module:drive"], "no_such_module"),
         (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "did you mean policy?"),
-        (["velocity_controller", "--ros-args", "-p", "goal_tolerance:=0.001"], "goal_tolerance must be"),
         (["velocity_controller", "--ros-args", "-p", "start_enabled:=1"], "start_enabled must be of type bool"),
         (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be positive"),
-        (
-            ["velocity_controller", "--ros-args", "-p", "lock_step:=true", "-p", "enable_stamped_cmd_vel:=false"],
-            "unstamped Twist",
-        ),
         (["simulated_teleop", "--ros-args", "-p", "lock_step:=true"], "lock_step must be false"),
         (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),
-        (["kalman_filter", "--ros-args", "-p", "twist:=guessed"], "twist must be one of"),
-        (["turtlebot_simulator", "--ros-args", "-p", "noise:=silence"], "noise must be one of"),
-        (["waypoint_generator", "--ros-args", "-p", "waypoints:=/nowhere.yaml"], "cannot read '/nowhere.yaml'"),
-        (
-            ["simulated_teleop", "--ros-args", "-p", "period:=-1.0"],
-            "period must be a number above 0 and below 1000 s, got",
-        ),
-        (["waypoint_generator", "--ros-args", "-p", "switch:=never"], "switch must be one of"),
+        (["simulated_teleop", "--ros-args", "-p", "period:=-1.0"], "period must be a number above 0 and below 1000 s, got -1.0"),
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
         (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),
         (["kalman_filter", "quickly"], "unknown argument 'quickly'"),
@@ -162,6 +150,7 @@ def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, worl
     assert set(world.speeds[first:]) == {0.0}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_node_with_the_handlers_of_rclpy_cannot_be_relied_on_to_say_it(launch, world, number):
     """They end the context beside the node: which of the two comes first is chance, so it is tried until the node is late."""
@@ -186,6 +175,7 @@ def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp
     assert process.wait(30) == 0
 
 
+@pytest.mark.nightly
 def test_a_controller_that_starts_again_waits_to_be_enabled(launch, world, tmp_path):
     process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
     world.until(lambda: len(world.commands) > 3)
@@ -201,6 +191,4 @@ def test_a_controller_that_starts_again_waits_to_be_enabled(launch, world, tmp_p
 
 
 def path(folder):
-    import os
-
     return os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))

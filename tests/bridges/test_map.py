@@ -143,6 +143,7 @@ def test_only_a_map_is_said(runner, peer, wait_for):
     assert not peer.node.get_publishers_info_by_topic("/map")
 
 
+@pytest.mark.nightly
 def test_the_logger_keeps_the_map_though_it_comes_late(runner, peer, wait_for, launch, hall, tmp_path, read_bag):
     overrides = {"world": str(hall), "lidar": "ideal"}
     runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
@@ -169,6 +170,7 @@ def test_the_graph_hears_the_map_and_drives_on_it(hall, wait_for):
     np.testing.assert_array_equal(grid.cells[::-1], np.vectorize(VALUES.get)(HALL))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("world", ["map", "dense"])
 @pytest.mark.parametrize("processes", [False, True])
 def test_bringup_drives_in_a_room(hall, tmp_path, capsys, world, processes):

@@ -24,7 +24,7 @@ from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
 from turtlebot_gym_ros.graph.markers import LIFETIME
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.geometry import yaw_of
+from turtlebot_gym_ros.node.geometry import _yaw_of
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS
 
@@ -62,12 +62,6 @@ def test_a_last_waypoint_has_none_after_it():
     assert see(block, 0.0, reference=GOAL, following=GOAL)[:2] == (GOAL, None)
 
 
-@pytest.mark.parametrize("wrong", [{"period": 0.0}, {"trail": 0.1}, {"trail": math.inf}, {"radius": 0.0}, {"radius": math.nan}])
-def test_wrong_parameters_are_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        Visualization.Params(**wrong)
-
-
 def test_a_waypoint_is_a_disc_of_the_arrival_radius_with_an_arrow():
     markers = message(Scene(GOAL, NEXT, 0.3, (), ()))
     assert markers.keys() == {"waypoint", "waypoint_heading", "next_waypoint", "next_waypoint_heading"}
@@ -77,7 +71,7 @@ def test_a_waypoint_is_a_disc_of_the_arrival_radius_with_an_arrow():
         assert disc.scale.x == disc.scale.y == pytest.approx(2 * 0.3)
         for marker in (disc, arrow):
             assert (marker.pose.position.x, marker.pose.position.y) == pose[:2]
-            assert yaw_of(marker.pose.orientation) == pytest.approx(pose.theta)
+            assert _yaw_of(marker.pose.orientation) == pytest.approx(pose.theta)
     assert markers["next_waypoint"].color.a < markers["waypoint"].color.a < 1.0  # what lies below can be seen
 
 

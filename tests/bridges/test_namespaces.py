@@ -1,10 +1,14 @@
 """Two robots in one graph: below a namespace each, they share a ROS domain and nothing else."""
 
+import signal
+import sys
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import DescribeParameters, GetParameters
+from rcl_interfaces.srv import GetParameters
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros import Graph
@@ -56,6 +60,7 @@ def apart(compare, drives, told, steps):
     }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("processes", [False, True])
 def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compare, drives, start, processes):
     told = side_by_side(start, compare, drives, STEPS, processes=processes)
@@ -70,6 +75,7 @@ def test_no_word_passes_between_two_robots_in_five_minutes(compare, drives, star
     assert apart(compare, drives, told, FIVE_MINUTES) == {"robot1": 0.0, "robot2": 0.0}
 
 
+@pytest.mark.nightly
 def test_two_robots_in_real_time_hear_their_own_odometry_only(compare, drives, start):
     """Robot 2 is stopped while robot 1 drives: neither the stop nor the motion may be heard by the other."""
     moving = start(drives["robot1"], "robot1", speed=1.0)
@@ -89,6 +95,7 @@ def test_two_robots_in_real_time_hear_their_own_odometry_only(compare, drives, s
     assert np.hypot(*(path[-1, :2] - path[0, :2])) > 0.1
 
 
+@pytest.mark.nightly
 def test_frames_parameters_and_diagnostics_of_two_robots_are_told_apart(compare, drives, start, peer, wait_for):
     graphs = {name: start(drive, name) for name, drive in drives.items()}
     heard = {name: peer.hear(f"/{name}/estimate", Odometry) for name in ROBOTS}
@@ -107,18 +114,6 @@ def test_frames_parameters_and_diagnostics_of_two_robots_are_told_apart(compare,
         assert {*graph.reports} == {*nodes}  # its own, and not the other robot's
 
 
-def test_what_a_parameter_means_can_be_asked_for_below_a_namespace(compare, drives, start, peer):
-    start(drives["robot1"], "robot1")
-    asked = DescribeParameters.Request(names=["period", "policy", "frame_prefix"])
-    period, policy, prefix = peer.ask("/robot1/velocity_controller/describe_parameters", DescribeParameters, asked).descriptors
-    (told,) = period.floating_point_range
-    assert (told.from_value, told.to_value) == (0.001, 10.0)
-    assert period.additional_constraints == "in [0.001, 10] s"
-    assert "Period for which the policy was made" in period.description
-    assert "bearing" in policy.description
-    assert "robot1/" in prefix.description
-
-
 def test_an_odometry_of_another_robots_frame_is_refused(make_bench):
     bench = make_bench(frame_prefix="robot1/")
     for _ in range(3):
@@ -128,6 +123,7 @@ def test_an_odometry_of_another_robots_frame_is_refused(make_bench):
     assert bench.commands[-1].header.frame_id == "robot1/base_footprint"
 
 
+@pytest.mark.nightly
 def test_status_asks_one_robot(compare, drives, start, capsys):
     start(drives["robot1"], "robot1")
     status.main(["--namespace", "robot1", "--seconds", "30"])
@@ -138,6 +134,26 @@ def test_status_asks_one_robot(compare, drives, start, capsys):
     assert said.count("not there") == 4
     assert status.main(["--namespace", "robot 2"]) == 2
     assert "namespace must be names of letters, digits and _" in capsys.readouterr().err
+
+
+@pytest.mark.nightly
+def test_a_recorder_takes_its_own_robots_topics_and_those_that_all_share(
+    launch, peer, wait_for, tmp_path, monkeypatch, read_bag
+):
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    words = ("-r", "__ns:=/robot1")
+    process = launch("-m", "turtlebot_gym_ros", "data_logger", "--ros-args", *words)
+    own, shared, other = (peer.speak(topic, String) for topic in ("/robot1/note", "/all", "/robot2/note"))
+    wait_for(lambda: own.get_subscription_count() and shared.get_subscription_count())
+    for publisher in (own, shared, other):
+        publisher.publish(String(data="a word"))
+        assert publisher.wait_for_all_acked()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30.0)
+    (folder,) = (tmp_path / "bags" / "robot1").iterdir()
+    held = read_bag(folder)
+    assert {"/robot1/note", "/all"} <= held.keys()
+    assert not any(topic.startswith("/robot2") for topic in held)
 
 
 @pytest.mark.parametrize(

@@ -256,7 +256,7 @@ PROTECTIONS = {
     leaping_ahead: (Shell, "_jumped", nothing),
     leaping_back: (Shell, "_jumped", nothing),
     another_frame: (Feed, "read", lambda self, message, frame: self.conversion.read(message)),
-    no_rotation: (geometry, "yaw_of", lambda q: 0.0),
+    no_rotation: (geometry, "_yaw_of", lambda q: 0.0),
     nan_odometry: (geometry, "finite", nothing),
     repeated: (Messages, "check", nothing),
     out_of_order: (Messages, "check", nothing),
@@ -270,6 +270,7 @@ def test_protection(make_bench, law, owner, name, sabotage):
     law(make_bench, 30.0)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("law", "owner", "name", "sabotage"), CASES)
 def test_its_absence_is_noticed(make_bench, monkeypatch, law, owner, name, sabotage):
     monkeypatch.setattr(owner, name, sabotage)

@@ -60,9 +60,14 @@ def logged(tmp_path, monkeypatch):
     ("world", "lidar", "noise", "seed", "processes"),
     [
         ("dense", "lds01", "tutorial", 3, False),
-        ("office", "a1", "rough", 1, False),
-        ("crowd", "lds02", "documented", 2, False),
-        ("dense", "lds01", "tutorial", 5, True),
+        *(
+            pytest.param(*case, marks=pytest.mark.nightly)
+            for case in (
+                ("office", "a1", "rough", 1, False),
+                ("crowd", "lds02", "documented", 2, False),
+                ("dense", "lds01", "tutorial", 5, True),
+            )
+        ),
     ],
 )
 def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed, processes):

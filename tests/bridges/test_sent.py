@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
+from turtlebot_gym_ros.robot.sent import SystemClock, read_clocks
 
 EPOCH = 1.7e9
 """The system clock when the steady one says 0, s."""
@@ -115,7 +115,7 @@ def test_the_steady_clock_goes_on_while_the_machine_sleeps():
 def test_the_times_of_a_message_are_read():
     info = {"source_timestamp": int((EPOCH + 99.75) * 1e9), "received_timestamp": int((EPOCH + 99.875) * 1e9)}
     header = SimpleNamespace(stamp=SimpleNamespace(sec=int(EPOCH) + 99, nanosec=500_000_000))
-    assert age_of(clock(), info, None, 100.0).seconds == pytest.approx(0.25, abs=1e-5)
-    assert age_of(clock(), info, header, 100.0).seconds == pytest.approx(0.5, abs=1e-5)
+    assert clock().age_of(info, None, 100.0).seconds == pytest.approx(0.25, abs=1e-5)
+    assert clock().age_of(info, header, 100.0).seconds == pytest.approx(0.5, abs=1e-5)
     info["source_timestamp"] = 0
-    assert age_of(clock(), info, None, 100.0)[:2] == (pytest.approx(0.125, abs=1e-5), False)
+    assert clock().age_of(info, None, 100.0)[:2] == (pytest.approx(0.125, abs=1e-5), False)

@@ -1,34 +1,29 @@
 """The shell around small blocks: what it owns for all nodes, on real DDS."""
 
 import importlib.util
+import itertools
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from bench import Mover, NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.time import Time
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, Input, Output, Shell
+from turtlebot_gym_ros import Every, Input, On, Output, Shell
 from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.geometry import quaternion_of
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
-
-
-@dataclass(frozen=True, kw_only=True)
-class NoParameters:
-    pass
 
 
 @pytest.fixture
@@ -59,25 +54,28 @@ def test_a_block_is_tried_in_a_loop_without_ros(example):
     assert abs(pose.theta) < 0.01
 
 
-def test_the_same_block_is_a_node(example, runner, peer, wait_for):
-    odometry, commands = peer.speak("odom", Odometry), peer.hear("cmd_vel", TwistStamped)
-    overrides = {"gain": 2, "start_enabled": True}  # an integer will do for a float
+@pytest.mark.parametrize("stamped", [True, False])
+def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
+    kind = TwistStamped if stamped else Twist
+    odometry, commands = peer.speak("odom", Odometry), peer.hear("cmd_vel", kind)
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    overrides = {"gain": 2, "start_enabled": True, "enable_stamped_cmd_vel": stamped}  # an integer will do for a float
     runner.add(Shell(example.FaceEast, example.Params, context=runner.context, overrides=overrides))
-    message, stamp = Odometry(), 0
+    message, stamps = Odometry(), itertools.count(1)
     message.header.frame_id = "odom"
     message.pose.pose.orientation = quaternion_of(0.5)
 
     def answered():
-        nonlocal stamp
-        stamp += 100_000_000
-        message.header.stamp = Time(nanoseconds=stamp).to_msg()
+        message.header.stamp = Time(nanoseconds=next(stamps) * 100_000_000).to_msg()
         odometry.publish(message)
         time.sleep(0.01)
         return commands
 
-    assert wait_for(answered)[0].twist.angular.z == pytest.approx(-1.0, abs=1e-12)
-    assert commands[0].header.frame_id == "base_footprint"
+    first = wait_for(answered)[0]
+    assert (first.twist if stamped else first).angular.z == pytest.approx(-1.0, abs=1e-12)
+    assert not stamped or first.header.frame_id == "base_footprint"
     wait_for(lambda: "face_east" in peer.node.get_node_names())  # names come by a topic of their own, later than data
+    wait_for(lambda: reports and reports[-1].status[0].level == DiagnosticStatus.OK)
 
 
 def test_the_example_stays_short():
@@ -98,30 +96,6 @@ def test_a_block_that_is_done_leaves_the_robot_to_others_and_goes_on_by_itself(b
     assert bench.speeds[-1] == 0.0
     bench.block.go_on()
     bench.drive()
-
-
-def test_who_comes_late_is_told_the_state(bench):
-    bench.drive()
-    late = bench.peer.hear("mover/state", String, LATCHED)
-    assert bench.wait_for(lambda: late)[0].data == "active"
-
-
-def test_enabling_resets_the_block(make_bench):
-    bench = make_bench(enabled=False)
-    assert bench.state == "silent: not enabled"
-    answer = bench.enable()
-    assert answer.success
-    assert "It sees no obstacles" in answer.message
-    assert bench.block.resets == 1
-    assert bench.enable().success  # again: it stays enabled
-    assert bench.block.resets == 1
-    bench.drive()
-
-
-def test_start_enabled_and_all_other_parameters_are_read_only(bench):
-    for name, value in (("start_enabled", False), ("frame", "map")):
-        (result,) = bench.shell.node.set_parameters([Parameter(name, value=value)])
-        assert not result.successful
 
 
 def test_it_goes_on_by_itself_when_the_inputs_come_again(bench):
@@ -189,14 +163,15 @@ def test_a_reset_of_the_plant_reaches_everybody(bench):
     bench.drive()
 
 
-def test_a_value_that_no_message_is_known_for_is_refused(runner):
-    class Odd:
-        inputs = {"number": Input(topic="number", type=int)}
-        outputs = {}
-        trigger = Every(0.1)
+class Slow(Mover):
+    """A mover that steps every 50 ms."""
 
-    with pytest.raises(ValueError, match="int: call register"):
-        Shell(lambda params: Odd(), NoParameters, name="odd", context=runner.context)
+    trigger = On("odometry", period=0.05)
+
+
+def test_messages_that_come_more_slowly_than_the_steps_are_an_error_in_words(make_bench):
+    bench = make_bench(make=Slow)
+    bench.wait_for(lambda: bench.send() or "odometry comes every 0.100 s, but a step is due every 0.05 s" in bench.state)
 
 
 # The graph around it.
@@ -209,27 +184,6 @@ def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, 
     stranger.destroy_node()
     assert status.level == DiagnosticStatus.ERROR
     assert "python -m turtlebot_gym_ros mover --ros-args -p enable_stamped_cmd_vel:=false" in status.message
-
-
-def test_twist_is_spoken_where_asked_for(runner, peer, wait_for, example):
-    odometry, twists = peer.speak("odom", Odometry), peer.hear("cmd_vel", Twist)
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    overrides = {"start_enabled": True, "enable_stamped_cmd_vel": False}
-    runner.add(Shell(example.FaceEast, example.Params, context=runner.context, overrides=overrides))
-    message, stamp = Odometry(), 0
-    message.header.frame_id = "odom"
-    message.pose.pose.orientation = quaternion_of(0.5)
-
-    def answered():
-        nonlocal stamp
-        stamp += 100_000_000
-        message.header.stamp = Time(nanoseconds=stamp).to_msg()
-        odometry.publish(message)
-        time.sleep(0.01)
-        return twists
-
-    assert wait_for(answered)[0].angular.z == pytest.approx(-0.5, abs=1e-12)
-    wait_for(lambda: reports and reports[-1].status[0].level == DiagnosticStatus.OK)
 
 
 def test_a_graph_without_fault_is_reported_as_such(bench):
@@ -250,12 +204,7 @@ def test_problems_of_both_levels_are_logged_one_after_the_other(bench):
     bench.reports.clear()
     bench.peer.node.destroy_subscription(bench.peer.subscriptions["cmd_vel"])
     assert bench.report("there is no listener").level == DiagnosticStatus.ERROR
-    assert "publishes too" in bench.report("").message
-
-
-def test_a_second_publisher_is_reported(bench):
-    bench.peer.speak("cmd_vel", TwistStamped)
-    assert bench.report("/peer publishes too").level == DiagnosticStatus.ERROR
+    assert "/peer publishes too" in bench.report("").message
 
 
 def test_a_command_that_nobody_hears_is_reported(runner, peer, wait_for, example):

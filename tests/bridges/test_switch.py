@@ -9,7 +9,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros.node import switch as module
-from turtlebot_gym_ros.node.switch import BLIND, Switch
+from turtlebot_gym_ros.node.switch import Switch
 
 
 class Fakes:
@@ -19,8 +19,8 @@ class Fakes:
         self.at, self.system = 100.0, 1_700_000_000.0  # the steady clock, and what the system clock is ahead of it, s
         self.states, self.zeros, self.log, self.publishers, self.restarts = [], [], [], 0, 0
 
-    def make(self, *, enabled=True):
-        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, restart=self.restart, blocked=0.5, warning=BLIND)
+    def make(self, *, enabled=True, sees=False):
+        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, restart=self.restart, blocked=0.5, sees=sees)
         return self.switch
 
     def restart(self):
@@ -94,6 +94,12 @@ def test_enabling_begins_anew_and_is_told_at_once(fakes):
     assert fakes.ask(True) == (True, warned)  # again: the block goes on
     assert fakes.states[2:] == ["active"]
     assert fakes.restarts == 1
+
+
+def test_whoever_enables_one_that_sees_is_warned_of_what_it_does_not_see(fakes):
+    fakes.make(enabled=False, sees=True)
+    _, said = fakes.ask(True)
+    assert said == "enabled. It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
 
 
 def test_one_that_starts_enabled_waits_for_its_first_step(fakes):
@@ -234,28 +240,3 @@ def test_a_press_counts_however_short_and_every_button_must_be_released(make_ben
         say(False, True)
     assert bench.enable().message == "the emergency stop is pressed"
     bench.wait_for(lambda: say(False, False) or bench.enable().success)
-
-
-def test_one_of_two_buttons_that_falls_silent_stops(make_bench):
-    bench = make_bench()
-    buttons = [bench.peer.speak("emergency_stop", Bool, 1) for _ in range(2)]
-    both = speak(bench, *buttons)
-    for _ in range(4):
-        both(False, False)
-    one = speak(bench, buttons[0])
-    for _ in range(8):
-        one(False)
-    bench.wait_for(lambda: one(False) or bench.state == "silent: 1 of 2 emergency stops are silent")
-    assert not bench.shell.switch.safety.enabled
-
-
-def test_a_publisher_that_was_never_heard_refuses(make_bench):
-    bench = make_bench(enabled=False)
-    buttons = [bench.peer.speak("emergency_stop", Bool, 1) for _ in range(2)]
-    for button in buttons:
-        bench.wait_for(button.get_subscription_count)
-    # A publisher may know of the node before the node knows of it; who enables it then asks one publisher only.
-    bench.wait_for(lambda: bench.shell.switch._buttons.get_publisher_count() == 2)
-    say = speak(bench, buttons[0])
-    bench.wait_for(lambda: say(False) or "publishers of the emergency stop are not heard" in bench.enable().message)
-    assert bench.enable().message == "1 of 2 publishers of the emergency stop are not heard"

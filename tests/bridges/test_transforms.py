@@ -19,7 +19,7 @@ from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node import outputs
 from turtlebot_gym_ros.node.block import Mount
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.outputs import BROADCAST, Transforms
+from turtlebot_gym_ros.node.outputs import BROADCAST, _Transforms
 
 
 @dataclass
@@ -61,7 +61,7 @@ def odometry(*, measured=True):
 
 def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
     node, message = StandInNode(), odometry()
-    Transforms(node, [], Common()).publish(message)
+    _Transforms(node, [], Common()).publish(message)
     assert node.made == [(StandInTFMessage, "/tf", BROADCAST)]
     (told,) = node.heard[0].transforms
     assert (told.header, told.child_frame_id) == (message.header, "robot1/base_footprint")
@@ -71,13 +71,13 @@ def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
 
 def test_a_pose_that_was_not_measured_is_no_transform(tf2_msgs):
     node = StandInNode()
-    Transforms(node, [], Common()).publish(odometry(measured=False))
+    _Transforms(node, [], Common()).publish(odometry(measured=False))
     assert not node.heard
 
 
 def test_mounts_are_said_once_together_for_whoever_comes(tf2_msgs):
     node, mounts = StandInNode(), [Mount("base_scan", -0.032, 0.0, 0.0), Mount("camera", 0.05, -0.02, math.pi / 2.0)]
-    Transforms(node, mounts, Common(frame_prefix="robot1/"))
+    _Transforms(node, mounts, Common(frame_prefix="robot1/"))
     assert node.made[1] == (StandInTFMessage, "/tf_static", LATCHED)
     (message,) = node.heard
     assert [each.header.frame_id for each in message.transforms] == ["robot1/base_footprint"] * 2
@@ -99,7 +99,7 @@ def test_mounts_are_said_once_together_for_whoever_comes(tf2_msgs):
     ],
 )
 def test_scans_are_in_the_lidars_frame_which_is_where_it_is_mounted(runner, monkeypatch, lidar, mount):
-    monkeypatch.setattr(outputs, "Transforms", StandInTransforms)
+    monkeypatch.setattr(outputs, "_Transforms", StandInTransforms)
     overrides = {"publish_tf": True, "frame_prefix": "robot1/", "world": "dense", "lidar": lidar}
     shell = Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides)
     assert mounted == [mount]
@@ -127,7 +127,7 @@ heard, mounted = [], []
 
 @pytest.mark.parametrize(("block", "output"), [(TurtlebotSimulator, "odometry"), (KalmanFilter, "estimate")])
 def test_a_node_publishes_the_pose_that_it_owns_and_only_if_asked(runner, monkeypatch, block, output):
-    monkeypatch.setattr(outputs, "Transforms", StandInTransforms)
+    monkeypatch.setattr(outputs, "_Transforms", StandInTransforms)
     for asked in (True, False):
         heard.clear()
         shell = Shell(block, block.Params, context=runner.context, overrides={"publish_tf": asked, "frame_prefix": "robot1/"})

@@ -9,7 +9,7 @@ from turtlebot_gym.systems import Episode, Options, make_parameters
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import WaypointGenerator
-from turtlebot_gym_ros.blocks.waypoints import load_waypoints
+from turtlebot_gym_ros.blocks.waypoints import _load_waypoints
 
 
 def generator(**parameters):
@@ -102,7 +102,7 @@ EXPECTED = [Pose(1.0, 2.0, 0.5), Pose(-1.0, 0.0, 0.0)]
 )
 def test_files(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    assert load_waypoints(str(tmp_path / name)) == EXPECTED
+    assert _load_waypoints(str(tmp_path / name)) == EXPECTED
     assert reference(generator(waypoints=str(tmp_path / name))) == EXPECTED[0]
 
 

@@ -17,7 +17,7 @@ _ASKED = (_RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVE
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
-def profiles_variable() -> str:
+def _profiles_variable() -> str:
     """Return the variable from which this machine's Fast DDS reads its profile; version 3, since Kilted, renamed it."""
     folders = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
     return _PROFILES[0 if any(Path(folder, "libfastdds.so").exists() for folder in folders if folder) else 1]
@@ -33,7 +33,7 @@ def prepare(*, local: bool = True) -> bool:
         Whether discovery stays on this machine by this default.
     """
     if not any(name in os.environ for name in _PROFILES):
-        os.environ[profiles_variable()] = str(PROFILE)
+        os.environ[_profiles_variable()] = str(PROFILE)
     stays = local and not any(os.environ.get(name) for name in _ASKED)
     if stays:
         os.environ[_RANGE] = "LOCALHOST"

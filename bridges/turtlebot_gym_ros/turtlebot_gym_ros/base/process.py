@@ -29,7 +29,7 @@ SETTLE = 0.3
 _ENDINGS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Runnable(Protocol):
+class _Runnable(Protocol):
     """What a `Runner` runs: a node, or an object around one, whose ``close`` then also destroys it."""
 
     def close(self) -> None:
@@ -61,13 +61,13 @@ class Runner:
         options = SignalHandlerOptions.NO
         rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
         self._executor = executor(context=self.context)
-        self._running: list[Runnable] = []
+        self._running: list[_Runnable] = []
         self._closing = False
         self._thread = Thread(target=self._spin, name="executor", daemon=True)
         self.failed: Callable[[], None] = lambda: None
         """Called if the thread ends with an error, after which no node runs any more."""
 
-    def add(self, runnable: Runnable) -> None:
+    def add(self, runnable: _Runnable) -> None:
         """Add a node; it runs at once if the runner has started."""
         self._running.append(runnable)
         self._executor.add_node(_node_of(runnable))
@@ -110,7 +110,7 @@ def refuse(error: BaseException) -> int:
 
 
 @contextmanager
-def endings_wait() -> Iterator[Callable[[], None]]:
+def _endings_wait() -> Iterator[Callable[[], None]]:
     """Catch SIGINT and SIGTERM, and yield a function that waits for the first one, including one that came earlier.
 
     So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
@@ -137,7 +137,7 @@ def endings_wait() -> Iterator[Callable[[], None]]:
 
 
 def run(
-    make: Callable[[Context], Runnable],
+    make: Callable[[Context], _Runnable],
     argv: Sequence[str] | None = None,
     *,
     executor: type[Executor] = SingleThreadedExecutor,
@@ -157,7 +157,7 @@ def run(
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []
-    with endings_wait() as wait_for_the_end:
+    with _endings_wait() as wait_for_the_end:
         try:
             runner = Runner(arguments, executor=executor, local=local)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument

@@ -68,7 +68,7 @@ class WaypointGenerator:
         if in_room:
             room_goal = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
             self.inputs = {**self.inputs, "room_goal": room_goal}
-        given = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else load_waypoints(params.waypoints)
+        given = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
         task, self._waypoints = Options(task="square", waypoints=given, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
@@ -120,7 +120,7 @@ def _compose(origin: Pose, relative: Pose) -> Pose:
     )
 
 
-def load_waypoints(path: str) -> list[Pose]:
+def _load_waypoints(path: str) -> list[Pose]:
     """Read waypoints from a file: a YAML list of ``[x, y, theta]`` or of mappings, or CSV lines with or without a header.
 
     Args:

@@ -85,7 +85,7 @@ class Graph:
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
         if self._autonomous:
-            parameters = fit_room(parameters)
+            parameters = _fit_room(parameters)
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
@@ -240,7 +240,7 @@ class Graph:
         self._runner.close()
 
 
-def fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
+def _fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of a graph, with defaults that follow from its world.
 
     Raises:

@@ -54,7 +54,7 @@ class Chain:
             return
         heard = self._newest | {feed.topic: feed.stamp for feed in self._answers}
         speakers = {topic: [node_name(each) for each in self._node.get_publishers_info_by_topic(topic)] for topic in heard}
-        missing = missing_link(stamp, heard, speakers)
+        missing = _missing_link(stamp, heard, speakers)
         if missing != self.missing:
             self._node.get_logger().warning(f"time stands still: {missing}.")
         self.missing = missing
@@ -74,7 +74,7 @@ class Chain:
         self._subscriptions, self._looks, self.missing = [], 0, None
 
 
-def missing_link(stamp: int, heard: Mapping[str, int | None], speakers: Mapping[str, Iterable[str]]) -> str:
+def _missing_link(stamp: int, heard: Mapping[str, int | None], speakers: Mapping[str, Iterable[str]]) -> str:
     """Describe which node has not answered a step.
 
     Args:

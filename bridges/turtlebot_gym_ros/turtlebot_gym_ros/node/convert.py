@@ -23,32 +23,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
-from sensor_msgs.msg import LaserScan, Range
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
 from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import Nis
-from turtlebot_gym_ros.node.geometry import finite, read_pose, read_twist, write_pose, write_twist
-from turtlebot_gym_ros.node.rooms import (
-    read_clearance,
-    read_grid,
-    read_obstacles,
-    read_scan,
-    write_clearance,
-    write_grid,
-    write_obstacles,
-    write_scan,
-)
+from turtlebot_gym_ros.node.geometry import Conversion, finite, read_pose, read_twist, write_pose, write_twist
+from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
@@ -58,20 +45,7 @@ SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 
 
-class Conversion(NamedTuple):
-    """Conversion of a type of value."""
-
-    message: type
-    """Message type."""
-    read: Callable[[Any], Any]
-    """``read(message)`` returns the value."""
-    write: Callable[[Any, Header], Any]
-    """``write(value, header)`` returns the message."""
-    in_world: bool
-    """Whether the value is in the world frame, which the header must then name."""
-
-
-CONVERSIONS: dict[type, Conversion] = {}
+CONVERSIONS: dict[type, Conversion] = dict(ROOM_CONVERSIONS)
 
 
 def register(
@@ -259,7 +233,3 @@ register(
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
-register(Scan, LaserScan, read_scan, write_scan)
-register(Obstacles, MarkerArray, read_obstacles, write_obstacles, in_world=True)
-register(Clearance, Range, read_clearance, write_clearance)
-register(GridMap, OccupancyGrid, read_grid, write_grid, in_world=True)

@@ -103,7 +103,7 @@ class Drive:
         self._clock = self._hands.node.create_publisher(ClockMessage, "clock", STREAM)
 
 
-class ByClock(Drive):
+class _ByClock(Drive):
     """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
 
     def __init__(self, hands: Hands, trigger: Every) -> None:
@@ -139,7 +139,7 @@ class ByClock(Drive):
         self._quiet_until = self._hands.now() + QUIET
 
 
-class ByMessages(Drive):
+class _ByMessages(Drive):
     """Steps on the messages of an input."""
 
     def __init__(self, hands: Hands, trigger: On) -> None:
@@ -173,7 +173,7 @@ class ByMessages(Drive):
         self._rule.reset()
 
 
-class ByAnswers(Drive):
+class _ByAnswers(Drive):
     """Answers the steps of lock-step."""
 
     def __init__(self, hands: Hands, rule: Answers) -> None:
@@ -211,7 +211,7 @@ class ByAnswers(Drive):
         self._rule.reset()
 
 
-class AsPlant(Drive):
+class _AsPlant(Drive):
     """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
 
     sets_clock = True
@@ -295,9 +295,9 @@ def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
     """
     trigger = block.trigger
     if not lock_step:
-        return ByClock(hands, trigger) if isinstance(trigger, Every) else ByMessages(hands, trigger)
+        return _ByClock(hands, trigger) if isinstance(trigger, Every) else _ByMessages(hands, trigger)
     answers = trigger_of(trigger, block.inputs)
     if answers is not None:
-        return ByAnswers(hands, Answers(answers, block.inputs))
+        return _ByAnswers(hands, Answers(answers, block.inputs))
     assert isinstance(trigger, Every)
-    return AsPlant(hands, trigger, block)
+    return _AsPlant(hands, trigger, block)

@@ -14,8 +14,8 @@ from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Aged, Input
-from turtlebot_gym_ros.node.convert import Conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint
+from turtlebot_gym_ros.node.geometry import Conversion
 from turtlebot_gym_ros.node.triggers import SECOND
 
 

@@ -1,22 +1,37 @@
-"""Planar poses and twists in messages; values that are not finite or not rotations raise a ``ValueError`` with the reason."""
+"""The parts of conversions: planar poses and twists in messages, which raise a ``ValueError`` if they are none."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import Quaternion, Twist
+from std_msgs.msg import Header
 
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.values import Command, Pose
+
+
+class Conversion(NamedTuple):
+    """Conversion of a type of value."""
+
+    message: type
+    """Message type."""
+    read: Callable[[Any], Any]
+    """``read(message)`` returns the value."""
+    write: Callable[[Any, Header], Any]
+    """``write(value, header)`` returns the message."""
+    in_world: bool
+    """Whether the value is in the world frame, which the header must then name."""
+
 
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
 _PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
 
 
-def yaw_of(q: Quaternion) -> float:
+def _yaw_of(q: Quaternion) -> float:
     """Return the heading of a rotation, rad, in [-pi, pi).
 
     Raises:
@@ -32,7 +47,7 @@ def quaternion_of(yaw: float) -> Quaternion:
     """Return the rotation about the vertical axis by a heading, rad.
 
     Sine and cosine are rounded; if that would change the heading, both are moved by a few units in the last place until
-    `yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other end of a topic.
+    `_yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other end of a topic.
     """
     z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     if yaw_of_rotation(w, 0.0, 0.0, z) != yaw and -math.pi <= yaw < math.pi:
@@ -55,7 +70,7 @@ def finite(what: str, numbers: Iterable[float]) -> None:
 
 def read_pose(message: Any) -> Pose:
     """Return a planar pose, or raise ``ValueError``."""
-    pose = Pose(message.position.x, message.position.y, yaw_of(message.orientation))
+    pose = Pose(message.position.x, message.position.y, _yaw_of(message.orientation))
     finite("the pose", pose)
     return pose
 

@@ -55,7 +55,7 @@ class Outputs:
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         transformed = {key for key, each in declared.items() if each.transform}
         mounts = [each.mount for each in declared.values() if each.mount]
-        self._transforms = dict.fromkeys(transformed, Transforms(node, mounts, common)) if transformed else {}
+        self._transforms = dict.fromkeys(transformed, _Transforms(node, mounts, common)) if transformed else {}
         self.moving = [key for key, each in declared.items() if each.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
@@ -150,7 +150,7 @@ def _profile(declared: Output, *, lock_step: bool) -> QoSProfile:
     return LOCK_STEP if lock_step else (STREAM if declared.reliable else SENSOR)
 
 
-class Transforms:
+class _Transforms:
     """Publishes the transform from an Odometry's frame to its child frame, and once the transforms to the robot's sensors.
 
     As in tf2, the topic is ``/tf`` in any namespace: robots share one tree, and the frames' prefix distinguishes them. The

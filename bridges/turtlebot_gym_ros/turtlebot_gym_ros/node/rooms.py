@@ -24,7 +24,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
-from turtlebot_gym_ros.node.geometry import read_pose, write_pose
+from turtlebot_gym_ros.node.geometry import Conversion, read_pose, write_pose
 
 TURN = 2.0 * math.pi
 SLACK = 1.5
@@ -38,13 +38,8 @@ LIFETIME = 3.0
 _GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
 
 
-def read_scan(message: LaserScan) -> Scan:
-    """Return a message's scan.
-
-    Raises:
-        ValueError: If the scan has no ranges or NaN ranges, does not cover a full revolution counter-clockwise, or has
-            impossible limits.
-    """
+def _read_scan(message: LaserScan) -> Scan:
+    """Return a scan that covers a full revolution counter-clockwise, within possible limits, without NaN."""
     ranges, increment = np.array(message.ranges, np.float32), message.angle_increment
     beams = len(ranges)
     if not beams:
@@ -67,8 +62,7 @@ def read_scan(message: LaserScan) -> Scan:
     )
 
 
-def write_scan(scan: Scan, header: Header) -> LaserScan:
-    """Return a scan's message."""
+def _write_scan(scan: Scan, header: Header) -> LaserScan:
     return LaserScan(
         header=header,
         angle_min=float(scan.first),
@@ -82,19 +76,14 @@ def write_scan(scan: Scan, header: Header) -> LaserScan:
     )
 
 
-def read_clearance(message: Range) -> Clearance:
-    """Return a message's clearance.
-
-    Raises:
-        ValueError: If the clearance is not a number.
-    """
+def _read_clearance(message: Range) -> Clearance:
     if math.isnan(message.range):
         raise ValueError("the clearance is not a number")
     return Clearance(message.range)
 
 
-def write_clearance(clearance: Clearance, header: Header) -> Range:
-    """Return a clearance's message: for all directions, in single precision."""
+def _write_clearance(clearance: Clearance, header: Header) -> Range:
+    """Return a range in all directions, in single precision."""
     distance = float(clearance.distance)
     return Range(header=header, field_of_view=TURN, min_range=-math.inf, max_range=math.inf, range=distance)
 
@@ -115,7 +104,7 @@ def _obstacle(header: Header, number: int, kind: int, at: tuple[float, float, fl
     return made
 
 
-def write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
+def _write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
     """Return the markers of a room: the walls as a line, circles as cylinders, boxes as cubes."""
     x, y, a, b = room.walls
     walls = _obstacle(header, 0, Marker.LINE_STRIP, (0.0, 0.0, 0.0), (LINE, 0.0, 0.0))
@@ -130,12 +119,8 @@ def write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def read_obstacles(message: MarkerArray) -> Obstacles:
-    """Return the room from markers made by `write_obstacles`.
-
-    Raises:
-        ValueError: If the markers hold no walls.
-    """
+def _read_obstacles(message: MarkerArray) -> Obstacles:
+    """Return the room from markers made by `_write_obstacles`."""
     circles, boxes, walls = [], [], None
     for each in message.markers:
         place = each.pose
@@ -152,12 +137,7 @@ def read_obstacles(message: MarkerArray) -> Obstacles:
     return Obstacles(walls, tuple(circles), tuple(boxes))
 
 
-def read_grid(message: OccupancyGrid) -> GridMap:
-    """Return a message's map.
-
-    Raises:
-        ValueError: If its numbers of cells, rows and columns contradict each other.
-    """
+def _read_grid(message: OccupancyGrid) -> GridMap:
     info = message.info
     if len(message.data) != info.height * info.width:
         raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
@@ -165,11 +145,19 @@ def read_grid(message: OccupancyGrid) -> GridMap:
     return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=read_pose(info.origin))
 
 
-def write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
-    """Return a map's message."""
+def _write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
     message = OccupancyGrid(header=header, data=array("b", grid.cells.tobytes()))
     info = message.info
     info.map_load_time, info.resolution = header.stamp, float(grid.resolution)
     info.height, info.width = grid.cells.shape
     write_pose(info.origin, grid.origin)
     return message
+
+
+ROOM_CONVERSIONS = {
+    Scan: Conversion(LaserScan, _read_scan, _write_scan, False),
+    Obstacles: Conversion(MarkerArray, _read_obstacles, _write_obstacles, True),
+    Clearance: Conversion(Range, _read_clearance, _write_clearance, False),
+    GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
+}
+"""The conversions of this module, by the type of the value."""

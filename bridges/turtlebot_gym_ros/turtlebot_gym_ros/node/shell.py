@@ -23,6 +23,7 @@ from rclpy.time import Time
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym_ros.base import process
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
@@ -36,7 +37,7 @@ from turtlebot_gym_ros.node.drives import Hands, make_drive
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.rosclock import RosClock
-from turtlebot_gym_ros.node.switch import Switch, warning_of
+from turtlebot_gym_ros.node.switch import Switch
 
 P = TypeVar("P")
 
@@ -134,7 +135,7 @@ class Shell:
             enabled, blocked = self.common.start_enabled, math.inf if lock_step else 0.5
             self.switch = Switch(
                 node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled, blocked=blocked,
-                warning=warning_of(block.inputs),
+                sees=any(item.type is Scan for item in block.inputs.values()),
             )  # fmt: skip
         ignore = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignore, jumped=self._jumped, now=self._now())

@@ -10,20 +10,13 @@ from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym_ros.base.qos import LATCHED, SENSOR
-from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
-from turtlebot_gym_ros.robot.sent import SystemClock, age_of, read_clocks
+from turtlebot_gym_ros.robot.sent import SystemClock, read_clocks
 
 BLIND = "It sees no obstacles: watch the robot while it is enabled."
 SEEING = "It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
-
-
-def warning_of(inputs: Mapping[str, Input]) -> str:
-    """Return the warning for people who enable a block with some inputs."""
-    return SEEING if any(each.type is Scan for each in inputs.values()) else BLIND
 
 
 class Switch:
@@ -40,7 +33,7 @@ class Switch:
         now: The steady clock, s.
         restart: Called when it is enabled, to restart the block.
         blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
-        warning: Warning for whoever enables it.
+        sees: Whether the block sees obstacles, of which whoever enables it is warned.
     """
 
     def __init__(
@@ -52,13 +45,13 @@ class Switch:
         now: Callable[[], float],
         restart: Callable[[], None],
         blocked: float,
-        warning: str,
+        sees: bool,
     ) -> None:
         self.safety = Safety(enabled=enabled, blocked=blocked)
         self._clock = SystemClock()
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
-        self._warning = f"enabled. {warning}"
+        self._warning = f"enabled. {SEEING if sees else BLIND}"
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
@@ -107,7 +100,7 @@ class Switch:
         return response
 
     def _hear_emergency(self, message: Bool, info: Mapping[str, Any]) -> None:
-        age = age_of(self._clock, info, None, self._look()).seconds
+        age = self._clock.age_of(info, None, self._look()).seconds
         now, number = self._now(), info["publication_sequence_number"]
         self.safety.hear_emergency(message.data, now=now, sent=now - age, number=number)
         self.watch()

@@ -26,7 +26,7 @@ SILENCE = 0.5
 
 
 @dataclass
-class Button:
+class _Button:
     """State of one publisher of the emergency stop."""
 
     began: float
@@ -43,7 +43,7 @@ class EmergencyStop:
     """All buttons together: whether the robot must stand, and whether it may be released."""
 
     def __init__(self) -> None:
-        self._buttons: list[Button] = []  # in the order in which they were heard
+        self._buttons: list[_Button] = []  # in the order in which they were heard
         self._pressed_at = -math.inf
         self._expected = 0
 
@@ -66,7 +66,7 @@ class EmergencyStop:
             self._buttons.remove(button)
             button.number, button.sent, button.pressed = number or button.number, max(button.sent, sent), pressed
         else:
-            button = Button(began=sent, sent=sent, number=number or 0, pressed=pressed)
+            button = _Button(began=sent, sent=sent, number=number or 0, pressed=pressed)
         self._buttons.append(button)
         alive = self._alive(button.sent)  # by the time of sending, since a backlog arrives all at once
         # A restarted button is a new one. Both exist only if the old one sent something after the new one began.
@@ -75,7 +75,7 @@ class EmergencyStop:
         if len(alive) >= self._expected:
             self._buttons = alive
 
-    def _alive(self, now: float) -> list[Button]:
+    def _alive(self, now: float) -> list[_Button]:
         return [each for each in self._buttons if now - each.sent <= SILENCE]
 
     def spoken_since(self, time: float) -> bool:

@@ -63,7 +63,7 @@ from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.report import Report
-from turtlebot_gym_ros.robot.sent import Age, SystemClock, age_of, read_clocks
+from turtlebot_gym_ros.robot.sent import Age, SystemClock, read_clocks
 
 
 class CmdVelGuard(Node):
@@ -101,7 +101,7 @@ class CmdVelGuard(Node):
         return now
 
     def _age(self, message: Any, info: Mapping[str, Any], now: float) -> Age:
-        return age_of(self._clock_watch, info, getattr(message, "header", None) if self._headers_count else None, now)
+        return self._clock_watch.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:
         """Subscribe with a callback that also takes the message's times, which rclpy supports but its types do not show."""
@@ -137,7 +137,7 @@ class CmdVelGuard(Node):
 
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
-        age, stamped = age_of(self._clock_watch, info, None, now), self._age(message, info, now)
+        age, stamped = self._clock_watch.age_of(info, None, now), self._age(message, info, now)
         # The stamp may be that of the first beam. Beyond this it counts like that of a command.
         seconds = max(age.seconds, stamped.seconds - self._p.scan_period)
         scan = Scan(

@@ -58,6 +58,18 @@ class SystemClock:
         others = [(each, min(until, steady + HOLD)) for each, until in self._offsets if abs(each - offset) > STEP]
         self._offsets = [*(each for each in others if each[1] > steady), (offset, math.inf)]
 
+    def age_of(self, info: Mapping[str, Any], header: Any, now: float) -> Age:
+        """Return the age of a message.
+
+        Args:
+            info: The message's info, as rclpy passes it to a callback with two arguments.
+            header: Header of the message; None if it has none or is ignored.
+            now: The steady time, s.
+        """
+        stamp = 0.0 if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9
+        source, arrival = (info[name] * 1e-9 for name in ("source_timestamp", "received_timestamp"))
+        return self.age(steady=now, source=source, arrival=arrival, header=stamp)
+
     def age(self, *, steady: float, source: float, arrival: float, header: float) -> Age:
         """Return the age of a message at a steady time, from its times on the system clock, s; 0 means unknown."""
         times = {"DDS's source time": source, "its header's stamp": header}
@@ -72,17 +84,3 @@ class SystemClock:
 def read_clocks() -> tuple[float, float]:
     """Return the system time and the steady time, s; the latter includes the machine's sleep where that is supported."""
     return time.time(), time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
-
-
-def age_of(clock: SystemClock, info: Mapping[str, Any], header: Any, now: float) -> Age:
-    """Return the age of a message.
-
-    Args:
-        clock: The system clock.
-        info: The message's info, as rclpy passes it to a callback with two arguments.
-        header: Header of the message; None if it has none or is ignored.
-        now: The steady time, s.
-    """
-    stamp = 0.0 if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9
-    source, arrival = (info[name] * 1e-9 for name in ("source_timestamp", "received_timestamp"))
-    return clock.age(steady=now, source=source, arrival=arrival, header=stamp)
