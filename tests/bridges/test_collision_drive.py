@@ -109,18 +109,17 @@ class Drive:
 
 
 WORLDS = ["dense", "clutter", "corridor", "office"]
-NUMBER = 1000
 
 
-@pytest.fixture(scope="module")
-def driven():
-    """1,000 robots after 4 s of pushing on."""
-    return Drive(NUMBER, WORLDS, seed=1).run(4.0)
+@pytest.fixture(scope="module", params=[100, pytest.param(1000, marks=pytest.mark.nightly)])
+def driven(request):
+    """100 or 1,000 robots after 4 s of pushing on."""
+    return Drive(request.param, WORLDS, seed=1).run(4.0)
 
 
-def test_a_thousand_robots_driven_at_full_speed_touch_nothing(driven):
+def test_robots_driven_at_full_speed_touch_nothing(driven):
     assert driven.least.min() > 0.02  # of a margin of 0.05 m; and they came near, and drove, and turned
-    assert (driven.least < 0.12).sum() > 0.3 * NUMBER
+    assert (driven.least < 0.12).sum() > 0.3 * driven.number
     assert driven.path.mean() > 0.3
     assert driven.turned.mean() > 1.0
     np.testing.assert_allclose(driven.batch.numbers("room.least"), driven.least, atol=1e-12)  # the room's own judge agrees
@@ -133,11 +132,11 @@ def test_without_the_monitor_many_of_them_do():
 def test_a_scan_that_is_cut_stops_every_robot_within_600_ms(driven):
     """Cut at a random moment; of the wheels' own delay, 0.08 s, nothing is left out."""
     start = driven.tick
-    driven.cut_at = start + np.random.default_rng(2).integers(0, 50, NUMBER)
+    driven.cut_at = start + np.random.default_rng(2).integers(0, 50, driven.number)
     driven.run(1.0 + 0.7)
     assert (driven.told_at - driven.cut_at).max() * DT <= 0.5
     assert (driven.moved_at - driven.cut_at).max() * DT <= 0.6
-    assert (driven.moved_at > driven.cut_at + 0.15 / DT).sum() > 0.15 * NUMBER  # they did not stand before
+    assert (driven.moved_at > driven.cut_at + 0.15 / DT).sum() > 0.15 * driven.number  # they did not stand before
     assert driven.least.min() > 0.02
 
 

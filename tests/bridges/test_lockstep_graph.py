@@ -290,14 +290,14 @@ def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
     """Topics come in any order: what is said of a step before its true state belongs to it all the same."""
     recorder = Recorder(runner.context, lock_step=True)
     try:
-        values = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": values.Odometry(Pose(0.0, 0.0, 0.0), STOP, True)}
-        belief = Belief(values["true_state"], Covariance(*[0.0] * 15))
-        values |= {"estimate": Estimate(belief, 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
-        for first in values:
+        said = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": values.Odometry(Pose(0.0, 0.0, 0.0), STOP, True)}
+        belief = Belief(said["true_state"], Covariance(*[0.0] * 15))
+        said |= {"estimate": Estimate(belief, 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
+        for first in said:
             start = {"true_state": 1, "odom": 62, "estimate": 123, "reference": 184}[first] * 10**9  # episodes, a minute apart
             for k in range(2):
-                for topic in sorted(values, key=lambda topic, first=first: topic != first):
-                    recorder._add(start + k * 10**9, topic, values[topic])
+                for topic in sorted(said, key=lambda topic, first=first: topic != first):
+                    recorder._add(start + k * 10**9, topic, said[topic])
             assert recorder.time == 1.0
             np.testing.assert_array_equal(recorder.trajectory().time, [0.0, 1.0])
     finally:
@@ -309,10 +309,10 @@ def test_what_a_recorder_did_not_hear_in_real_time_is_nan_in_its_row(runner, los
     recorder = Recorder(runner.context)
     try:
         state = State(1.0, 2.0, 0.3, 0.1, 0.2)
-        values = {"true_state": state, "odom": values.Odometry(Pose(1.0, 2.0, 0.3), Command(0.1, 0.2), True)}
-        values |= {"estimate": Estimate(Belief(state, Covariance(*[1.0] * 15)), 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
+        said = {"true_state": state, "odom": values.Odometry(Pose(1.0, 2.0, 0.3), Command(0.1, 0.2), True)}
+        said |= {"estimate": Estimate(Belief(state, Covariance(*[1.0] * 15)), 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
         for k in range(3):
-            recorder._rows[k * 10**8] = {topic: value for topic, value in values.items() if k != 1 or topic != lost}
+            recorder._rows[k * 10**8] = {topic: value for topic, value in said.items() if k != 1 or topic != lost}
         drive = recorder.trajectory()
     finally:
         recorder.close()

@@ -1,12 +1,14 @@
-"""Run nodes: an executor in its own thread, so that the main thread is free for signals, tests and notebooks."""
+"""Run nodes, in this thread or with an executor in its own, so that the main thread is free for signals and notebooks."""
 
 from __future__ import annotations
 
 import faulthandler
 import os
+import select
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from threading import Thread
@@ -76,6 +78,10 @@ class Runner:
         """Start the thread."""
         self._thread.start()
 
+    def spin_once(self) -> None:
+        """Run the callbacks that are ready in this thread, and wait for them at most 0.1 s; instead of `start`."""
+        self._executor.spin_once(timeout_sec=0.1)
+
     def _spin(self) -> None:
         try:
             self._executor.spin()
@@ -110,8 +116,8 @@ def refuse(error: BaseException) -> int:
 
 
 @contextmanager
-def _endings_wait() -> Iterator[Callable[[], None]]:
-    """Catch SIGINT and SIGTERM, and yield a function that waits for the first one, including one that came earlier.
+def _endings_wait() -> Iterator[Callable[..., bool]]:
+    """Catch SIGINT and SIGTERM, and yield a function that waits for one, at most a time in s, and returns whether it came.
 
     So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
     library do not block them, and a signal taken by such a thread ends the process. The handler writes to a pipe, whichever
@@ -122,9 +128,11 @@ def _endings_wait() -> Iterator[Callable[[], None]]:
     handlers = {ending: signal.signal(ending, lambda *_: None) for ending in _ENDINGS}
     before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
 
-    def wait() -> None:
-        while os.read(noted, 1)[0] not in _ENDINGS:
-            pass
+    def wait(timeout: float | None = None) -> bool:
+        while select.select([noted], [], [], timeout)[0]:
+            if os.read(noted, 1)[0] in _ENDINGS:
+                return True
+        return False
 
     try:
         yield wait
@@ -140,7 +148,7 @@ def run(
     make: Callable[[Context], _Runnable],
     argv: Sequence[str] | None = None,
     *,
-    executor: type[Executor] = SingleThreadedExecutor,
+    in_thread: bool = False,
     local: bool = True,
 ) -> int:
     """Run a node until SIGINT or SIGTERM. Call it in the main thread.
@@ -148,7 +156,8 @@ def run(
     Args:
         make: Makes the node in a context; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its arguments.
         argv: Command line without the program's name; None for that of the process.
-        executor: Type of the executor.
+        in_thread: Whether callbacks run in a thread of their own, so that even a stuck one does not keep the process from
+            ending; else in this one.
         local: Whether discovery stays on this machine unless the environment says otherwise.
 
     Returns:
@@ -159,7 +168,7 @@ def run(
     failures: list[int] = []
     with _endings_wait() as wait_for_the_end:
         try:
-            runner = Runner(arguments, executor=executor, local=local)
+            runner = Runner(arguments, executor=SwiftExecutor if in_thread else SingleThreadedExecutor, local=local)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
             return refuse(error)
         try:
@@ -175,9 +184,17 @@ def run(
             failures.append(1)
             os.kill(os.getpid(), signal.SIGTERM)
 
-        runner.failed = fail
-        runner.start()
-        wait_for_the_end()
+        if in_thread:
+            runner.failed = fail
+            runner.start()
+            wait_for_the_end()
+        else:
+            try:
+                while not wait_for_the_end(0.0):
+                    runner.spin_once()
+            except Exception:
+                traceback.print_exc()
+                failures.append(1)
         return _leave(runner, code=len(failures))
 
 

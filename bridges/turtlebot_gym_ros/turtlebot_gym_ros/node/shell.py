@@ -29,7 +29,6 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
-from turtlebot_gym_ros.base.swift import SwiftExecutor
 from turtlebot_gym_ros.node.block import Block, Every, Notices
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
@@ -314,4 +313,4 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
     Returns:
         The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends, see `process.run`.
     """
-    return process.run(lambda context: Shell(make, params, name=name, context=context), argv, executor=SwiftExecutor)
+    return process.run(lambda context: Shell(make, params, name=name, context=context), argv, in_thread=True)
