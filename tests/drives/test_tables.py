@@ -124,8 +124,8 @@ def test_what_is_no_table_is_refused(tmp_path):
     ("spoil", "lost", "remark"),
     [
         (lambda columns: columns["v"].__setitem__([7, 9], np.nan), 2, "without a finite time and twist, first in line 9"),
-        (lambda columns: columns["t"].__setitem__(50, columns["t"][49]), 1, "in which time stands still, first in line 52"),
-        (lambda columns: columns["t"].__setitem__(slice(50, 53), 1.0), 3, "in which time runs backwards, first in line 52"),
+        (lambda columns: columns["t"].__setitem__(50, columns["t"][49]), 1, "whose time does not increase, first in line 52"),
+        (lambda columns: columns["t"].__setitem__(slice(50, 53), 1.0), 3, "whose time does not increase, first in line 52"),
     ],
 )
 def test_bad_rows_are_left_out_and_counted(tmp_path, columns, spoil, lost, remark):

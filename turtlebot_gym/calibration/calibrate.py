@@ -136,7 +136,8 @@ def calibrate(
     if kind == POSE:
         missing, among = lost(drive)
         told["dropout_probability"] = of_share(missing, among, "record for longer")
-        likeliest = _with_dropouts(likeliest, missing / max(among, 1))
+        share = missing / max(among, 1)
+        likeliest = replace(likeliest, odometry=replace(likeliest.odometry, dropout_probability=share))
     noise = _wary(likeliest, told, started, is_certain=found.segment == 0.0)
     unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
     if kind == WHEELS:
@@ -195,10 +196,6 @@ def _aligned(
             told += ", that is, the twist comes late; this is left as it is, as the filter meets it"
         remarks.append(told)
     return drive, (twist_late, late), frame, remarks
-
-
-def _with_dropouts(noise: Noise, share: float) -> Noise:
-    return replace(noise, odometry=replace(noise.odometry, dropout_probability=share))
 
 
 def _wary(noise: Noise, told: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:

@@ -5,13 +5,11 @@ from typing import TYPE_CHECKING
 from turtlebot_gym.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from turtlebot_gym.drives.drive import Drive, Seen, Surroundings, concatenate, heading_error, known, position_error
-    from turtlebot_gym.drives.growing import Growing
+    from turtlebot_gym.drives.drive import Drive, Growing, Seen, Surroundings, concatenate, heading_error, known, position_error
     from turtlebot_gym.drives.reading import read
 else:  # a command line offers `topics` without the imports of the rest
     _HOMES = {
-        "drive": ("Drive", "Seen", "Surroundings", "concatenate", "heading_error", "known", "position_error"),
-        "growing": ("Growing",),
+        "drive": ("Drive", "Growing", "Seen", "Surroundings", "concatenate", "heading_error", "known", "position_error"),
         "reading": ("read",),
     }
     __getattr__, __dir__ = lazy_names(__name__, _HOMES)

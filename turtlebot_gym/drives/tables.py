@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.drives.drive import Drive, Surroundings
+from turtlebot_gym.drives.drive import Drive, Surroundings, known
 
 _STATE = ("x", "y", "theta", "v", "omega")
 NAMES: dict[str, tuple[str, ...]] = {
@@ -63,7 +63,7 @@ def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
     rows[~(np.abs(rows) <= LARGEST)] = np.nan
     part = dict(zip(chosen, rows.T, strict=True))
     time, twist = part["time"], np.stack([part[name] for name in _TWIST], axis=1)
-    keep, remarks = _good(str(path), time, twist, table.lines)
+    keep, remarks = _good(path, time, twist, table.lines)
     span = np.ptp(np.flatnonzero(keep)) + 1 if keep.any() else len(keep)
     if keep.sum() < max(2, MOST * span):
         told = "; ".join(remarks) or "nothing is wrong with them"
@@ -71,15 +71,15 @@ def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
     measured, true = (_poses(part, names, keep) for names in (_MEASURED, _TRUE))
     if measured is not None:
         remarks += _holes(f"{path}: measured poses", measured)
-        remarks += _lost(f"{path}", measured, twist[keep])
+        remarks += _lost(path, measured, twist[keep])
     if true is not None:
         remarks += _holes(f"{path}: true poses", true)
     more = {name: table.numbers(names)[keep] for name, names in _MORE if all(column in table.names for column in names)}
-    known: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | more
+    poses: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | more
     return Drive(
         time=time[keep],
         twist=twist[keep],
-        **known,
+        **poses,
         joined=np.concatenate([[False], keep[:-1]])[keep],
         around=Surroundings(label),
         remarks=tuple(remarks),
@@ -210,29 +210,18 @@ def _choose(path: Path, found: Sequence[str], columns: Mapping[str, str]) -> dic
 
 
 def _good(
-    path: str, time: NDArray[np.float64], twist: NDArray[np.float64], lines: Sequence[int]
+    path: Path, time: NDArray[np.float64], twist: NDArray[np.float64], lines: Sequence[int]
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Return which rows are good, and remarks on the others."""
-    remarks = []
-    finite = np.isfinite(time) & np.isfinite(twist).all(axis=1)
-    if not finite.all():
-        place = f"first in line {lines[_first(~finite)]}"
-        remarks.append(f"{path}: {_count(~finite)} without a finite time and twist, {place}: left out")
+    finite = np.isfinite(time) & known(twist)
     newest = np.maximum.accumulate(np.where(finite, time, -np.inf))
-    before = np.concatenate([[-np.inf], newest[:-1]])
-    back, still = finite & (time < before), finite & (time == before)
-    for bad, what in ((back, "in which time runs backwards"), (still, "in which time stands still")):
-        if bad.any():
-            remarks.append(f"{path}: {_count(bad)} {what}, first in line {lines[_first(bad)]}: left out")
-    return finite & ~back & ~still, remarks
-
-
-def _first(bad: NDArray[np.bool_]) -> int:
-    return int(np.flatnonzero(bad)[0])
-
-
-def _count(bad: NDArray[np.bool_]) -> str:
-    return f"{bad.sum()} of {len(bad)} rows"
+    late = finite & (time <= np.concatenate([[-np.inf], newest[:-1]]))
+    remarks = [
+        f"{path}: {bad.sum()} of {len(bad)} rows {what}, first in line {lines[int(np.argmax(bad))]}: left out"
+        for bad, what in ((~finite, "without a finite time and twist"), (late, "whose time does not increase"))
+        if bad.any()
+    ]
+    return finite & ~late, remarks
 
 
 def _poses(
@@ -240,21 +229,22 @@ def _poses(
 ) -> NDArray[np.float64] | None:
     if names[0] not in part:
         return None
-    there = [part[name] for name in names if name in part]
-    poses = np.stack(there, axis=1)[keep]
-    poses[~np.isfinite(poses).all(axis=1)] = np.nan
+    poses = np.stack([part[name] for name in names if name in part], axis=1)[keep]
+    poses[~known(poses)] = np.nan
     return poses
 
 
 def _holes(what: str, poses: NDArray[np.float64]) -> list[str]:
     missing = np.isnan(poses[:, 0])
-    return [f"{what} are missing in {_count(missing)}"] if missing.any() else []
+    return [f"{what} are missing in {missing.sum()} of {len(missing)} rows"] if missing.any() else []
 
 
-def _lost(path: str, poses: NDArray[np.float64], twist: NDArray[np.float64]) -> list[str]:
+def _lost(path: Path, poses: NDArray[np.float64], twist: NDArray[np.float64]) -> list[str]:
     """Mark, in place, poses that stand still while the robot moves as lost: a pose that a driver repeats is no measurement."""
     same = np.concatenate([[False], (poses[1:] == poses[:-1]).all(axis=1) & (np.abs(twist[1:]).max(axis=1) > 1e-3)])
     if not same.any():
         return []
     poses[same] = np.nan
-    return [f"{path}: measured poses are repeated in {_count(same)} while the robot moves: taken as not measured"]
+    return [
+        f"{path}: measured poses are repeated in {same.sum()} of {len(same)} rows while the robot moves: taken as not measured"
+    ]

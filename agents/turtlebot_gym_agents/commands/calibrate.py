@@ -89,12 +89,12 @@ class Calibrate(Writing):
         if self.out is not None:
             write_parameters(fitted.noise, self.out, comment=comment(fitted, self.log.name, provenance()["version"]))
         if self.json is not None:
-            write_json(self.json, result_of(fitted), config=self.asked())
+            write_json(self.json, _result_of(fitted), config=self.asked())
         if self.plot is not None:
             save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
 
 
-def result_of(fitted: Calibration) -> dict[str, object]:
+def _result_of(fitted: Calibration) -> dict[str, object]:
     """Return a calibration as JSON content."""
     plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
     return plain | {

@@ -20,7 +20,7 @@ BINS = 60
 """Bins of the histograms."""
 
 
-def basis(fitted: Calibration) -> str:
+def _basis(fitted: Calibration) -> str:
     """Describe what a calibration was fitted to."""
     what = "measured poses" if fitted.kind == "pose" else "wheel odometry"
     to = "the truth" if fitted.has_truth else "the innovations alone"
@@ -31,7 +31,7 @@ def basis(fitted: Calibration) -> str:
 def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
     """Return the estimates of a log, the parameters that it does not determine, and remarks on it."""
     table = Table(
-        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {basis(fitted)}",
+        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {_basis(fitted)}",
         caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
     )  # fmt: skip
     for name, estimate in fitted.estimates.items():
@@ -67,7 +67,7 @@ def _in_file(fitted: Calibration, name: str, estimate: Estimate) -> str:
 
 def comment(fitted: Calibration, name: str, version: str) -> str:
     """Return the comment above the numbers in a noise file."""
-    lines = [f"Calibrated from {name} by turtlebot-gym {version}: {basis(fitted)}."]
+    lines = [f"Calibrated from {name} by turtlebot-gym {version}: {_basis(fitted)}."]
     for key, estimate in fitted.estimates.items():
         note = "" if estimate.is_determined else "; not determined: " + estimate.remedy
         lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {_interval(estimate)} {estimate.unit}".rstrip() + note)
@@ -87,16 +87,16 @@ def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
         shown = residuals(fitted)
         what = "measured minus true" if fitted.has_truth else "innovation of"
         for at, name in enumerate(("x, m", "y, m", "heading, rad")):
-            draw_histogram(next(panels), fitted, shown, at, f"{what} {name}")
+            _draw_histogram(next(panels), fitted, shown, at, f"{what} {name}")
     if has_drift:
         drifts = drift(fitted)
         for at, name in enumerate(("position, m", "heading, rad")):
-            draw_drift(next(panels), drifts, at, name)
+            _draw_drift(next(panels), drifts, at, name)
     figure.suptitle(title)
     return figure
 
 
-def draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, label: str) -> Axes:
+def _draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, label: str) -> Axes:
     """Draw the residuals of a component and the fitted density."""
     values, deviations = shown.values[:, at], shown.deviations[:, at]
     axes.hist(values, bins=BINS, density=True, color=BLUE, alpha=0.5, label="measured")
@@ -113,7 +113,7 @@ def draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, l
     return axes
 
 
-def draw_drift(axes: Axes, drifts: Drift, at: int, label: str) -> Axes:
+def _draw_drift(axes: Axes, drifts: Drift, at: int, label: str) -> Axes:
     """Draw the drift of wheel odometry by distance, measured and fitted."""
     axes.plot(drifts.length, drifts.measured[:, at], "o", color=BLUE, label="measured")
     axes.plot(drifts.length, drifts.fitted[:, at], "--", color=ORANGE, label="fitted")

@@ -14,7 +14,7 @@ from turtlebot_gym.drives import Drive
 from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym_agents.watch import style
-from turtlebot_gym_agents.watch.theme import Theme
+from turtlebot_gym_agents.watch.style import Theme
 
 PAD = 0.3
 """Margin around the visible contents, m."""

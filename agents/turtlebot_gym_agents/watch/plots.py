@@ -12,8 +12,7 @@ from scipy.stats import chi2
 
 from turtlebot_gym.drives import Drive
 from turtlebot_gym_agents.watch import style
-from turtlebot_gym_agents.watch.style import Ink
-from turtlebot_gym_agents.watch.theme import Theme
+from turtlebot_gym_agents.watch.style import Ink, Theme
 
 OK, WARNING, ERROR = 0.0, 1.0, 2.0
 """Levels of a report, as in ``diagnostic_msgs/DiagnosticStatus``."""
@@ -33,7 +32,7 @@ class Plots(NamedTuple):
     """Times, shared by all, s."""
 
 
-class Curve(NamedTuple):
+class _Curve(NamedTuple):
     """A column drawn over time; the last one of a plot is drawn for several runs."""
 
     column: str
@@ -49,7 +48,7 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plots = Plots([], Range1d(start=0.0, end=max(end, 1.0)))
     several = len(drives) > 1
 
-    def plot(title: str, curves: Sequence[Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
+    def plot(title: str, curves: Sequence[_Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
         if not (known or live):
             return None
         figure = _figure(title, plots, theme, floor)
@@ -59,10 +58,10 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
                 _draw(figure, source, curve._replace(ink=ink, dash=dash) if several else curve, theme)
         return figure
 
-    command, truth = Curve("command_v", style.COMMAND, steps=True, width=1.2), Curve("v", style.TRUTH, width=2.4)
+    command, truth = _Curve("command_v", style.COMMAND, steps=True, width=1.2), _Curve("v", style.TRUTH, width=2.4)
     plot("speed (m/s)", [truth, command])
     plot("turning rate (rad/s)", [truth._replace(column="omega"), command._replace(column="command_omega")])
-    believed, measured = Curve("error", style.ESTIMATE, width=1.8), Curve("odometry_error", style.ODOMETRY, width=1.0)
+    believed, measured = _Curve("error", style.ESTIMATE, width=1.8), _Curve("odometry_error", style.ODOMETRY, width=1.0)
     known = any(np.isfinite(drive.true_state[:, :2]).any() for drive in drives)
     plot("position error (m)", [measured, believed], floor=0.0, known=known)
     turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
@@ -70,16 +69,16 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     degrees = drives[0].around.nis_degrees
     limit = float(chi2.ppf(CONFIDENCE, degrees))
     title = f"NIS, and the {limit:.2f} that 95 % stay below"
-    nis = plot(title, [Curve("nis", style.ESTIMATE)], floor=0.0, known=any(np.isfinite(drive.nis).any() for drive in drives))
+    nis = plot(title, [_Curve("nis", style.ESTIMATE)], floor=0.0, known=any(np.isfinite(drive.nis).any() for drive in drives))
     if nis:
         _line(nis, limit, theme)
     clear = any(np.isfinite(drive.clearance).any() for drive in drives)
-    clearance = plot("clearance (m); contact below 0", [Curve("clearance", style.TRUTH)], known=clear)
+    clearance = plot("clearance (m); contact below 0", [_Curve("clearance", style.TRUTH)], known=clear)
     if clearance:
         _line(clearance, 0.0, theme)
         clearance.scatter([0.0], [0.0], alpha=0.0)  # contact is always in the picture
     reported = any(np.isfinite(drive.level).any() for drive in drives)
-    guard = plot("state of the guard", [Curve("level", style.LEVELS[1], steps=True, width=2.4)], known=reported)
+    guard = plot("state of the guard", [_Curve("level", style.LEVELS[1], steps=True, width=2.4)], known=reported)
     if guard:
         guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)
         guard.yaxis.ticker = FixedTicker(ticks=[OK, WARNING, ERROR])
@@ -107,7 +106,7 @@ def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figu
     return figure
 
 
-def _draw(figure: Figure, source: ColumnDataSource, curve: Curve, theme: Theme) -> None:
+def _draw(figure: Figure, source: ColumnDataSource, curve: _Curve, theme: Theme) -> None:
     options: dict[str, Any] = {"line_width": curve.width, "line_dash": curve.dash, "source": source}
     if curve.steps:
         drawn = figure.step("time", curve.column, mode="after", **options)

@@ -22,7 +22,7 @@ from turtlebot_gym_agents.watch import style
 from turtlebot_gym_agents.watch.columns import rows_of, scans_of
 from turtlebot_gym_agents.watch.maps import Map, make_map
 from turtlebot_gym_agents.watch.plots import make_plots
-from turtlebot_gym_agents.watch.theme import Theme
+from turtlebot_gym_agents.watch.style import Theme
 
 MOST_RUNS = 6
 """Most runs side by side."""

@@ -31,7 +31,7 @@ ASIDE = 0.5
 """Bearing of the centre above which the robot turns on the spot instead of driving an arc, rad."""
 
 
-class Leg(NamedTuple):
+class _Leg(NamedTuple):
     """A command and its duration."""
 
     command: Command
@@ -39,7 +39,7 @@ class Leg(NamedTuple):
     """s"""
 
 
-def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[Leg]:
+def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[_Leg]:
     """Yield one round of the drive, which would end where it began if the robot executed commands exactly.
 
     For each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
@@ -62,8 +62,8 @@ def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Itera
             (Command(v, -v * curvature), 0.0, 2.0 * math.pi),
         ):
             command = limit(wish, robot)
-            yield Leg(command, length / command.v if length else angle / abs(command.omega))
-            yield Leg(STOP, PAUSE)
+            yield _Leg(command, length / command.v if length else angle / abs(command.omega))
+            yield _Leg(STOP, PAUSE)
 
 
 class CalibrationDrive:

@@ -87,7 +87,7 @@ class Topic(NamedTuple):
                     self.write(*taken)
 
 
-class Collected(CallbackGroup):
+class _Collected(CallbackGroup):
     """Subscriptions for which no executor waits: they are polled by the clock.
 
     rclpy checks every entity of a node each time it wakes; woken by each message, a recorder of 20 topics would take a tenth of
@@ -117,7 +117,7 @@ class DataLogger(Node):
         self._refused: set[tuple[str, str]] = set()
         self._latest: dict[str, tuple[float, type, bytes]] = {}
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._collected = Collected()
+        self._collected = _Collected()
         self.create_timer(COLLECT_PERIOD, self._collect, clock=steady)
         self.create_timer(0.1, self._discover, clock=steady)
         self.create_timer(1.0, self._commit, clock=steady)
