@@ -17,8 +17,7 @@ import tyro
 
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
-from turtlebot_gym_agents.commands.driven import Driven
+from turtlebot_gym_agents.commands.console import Driven, FigureFile, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune

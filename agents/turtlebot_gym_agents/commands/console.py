@@ -42,7 +42,7 @@ class Writing:
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
-_OPTIONS = flags("robot", "noise", "filter", "observation", "fix", "world", "lidar", "arrival", "delay")
+_ENVIRONMENT = flags("robot", "noise", "filter", "observation", "fix", "world", "lidar", "arrival", "delay")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,13 +55,36 @@ class _Episodes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting(_OPTIONS, _Episodes):
+class Setting(_ENVIRONMENT, _Episodes):
     """Environment, filter, robot and seeds of a command."""
 
     def options(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment."""
         names = (item.name for item in fields(Options) if hasattr(self, item.name))
         return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+
+_DRIVE = flags("switch", "laps", "plant")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driven(_DRIVE, Setting):
+    """Environment, task and robot of a drive."""
+
+    friction: float | None = None
+    """Plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
+    caster_friction: float | None = None
+    """Plant mujoco only: the same between caster and floor; by default 0.05. For a slippery floor use --friction 0.5
+    --caster-friction 0.3."""
+    allow_mismatch: bool = False
+    """Also drive policies made for another task or observation."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the keyword arguments of the environment, and whether a policy for another task may drive."""
+        from turtlebot_gym.plants import make_plant
+
+        plant = make_plant(self.plant, friction=self.friction, caster_friction=self.caster_friction)
+        return super().options() | {"plant": plant or self.plant, "allow_mismatch": self.allow_mismatch}
 
 
 @contextmanager

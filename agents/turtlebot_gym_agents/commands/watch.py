@@ -8,8 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import Writing, needs
-from turtlebot_gym_agents.commands.driven import Driven
+from turtlebot_gym_agents.commands.console import Driven, Writing, needs
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import Output
 
