@@ -93,7 +93,7 @@ def compare(noise: str, config: Config) -> dict[str, Any]:
     envs = gym.make_vec(
         "turtlebot_gym/TurtleBotNav-v0", num_envs=n, task=task, noise=noise, info="full", max_episode_steps=config.steps + 1
     )
-    policy, told = BearingPolicy(), []
+    policy, history = BearingPolicy(), []
     when = {name: np.full(n, np.nan) for name in RULES}
     missed = {name: np.full(n, np.nan) for name in RULES}
     observations, _ = envs.reset(seed=config.seed)
@@ -101,10 +101,10 @@ def compare(noise: str, config: Config) -> dict[str, Any]:
         observations, _, _, _, info = envs.step(policy(observations))
         goal, P = info["reference"][:, :2], info["covariance"]
         believed = np.hypot(*(info["estimate"][:, :2] - goal).T)
-        told = [*told[-2:], Told(believed, np.sqrt(0.5 * (P[:, 0, 0] + P[:, 1, 1])))]
+        history = [*history[-2:], Told(believed, np.sqrt(0.5 * (P[:, 0, 0] + P[:, 1, 1])))]
         away = np.hypot(*(info["true_state"][:, :2] - goal).T)
         for name, rule in RULES.items():
-            now = rule(told) & np.isnan(when[name])
+            now = rule(history) & np.isnan(when[name])
             when[name][now], missed[name][now] = step * DT, away[now]
     envs.close()
     first = when[next(iter(RULES))]
@@ -135,14 +135,14 @@ def table(noise: str, found: dict[str, Any]) -> Table:
 def main() -> None:
     """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    found = {}
+    results = {}
     with progress(len(NOISES)) as advance_to:
         for number, noise in enumerate(NOISES, start=1):
-            found[noise] = compare(noise, config)
+            results[noise] = compare(noise, config)
             advance_to(number)
-    print_tables(*(table(noise, rows) for noise, rows in found.items()))
+    print_tables(*(table(noise, rows) for noise, rows in results.items()))
     if config.json is not None:
-        write_json(config.json, {"radius": RADIUS, "rules": found}, config=settings_of(config))
+        write_json(config.json, {"radius": RADIUS, "rules": results}, config=settings_of(config))
 
 
 if __name__ == "__main__":

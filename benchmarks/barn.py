@@ -100,10 +100,10 @@ def figures(policy: str, plan: FloorPlan, config: Config) -> dict[str, float]:
     )
     episodes, trajectory, p = drive(envs, policy, config.seed)
     envs.close()
-    one = Evaluation(
+    evaluation = Evaluation(
         config={}, limit=config.limit * p.dt, max_linear=p.robot.max_linear, episodes=episodes, trajectory=trajectory
     )
-    return {name: interval.value for name, interval in one.summary().items() if name in FIGURES}
+    return {name: interval.value for name, interval in evaluation.summary().items() if name in FIGURES}
 
 
 def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> Worlds:
@@ -113,18 +113,18 @@ def several(policy: str, plans: Sequence[FloorPlan], config: Config) -> Worlds:
 
 def driven(folder: Path, policy: str, first: int, plans: Sequence[FloorPlan], config: Config) -> Worlds:
     """Return a policy's figures in consecutive worlds from a first number; missing ones are driven."""
-    told = slug(
+    name = slug(
         policy=name_of(policy), worlds=f"{first}-{len(plans)}", lidar=config.lidar, noise=config.noise, n=config.episodes,
         seed=config.seed, limit=config.limit,
     )  # fmt: skip
-    return kept(folder / f"{told}.pickle", several, policy, plans, config)
+    return kept(folder / f"{name}.pickle", several, policy, plans, config)
 
 
 def settings(config: Config, policies: Iterable[str]) -> dict[str, Any]:
     """Return the settings of a result."""
-    told = settings_of(replace(config, policy=tuple(policies)))
-    del told["processes"]  # does not affect results
-    return told
+    merged = settings_of(replace(config, policy=tuple(policies)))
+    del merged["processes"]  # does not affect results
+    return merged
 
 
 def read_results(path: Path, config: Config) -> tuple[dict[str, Worlds], dict[str, str]]:
@@ -133,13 +133,16 @@ def read_results(path: Path, config: Config) -> tuple[dict[str, Worlds], dict[st
     Raises:
         ValueError: If the file's drives had other settings.
     """
-    told = json.loads(path.read_text(encoding="utf-8"))
-    policies = told["config"]["policy"]
-    if told["config"] != plain(settings(config, policies)):
-        raise ValueError(f"{path} has other settings, {told['config']}: drive its policies again.")
+    results = json.loads(path.read_text(encoding="utf-8"))
+    policies = results["config"]["policy"]
+    if results["config"] != plain(settings(config, policies)):
+        raise ValueError(f"{path} has other settings, {results['config']}: drive its policies again.")
     nan = {None: math.nan}
-    rows = {one: [{name: nan.get(x, x) for name, x in world[one].items()} for world in told["worlds"]] for one in policies}
-    return rows, told.get("commits") or dict.fromkeys(policies, told["commit"])
+    rows = {
+        policy: [{name: nan.get(x, x) for name, x in world[policy].items()} for world in results["worlds"]]
+        for policy in policies
+    }
+    return rows, results.get("commits") or dict.fromkeys(policies, results["commit"])
 
 
 def drive_all(config: Config) -> dict[str, Worlds]:
@@ -150,8 +153,8 @@ def drive_all(config: Config) -> dict[str, Worlds]:
         (driven, (folder, policy, first, plans[first : first + AT_ONCE], config))
         for policy in config.policy for first in firsts
     ]  # fmt: skip
-    found = iter(run_all(jobs, "policies and worlds", config.processes))
-    return {policy: [one for _ in firsts for one in next(found)] for policy in config.policy}
+    results = iter(run_all(jobs, "policies and worlds", config.processes))
+    return {policy: [world for _ in firsts for world in next(results)] for policy in config.policy}
 
 
 def main() -> None:
@@ -168,8 +171,8 @@ def main() -> None:
     }
     count = len(next(iter(rows.values())))
     table = Table("", *FIGURES, title=f"{count} worlds of the BARN challenge, {config.episodes} episodes each")
-    for policy, told in mean.items():
-        cells = (f"{one.value:.3f} ± {0.5 * (one.high - one.low):.3f}" for one in told.values())
+    for policy, scores in mean.items():
+        cells = (f"{interval.value:.3f} ± {0.5 * (interval.high - interval.low):.3f}" for interval in scores.values())
         table.add_row(policy, *cells)
     print_tables(table)
     if config.json is not None:

@@ -106,8 +106,8 @@ def main() -> None:
         "drive", "segments, m", "position error, m", "as fitted", "heading error, rad", "as fitted", title="root mean squares"
     )
     for path, drive in zip(files, drives, strict=True):
-        for length, one in zip(LENGTHS, drive, strict=True):
-            squares = (one.position, one.to_position @ alphas, one.heading, one.to_heading @ alphas)
+        for length, figures in zip(LENGTHS, drive, strict=True):
+            squares = (figures.position, figures.to_position @ alphas, figures.heading, figures.to_heading @ alphas)
             table.add_row(path.name, f"{length:g}", *(f"{np.sqrt(np.mean(square)):.4f}" for square in squares))
     console = Console(width=120)
     console.print(table)

@@ -91,17 +91,17 @@ def calibrated(seed: int, view: str) -> dict[str, Any]:
     noise = random_noise(seed)
     log = simulated_log(noise, seed=seed)
     began = time.process_time()
-    found = calibrate(log, use_truth=VIEWS[view])
-    told = {
-        name: {"true": true_value(noise, name)} | {key: value for key, value in asdict(one).items() if key != "remedy"}
-        for name, one in found.estimates.items()
+    calibration = calibrate(log, use_truth=VIEWS[view])
+    rows = {
+        name: {"true": true_value(noise, name)} | {key: value for key, value in asdict(estimate).items() if key != "remedy"}
+        for name, estimate in calibration.estimates.items()
     }
-    return {"seed": seed, "view": view, "seconds": time.process_time() - began, "estimates": told}
+    return {"seed": seed, "view": view, "seconds": time.process_time() - began, "estimates": rows}
 
 
 def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
     """Return how often the intervals of each parameter contain the truth, among all drives and those that determine it."""
-    told = {}
+    content = {}
     for name in (*PARAMETERS, "dropout_probability"):
         ones = [row["estimates"][name] for row in rows if row["view"] == view and name in row["estimates"]]
         if not ones:
@@ -109,7 +109,7 @@ def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
         holds = np.array([one["low"] <= one["true"] <= (np.inf if one["high"] is None else one["high"]) for one in ones])
         clear = np.array([one["is_determined"] for one in ones])
         error = np.array([one["value"] / one["true"] - 1.0 for one in ones])
-        told[name] = {
+        content[name] = {
             "drives": len(ones),
             "determined": int(clear.sum()),
             "coverage": float(holds.mean()),
@@ -118,7 +118,7 @@ def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
             "profile": float(np.mean([one["is_profile"] for one in ones])),
             "median_relative_error": float(np.median(np.abs(error))),
         }
-    return told
+    return content
 
 
 def band(drives: int) -> tuple[float, float]:
@@ -130,27 +130,28 @@ def band(drives: int) -> tuple[float, float]:
 def recorded(config: Config) -> dict[str, Any]:
     """Return the results of a filter calibrated on one recorded drive on the other, with those of the uncalibrated one."""
     drives = {name: read(config.data / name) for name in RECORDED}
-    told = {}
+    rows = {}
     for name, other in (RECORDED, RECORDED[::-1]):
-        found = calibrate(measured_log(drives[name], seed=1000, rate=math.inf))
-        unbiased = replace(found.noise, odometry=replace(found.noise.odometry, bias=(0.0, 0.0, 0.0)))
+        calibration = calibrate(measured_log(drives[name], seed=1000, rate=math.inf))
+        unbiased = replace(calibration.noise, odometry=replace(calibration.noise.odometry, bias=(0.0, 0.0, 0.0)))
         seeds = range(config.seed, config.seed + config.seeds)
         results = {
             "matched, uncalibrated": judge(drives[other], None, seeds),
-            "calibrated": judge(drives[other], found.noise, seeds),
+            "calibrated": judge(drives[other], calibration.noise, seeds),
             "calibrated, its bias not taken off": judge(drives[other], unbiased, seeds),
         }
-        told[f"{name} -> {other}"] = {
-            "segment": found.segment,
-            "segments": found.segments,
-            "remarks": found.remarks,
-            "noise": asdict(found.noise),
-            "estimates": {key: asdict(one) for key, one in found.estimates.items()},
+        rows[f"{name} -> {other}"] = {
+            "segment": calibration.segment,
+            "segments": calibration.segments,
+            "remarks": calibration.remarks,
+            "noise": asdict(calibration.noise),
+            "estimates": {key: asdict(result) for key, result in calibration.estimates.items()},
             "judged": {
-                key: {part: float(np.mean(numbers)) for part, numbers in one._asdict().items()} for key, one in results.items()
+                key: {part: float(np.mean(numbers)) for part, numbers in result._asdict().items()}
+                for key, result in results.items()
             },
         }
-    return told
+    return rows
 
 
 def covered(config: Config) -> dict[str, Any] | None:
@@ -183,13 +184,13 @@ def main() -> None:
         if result is None:
             return
         for view, names in result["coverage"].items():
-            for name, one in names.items():
-                print(view, name, one)
+            for name, row in names.items():
+                print(view, name, row)
     else:
         result = {"recorded": recorded(config)}
-        for name, one in result["recorded"].items():
-            print(name, one["segment"], one["segments"], one["remarks"])
-            for what, numbers in one["judged"].items():
+        for name, row in result["recorded"].items():
+            print(name, row["segment"], row["segments"], row["remarks"])
+            for what, numbers in row["judged"].items():
                 print("  ", what, numbers)
     if config.results is not None:
         write_json(config.results / RESULTS[config.part], result, config=settings_of(config))

@@ -74,21 +74,21 @@ def measured(config: Config) -> dict[str, Any]:
     asked = {"env": NAV, "episodes": config.episodes, "seed": 0}
     work, empty = drives("bearing", **asked), [Empty(number=number) for number in range(config.empty)]
     complete(work[:1])  # compiled
-    found: dict[int, dict[str, float]] = {}
+    results: dict[int, dict[str, float]] = {}
     for turn in range(config.rounds):
         for workers in (0, 1, 2):
             begun = time.perf_counter()
             if workers == 0:
-                told = {"work": seconds_of(work, in_turn), "empty": seconds_of(empty, in_turn)}
+                row = {"work": seconds_of(work, in_turn), "empty": seconds_of(empty, in_turn)}
             else:
                 with ray_workers("local", workers=workers, memory=Drive.memory) as ray:
                     complete(work[: 2 * workers], workers=ray)  # workers have started and loaded the loops
                     start = time.perf_counter() - begun
-                    told = {"start": start, "work": seconds_of(work, ray), "empty": seconds_of(empty, ray)}
-            best = found.setdefault(workers, told)
-            found[workers] = {name: min(value, best[name]) for name, value in told.items()}
-            print(f"round {turn}, {workers} workers: {told}", flush=True)
-    return {"units": len(work), "by_workers": found}
+                    row = {"start": start, "work": seconds_of(work, ray), "empty": seconds_of(empty, ray)}
+            best = results.setdefault(workers, row)
+            results[workers] = {name: min(value, best[name]) for name, value in row.items()}
+            print(f"round {turn}, {workers} workers: {row}", flush=True)
+    return {"units": len(work), "by_workers": results}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,11 +112,11 @@ class Peak:
 def peaks() -> dict[str, float]:
     """Return the memory of a worker for a unit of each kind, bytes."""
     (drive,) = drives("ppo-nav", env=NAV, episodes=CHUNK, seed=0)
-    found = {}
+    results = {}
     for name, unit in (("drive", drive), ("training", training(TrainingConfig(steps=20_000, evaluations=1)))):
         with ray_workers("local", workers=1) as ray:
-            found[name] = complete([Peak(unit=unit)], workers=ray)[0].facts["bytes"]
-    return found
+            results[name] = complete([Peak(unit=unit)], workers=ray)[0].facts["bytes"]
+    return results
 
 
 def driver() -> dict[str, float]:
@@ -150,23 +150,23 @@ def plan(found: dict[str, Any], costs: dict[str, float], config: Config) -> dict
     """
     times = found["by_workers"]
     unit = times[0]["work"] / found["units"]
-    each = times[2]["empty"] / config.empty + costs["seconds_to_store"]
+    seconds = times[2]["empty"] / config.empty + costs["seconds_to_store"]
     rows = {}
     for workers in PLANNED:
         wanted = workers / unit
         rows[str(workers)] = {
             "results_per_second_wanted": wanted,
-            "driver_busy": wanted * each,
+            "driver_busy": wanted * seconds,
             "megabytes_per_second": wanted * costs["bytes_held"] / 1e6,
             "object_store_megabytes": workers * (1 + AHEAD) * costs["bytes_held"] / 1e6,
-            "driver_memory_gigabytes_an_hour": 3600.0 * min(wanted, 1.0 / each) * costs["bytes_held"] / 1e9,
+            "driver_memory_gigabytes_an_hour": 3600.0 * min(wanted, 1.0 / seconds) * costs["bytes_held"] / 1e9,
         }
     return {
         "seconds_of_a_unit": unit,
-        "driver_seconds_of_a_unit": each,
-        "workers_that_one_driver_feeds": unit / each,
-        "unit_seconds_for_1000_workers": 1000.0 * each,
-        "episodes_in_a_unit_for_1000_workers": CHUNK * 1000.0 * each / unit,
+        "driver_seconds_of_a_unit": seconds,
+        "workers_that_one_driver_feeds": unit / seconds,
+        "unit_seconds_for_1000_workers": 1000.0 * seconds,
+        "episodes_in_a_unit_for_1000_workers": CHUNK * 1000.0 * seconds / unit,
         "by_workers": rows,
     }
 
@@ -174,17 +174,17 @@ def plan(found: dict[str, Any], costs: dict[str, float], config: Config) -> dict
 def main() -> None:
     """Measure, extrapolate, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    found, costs = measured(config), driver()
-    times = found["by_workers"]
+    results, costs = measured(config), driver()
+    times = results["by_workers"]
     result = {
         "machine": {"cores": os.cpu_count(), "load": os.getloadavg()},
-        "measured": found,
+        "measured": results,
         "ratio_of_2_workers_to_1": times[1]["work"] / times[2]["work"],
         "overhead_of_a_unit": {str(n): (times[n]["empty"] - times[0]["empty"]) / config.empty for n in (1, 2)},
         "driver": costs,
         "memory_of_a_worker": peaks(),
         "object_store": OBJECT_STORE,
-        "planned": plan(found, costs, config),
+        "planned": plan(results, costs, config),
     }
     write_json(config.json, result, config={"episodes": config.episodes, "empty": config.empty, "rounds": config.rounds})
     print(f"2 workers do {result['ratio_of_2_workers_to_1']:.2f} times what 1 does.")

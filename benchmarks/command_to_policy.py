@@ -168,11 +168,11 @@ def _child(config: Config, part: str) -> Any:
 
 def one_round(config: Config) -> dict[str, Turn]:
     """Return the turn of each contender."""
-    found = {"command": command(config), "bare": Turn(*_child(config, "bare"))}
+    turns = {"command": command(config), "bare": Turn(*_child(config, "bare"))}
     if config.busy:
         with busy(config.busy):
-            found |= {"command, busy": command(config), "bare, busy": Turn(*_child(config, "bare"))}
-    return found
+            turns |= {"command, busy": command(config), "bare, busy": Turn(*_child(config, "bare"))}
+    return turns
 
 
 def ratio(rounds: list[dict[str, Turn]], over: str, under: str, clock: str) -> float:

@@ -49,33 +49,34 @@ class Config:
 
 def tuning(name: str, noise: Noise) -> FilterTuning:
     """Return a filter's tuning by its name here."""
-    found = make_filter(name.removesuffix(EXACT), noise)
+    chosen = make_filter(name.removesuffix(EXACT), noise)
     exact = (
-        noise.odometry.R if isinstance(found.kind, DeadReckoning) else found.R
+        noise.odometry.R if isinstance(chosen.kind, DeadReckoning) else chosen.R
     )  # otherwise it includes spikes and quantization
-    return replace(found, Q=(0.0,) * 5, R=exact) if name.endswith(EXACT) else found
+    return replace(chosen, Q=(0.0,) * 5, R=exact) if name.endswith(EXACT) else chosen
 
 
 def main() -> None:
     """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    found = {}
+    settings = {}
     for name, (filters, options) in SETTINGS.items():
         model = in_force(**options)
-        tunings = {each: tuning(each, model) for each in filters}
+        tunings = {filter: tuning(filter, model) for filter in filters}
         with progress(config.runs) as advance_to:
             result = estimate(tunings, runs=config.runs, seed=config.seed, progress=advance_to, **options)
         table = estimation_table(result)
         table.title = name
         print_tables(table)
-        told = asdict(result)
-        found[name] = {"bound": result.bound[-1], "band": result.band, "config": result.config} | {
+        content = asdict(result)
+        settings[name] = {"bound": result.bound[-1], "band": result.band, "config": result.config} | {
             "filters": {
-                each: {key: value for key, value in one.items() if key != "rmse"} for each, one in told["filters"].items()
+                filter: {key: value for key, value in figures.items() if key != "rmse"}
+                for filter, figures in content["filters"].items()
             }
         }
     if config.json is not None:
-        write_json(config.json, {"settings": found}, config=settings_of(config))
+        write_json(config.json, {"settings": settings}, config=settings_of(config))
 
 
 if __name__ == "__main__":

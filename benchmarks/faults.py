@@ -89,7 +89,7 @@ def measure(config: Config) -> dict[str, dict[str, Any]]:
     for on in share:
         tasks[on].put(None)
     zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0}
-    found: dict[str, dict[str, Any]] = {name: dict(zero) for name in FAULTS}
+    counts: dict[str, dict[str, Any]] = {name: dict(zero) for name in FAULTS}
     try:
         with busy(config.busy), Progress(console=Console(stderr=True)) as progress:
             bar = progress.add_task("faults", total=len(order))
@@ -97,7 +97,7 @@ def measure(config: Config) -> dict[str, dict[str, Any]]:
                 name, unsafe, lag, hold = results.get(timeout=240.0)
                 if name is None:
                     raise RuntimeError(unsafe)
-                kind = found[name]
+                kind = counts[name]
                 kind["injected"] += 1
                 kind["unsafe"] += unsafe > 0
                 kind["longest_lag"] = max(kind["longest_lag"], lag)
@@ -108,24 +108,24 @@ def measure(config: Config) -> dict[str, dict[str, Any]]:
             process.join(timeout=10.0)
             if process.is_alive():
                 process.terminate()
-    return found
+    return counts
 
 
 def main() -> int:
     """Measure, and print the table."""
     config = tyro.cli(Config, description=__doc__)
-    found = measure(config)
+    counts = measure(config)
     table = Table("fault", "injected", "unsafe", "last motion sent, s", "zero sent, s", caption="after the newest command")
-    for name, kind in found.items():
+    for name, kind in counts.items():
         table.add_row(
             name, str(kind["injected"]), str(kind["unsafe"]), f"{kind['longest_lag']:.3f}", f"{kind['longest_hold']:.3f}"
         )
-    total = {key: sum(kind[key] for kind in found.values()) for key in ("injected", "unsafe")}
+    total = {key: sum(kind[key] for kind in counts.values()) for key in ("injected", "unsafe")}
     table.add_row("all", str(total["injected"]), str(total["unsafe"]))
     Console().print(table)
     if config.json:
         load = os.getloadavg()
-        write_json(config.json, {"faults": found, "total": total, "load": load}, config=settings_of(config))
+        write_json(config.json, {"faults": counts, "total": total, "load": load}, config=settings_of(config))
     return int(total["unsafe"] > 0)
 
 

@@ -112,8 +112,8 @@ def nonsense(robot: Robot, rng: random.Random) -> int:
     since = time.time()
     robot.set(**{"in": rng.choice([(math.nan, 0.1), (0.1, math.inf), (9.0, -3.0), (1e300, 1e300), (-50.0, 0.0)])})
     time.sleep(0.6)
-    told = [(v, omega) for at, v, omega in list(robot.heard) if at > since]
-    return sum(not abs(v) + abs(omega) * 0.08 <= 0.20971 for v, omega in told)
+    commands = [(v, omega) for at, v, omega in list(robot.heard) if at > since]
+    return sum(not abs(v) + abs(omega) * 0.08 <= 0.20971 for v, omega in commands)
 
 
 def disabled(robot: Robot, rng: random.Random) -> int:
@@ -130,4 +130,4 @@ def disabled(robot: Robot, rng: random.Random) -> int:
 
 WITHOUT_BUTTONS = (suspended, briefly_suspended, old_stamp, flood, nonsense, disabled)
 WITH_BUTTONS = (short_press, suspended_press, two_buttons, button_dies)
-FAULTS = {each.__name__: each for each in (*WITHOUT_BUTTONS, *WITH_BUTTONS)}
+FAULTS = {fault.__name__: fault for fault in (*WITHOUT_BUTTONS, *WITH_BUTTONS)}

@@ -58,7 +58,7 @@ class Robot:
             while not self.over.is_set():
                 executor.spin_once(timeout_sec=0.05)
 
-        self.threads = [threading.Thread(target=each, daemon=True) for each in (spin, self._speak)]
+        self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._speak)]
         for thread in self.threads:
             thread.start()
         words = [sys.executable, "-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", "--log-level", "fatal"]
@@ -131,7 +131,7 @@ class Robot:
 
     def hold(self, since: float) -> float:
         """Return the longest time from the newest command to the zero that ends its motion."""
-        sent, heard = list(self.sent), [each for each in list(self.heard) if each[0] > since]
+        sent, heard = list(self.sent), [message for message in list(self.heard) if message[0] > since]
         ends = [at for (_, *before), (at, *now) in pairwise(heard) if before != [0.0, 0.0] == now]
         return max((at - sent[bisect_right(sent, at) - 1] for at in ends), default=0.0)
 

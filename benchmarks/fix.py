@@ -128,7 +128,7 @@ def told(interval: Any, digits: int) -> str:
 def main() -> None:
     """Drive, print a table, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    task, found = replace(SQUARE, laps=1_000_000, max_steps=1e9), {}
+    task, results = replace(SQUARE, laps=1_000_000, max_steps=1e9), {}
     table = Table(
         "fix", "position, m", "rms, m", "at the end, m", "heading, rad", "NEES of the pose", "µs a step",
         title=f"wheel odometry, {config.runs} drives of {config.seconds:g} s, means and 95 % intervals",
@@ -137,12 +137,12 @@ def main() -> None:
         p = make_parameters(task, noise="wheel", fix=fix)
         system = naive(system_of(p)) if is_naive else system_of(p)
         with progress(round(config.seconds / DT)) as done:
-            row = found[name] = drive(p, system, on_square, config, done)
+            row = results[name] = drive(p, system, on_square, config, done)
         numbers = [told(row[key], 4) for key in ("position", "position_rms", "position_at_end", "heading")]
         table.add_row(name, *numbers, told(row["nees"], 2), f"{row['cpu_microseconds']:.2f}")
     print_tables(table)
     if config.json is not None:
-        write_json(config.json, {"cases": found}, config=settings_of(config))
+        write_json(config.json, {"cases": results}, config=settings_of(config))
 
 
 if __name__ == "__main__":

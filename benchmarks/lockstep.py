@@ -68,49 +68,49 @@ class Config:
 
 def rooms(config: Config) -> dict[str, Any]:
     """Drive through rooms in a process for each node, and compare outcome and drive with the environment's."""
-    found = []
+    rows = []
     for seed in range(config.rooms):
         drive = RoomDrive(config.room_policy, seed=seed)
         expected = room_episode(drive)
-        told = room_live(drive, len(expected.clearance) - 1, processes=True)
-        outcomes = [room_metrics(each) for each in (expected, told)]
-        largest, same = max(room_differences(expected, told).values()), outcomes[0] == outcomes[1]
-        found.append({"seed": seed, "largest": largest, "same": same, **outcomes[1]})
+        live = room_live(drive, len(expected.clearance) - 1, processes=True)
+        outcomes = [room_metrics(row) for row in (expected, live)]
+        largest, same = max(room_differences(expected, live).values()), outcomes[0] == outcomes[1]
+        rows.append({"seed": seed, "largest": largest, "same": same, **outcomes[1]})
     return {
-        "same outcome": sum(each["same"] for each in found),
-        "largest difference": max((each["largest"] for each in found), default=0.0),
-        "goals": sum(each["goal reached"] for each in found),
-        "collisions": sum(each["collision"] for each in found),
-        "of": found,
+        "same outcome": sum(row["same"] for row in rows),
+        "largest difference": max((row["largest"] for row in rows), default=0.0),
+        "goals": sum(row["goal reached"] for row in rows),
+        "collisions": sum(row["collision"] for row in rows),
+        "of": rows,
     }
 
 
 def equality(config: Config) -> dict[str, Any]:
     """Compare the graph with the environment: policies, noises, and both rules of switching."""
-    found = {}
+    by_case = {}
     for policy in ("proportional", "bearing", "ppo-square"):
         for noise in ("tutorial", "documented", "rough"):
             for switch in ("time", "arrival"):
                 drive = SquareDrive(policy, noise, switch, "burger", 3)
                 pair = episode(drive, config.steps), live(drive, config.steps)
-                found[" ".join(drive[:3])] = differences(*pair)
-    return {"largest": max(max(each.values()) for each in found.values()), "of": found}
+                by_case[" ".join(drive[:3])] = differences(*pair)
+    return {"largest": max(max(difference.values()) for difference in by_case.values()), "of": by_case}
 
 
 def repeats(config: Config) -> dict[str, Any]:
     """Drive the tutorial's square repeatedly, and count the distinct drives."""
-    drive, found = SquareDrive(), {}
+    drive, by_load = SquareDrive(), {}
     for processes in (False, True):
         for load in (0, config.busy):
             with busy(load):
                 digests = [digest(live(drive, config.steps, processes=processes)) for _ in range(config.runs // 2)]
-            found[f"{'4 processes' if processes else '1 process'}, {load} busy"] = digests
-    return {"different": len({each for digests in found.values() for each in digests}), "digests": found}
+            by_load[f"{'4 processes' if processes else '1 process'}, {load} busy"] = digests
+    return {"different": len({each for digests in by_load.values() for each in digests}), "digests": by_load}
 
 
 def speeds(config: Config) -> dict[str, Any]:
     """Measure the speed of a drive as a multiple of real time, and the cost of a step, without the start."""
-    found = {}
+    rows = {}
     for processes in (False, True):
         rates, before, begin = [], usage(), time.perf_counter()
         for _ in range(3):
@@ -120,25 +120,25 @@ def speeds(config: Config) -> dict[str, Any]:
                 graph.wait_until(lambda graph, at=at: graph.time >= at + config.steps * DT, timeout=600.0)
                 rates.append((graph.time - at) / (time.perf_counter() - start))
                 steps, cpu = (graph.time - at) / DT, usage() - own
-        found["4 processes" if processes else "1 process"] = {
+        rows["4 processes" if processes else "1 process"] = {
             "times_real_time": rates,
             # The processor time of child processes is known only at their end, and includes start and imports.
             "cpu_ms_per_step": 1e3 * cpu / steps,
             "cpu_s_with_starts_and_processes": usage() - before,
             "wall_s": time.perf_counter() - begin,
         }
-    return found
+    return rows
 
 
 def usage() -> float:
     """Return the processor time of this process and of finished child processes, s."""
-    each = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in each)
+    both = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(used.ru_utime + used.ru_stime for used in both)
 
 
 def real_time(config: Config) -> dict[str, Any]:
     """Compare the estimate's error in real time, beside busy processes, with the environment's of the same seed and episode."""
-    seeds, found = range(config.real_time), {}
+    seeds, rows = range(config.real_time), {}
     drives = [SquareDrive("bearing", "tutorial", "time", "burger", seed) for seed in seeds]
     with busy(config.busy):
         for first in range(0, len(drives), AT_ONCE):
@@ -153,13 +153,13 @@ def real_time(config: Config) -> dict[str, Any]:
                 for graph in graphs:
                     graph.wait_until(lambda graph: graph.time >= config.steps * DT, timeout=1000.0)
                 for drive, graph in zip(group.values(), graphs, strict=True):
-                    found[drive.seed] = error(graph.trajectory(), config.steps)
+                    rows[drive.seed] = error(graph.trajectory(), config.steps)
             finally:
                 for graph in graphs:
                     graph.close()
     expected = {drive.seed: error(episode(drive, config.steps, number=1), config.steps) for drive in drives}
-    ratio = float(np.mean(list(found.values())) / np.mean(list(expected.values())))
-    return {"ratio_of_means": ratio, "live_m": found, "environment_m": expected}
+    ratio = float(np.mean(list(rows.values())) / np.mean(list(expected.values())))
+    return {"ratio_of_means": ratio, "live_m": rows, "environment_m": expected}
 
 
 def error(trajectory: Drive, steps: int) -> float:

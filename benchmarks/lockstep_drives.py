@@ -126,8 +126,8 @@ def first(trajectory: Drive, steps: int) -> Drive:
 
 def differences(one: Drive, other: Drive) -> dict[str, float]:
     """Return the largest difference in each part of two drives; NaN where one does not know what the other does."""
-    found = {name: np.abs(getattr(one, name) - getattr(other, name)) for name in COLUMNS}
-    return {name: float((rows[:, TRAVELS] if name == "covariance" else rows).max()) for name, rows in found.items()}
+    largest = {name: np.abs(getattr(one, name) - getattr(other, name)) for name in COLUMNS}
+    return {name: float((rows[:, TRAVELS] if name == "covariance" else rows).max()) for name, rows in largest.items()}
 
 
 def digest(trajectory: Drive) -> str:

@@ -91,14 +91,14 @@ def replayed(modules: list[Module], config: Config, path: Path) -> tuple[list[tu
     """Return the mutants of a list that are found in the modules, and the entries that are not."""
     by_path = {module.path: module for module in modules}
     sources = {name: (ROOT / name).read_text(encoding="utf-8") for name in by_path}
-    found, gone = [], []
+    mutants, gone = [], []
     for entry in mutant_list.read(path):
         mutant = mutant_list.find(entry, sources)
         if mutant is not None:
-            found.append((by_path[mutant.path], mutant))
+            mutants.append((by_path[mutant.path], mutant))
         else:
             gone.append(entry)
-    return found, gone
+    return mutants, gone
 
 
 def summary(modules: list[Module], results: list[Result]) -> dict[str, dict[str, Any]]:
@@ -156,8 +156,8 @@ def main() -> None:
         print(f"{len(gone)} of {len(gone) + len(results)} mutants are not found: their code has changed.")
     if config.json:
         settings = {"seed": config.seed, "quota": {module.path: module.quota for module in modules}, "jobs": config.jobs}
-        found = {"minutes": minutes, "processor_minutes": busy, "modules": scores, **listed, "gone": gone}
-        write_json(config.json, found, config=settings)
+        content = {"minutes": minutes, "processor_minutes": busy, "modules": scores, **listed, "gone": gone}
+        write_json(config.json, content, config=settings)
 
 
 if __name__ == "__main__":

@@ -162,18 +162,18 @@ OWN = (ScaleNumber, DeleteStatement, SwapName, SwapArguments, ExceptionReplacer)
 
 def operators() -> dict[str, Operator]:
     """Return the operators by name."""
-    found: dict[str, Operator] = {one.__name__: one() for one in OWN}
+    by_name: dict[str, Operator] = {operator.__name__: operator() for operator in OWN}
     for full in operator_names():
         name = full.rpartition("/")[2]
         kind, *exchanged = name.split("_")
-        if name in found:
+        if name in by_name:
             continue
         if kind in ("ReplaceBinaryOperator", "ReplaceComparisonOperator"):
             if any(set(exchanged) <= group for group in ALIKE):
-                found[name] = get_operator(full)()
+                by_name[name] = get_operator(full)()
         elif kind not in ("VariableReplacer", "VariableInserter"):  # these need arguments
-            found[name] = get_operator(full)()
-    return found
+            by_name[name] = get_operator(full)()
+    return by_name
 
 
 def draw(path: str, code: str, count: int, *, seed: int) -> list[Mutant]:
@@ -224,9 +224,9 @@ def _meaning(code: str) -> str | None:
 
 
 def _orders_words(node: ast.AST) -> bool:
-    if not isinstance(node, ast.Compare) or not any(isinstance(each, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)) for each in node.ops):
+    if not isinstance(node, ast.Compare) or not any(isinstance(part, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)) for part in node.ops):
         return False
-    return any(isinstance(each, ast.Constant) and isinstance(each.value, str) for each in (node.left, *node.comparators))
+    return any(isinstance(part, ast.Constant) and isinstance(part.value, str) for part in (node.left, *node.comparators))
 
 
 class _WithoutWords(ast.NodeTransformer):
@@ -252,18 +252,18 @@ class _WithoutWords(ast.NodeTransformer):
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> Any:
         node.returns = None
-        node.decorator_list = [one for one in node.decorator_list if getattr(one, "id", "") not in NO_EFFECT]
+        node.decorator_list = [decorator for decorator in node.decorator_list if getattr(decorator, "id", "") not in NO_EFFECT]
         return self.generic_visit(node)
 
 
 def _mutant(path: str, operator: str, before: str, after: str) -> Mutant:
     was, now, first = [], [], 0
-    one, other = before.splitlines(), after.splitlines()
-    for tag, i, end_i, j, end_j in difflib.SequenceMatcher(None, one, other, autojunk=False).get_opcodes():
+    lines, changed = before.splitlines(), after.splitlines()
+    for tag, i, end_i, j, end_j in difflib.SequenceMatcher(None, lines, changed, autojunk=False).get_opcodes():
         if tag != "equal":
             first = first or i + 1
-            was += [line.strip() for line in one[i:end_i]]
-            now += [line.strip() for line in other[j:end_j]]
+            was += [line.strip() for line in lines[i:end_i]]
+            now += [line.strip() for line in changed[j:end_j]]
     return Mutant(path, operator, first, _function_at(ast.parse(before), first), "\n".join(was), "\n".join(now), after)
 
 

@@ -78,15 +78,15 @@ def compared(config: Config, tunings: Path, bundle: Path, task: str) -> list[dic
         learned = evaluate(policy, **options, episodes=config.episodes, seed=config.first_seed)
         success = learned.episodes.success
         rows.append({"noise": noise, "policy": f"ppo-{task}", "success": share(success), "time": mean(learned.times())})
-        for name, one in evaluate_baselines(tunings, config, config.first_seed, **options).items():
+        for name, evaluation in evaluate_baselines(tunings, config, config.first_seed, **options).items():
             rows.append(
                 {
                     "noise": noise,
                     "policy": name,
-                    "success": share(one.episodes.success),
-                    "time": mean(one.times()),
-                    "ppo_minus_it": paired(learned, one),
-                    "success_difference": paired_share_difference(success, one.episodes.success),
+                    "success": share(evaluation.episodes.success),
+                    "time": mean(evaluation.times()),
+                    "ppo_minus_it": paired(learned, evaluation),
+                    "success_difference": paired_share_difference(success, evaluation.episodes.success),
                 }
             )
     return rows
@@ -114,25 +114,25 @@ def card(task: str, config: Config, bundle: Path, rows: list[dict[str, Any]]) ->
     ]
     for row in rows:
         time, success = row["time"], tuple(100.0 * number for number in row["success"])
-        told = (
+        line = (
             f"| {row['noise']} | {row['policy']} | {success[0]:.1f} ({success[1]:.1f}, {success[2]:.1f}) | {time.value:.2f} |"
         )
         if "ppo_minus_it" in row:
             points = tuple(100.0 * number for number in row["success_difference"])
-            told += f" {_signed(row['ppo_minus_it'], 2)} | {_signed(points, 1)} |"
+            line += f" {_signed(row['ppo_minus_it'], 2)} | {_signed(points, 1)} |"
         else:
-            told += " | |"
-        lines.append(told)
+            line += " | |"
+        lines.append(line)
     return "\n".join(lines) + "\n"
 
 
 def _verdicts(rows: list[dict[str, Any]]) -> list[str]:
     """Return a line for each outcome, losses first, with the baselines for which the whole interval is on one side."""
-    found: dict[int, list[str]] = {1: [], 0: [], -1: []}
+    names_by_side: dict[int, list[str]] = {1: [], 0: [], -1: []}
     for row in rows:
         if "ppo_minus_it" in row:
-            found[side(row["ppo_minus_it"])].append(f"`{row['policy']}` ({row['noise']})")
-    return [f"{WORDS[sign]} the tuned {', '.join(names)}." for sign, names in found.items() if names]
+            names_by_side[side(row["ppo_minus_it"])].append(f"`{row['policy']}` ({row['noise']})")
+    return [f"{WORDS[sign]} the tuned {', '.join(names)}." for sign, names in names_by_side.items() if names]
 
 
 def _signed(interval: tuple[float, ...], digits: int) -> str:
@@ -156,8 +156,8 @@ def main() -> None:
         best = best_of_trainings(runs)
         copyfile(best / "policy.onnx", config.out / f"ppo-{task}.onnx")
     bundles = {task: config.out / f"ppo-{task}.onnx" for task in config.tasks}
-    found = run_all([(compared, (config, tunings, bundles[task], task)) for task in config.tasks], "cards", config.processes)
-    results = dict(zip((f"ppo-{task}" for task in config.tasks), found, strict=True))
+    rows = run_all([(compared, (config, tunings, bundles[task], task)) for task in config.tasks], "cards", config.processes)
+    results = dict(zip((f"ppo-{task}" for task in config.tasks), rows, strict=True))
     for task in config.tasks:
         text = card(task, config, bundles[task], results[f"ppo-{task}"])
         (config.out / f"ppo-{task}.md").write_text(text, encoding="utf-8")

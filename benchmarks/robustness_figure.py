@@ -24,10 +24,10 @@ def draw(rows: Sequence[dict[str, Any]]) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[2.2, 1.0])
     at = np.arange(len(rows))[::-1]
     for y, row in zip(at, rows, strict=True):
-        told = row["ppo"]["difference"]
+        difference = row["ppo"]["difference"]
         colour, marker = VERDICTS[row["verdict"]]
-        margins = [[told["value"] - told["low"]], [told["high"] - told["value"]]]
-        left.errorbar(told["value"], y, xerr=margins, fmt=marker, color=colour, capsize=3, markersize=7)
+        margins = [[difference["value"] - difference["low"]], [difference["high"] - difference["value"]]]
+        left.errorbar(difference["value"], y, xerr=margins, fmt=marker, color=colour, capsize=3, markersize=7)
         base = row["baselines"][0]
         right.barh(y, base["time_untuned"]["value"] - base["time"]["value"], height=0.55, color=GREY)
     names = [f"{row['scenario']}\n{_times(row)}" for row in rows]

@@ -49,8 +49,8 @@ def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for verdict, words in VERDICTS.items():
         chosen = sorted((row for row in rows if row["verdict"] == verdict), key=lambda row: row["ppo"]["difference"]["value"])
         if chosen:
-            told = _listed([f"{row['scenario']} ({_difference(row)})" for row in chosen])
-            bullets.append(f"* **{words.format(n=len(chosen), all=len(rows))}**: {told}.")
+            listed = _listed([f"{row['scenario']} ({_difference(row)})" for row in chosen])
+            bullets.append(f"* **{words.format(n=len(chosen), all=len(rows))}**: {listed}.")
     return bullets
 
 
@@ -60,9 +60,9 @@ def _listed(items: Sequence[str]) -> str:
 
 
 def _difference(row: Mapping[str, Any]) -> str:
-    told = row["ppo"]["difference"]
+    difference = row["ppo"]["difference"]
     times = f"{row['ppo']['time']['value']:.2f} s to {row['baselines'][0]['time']['value']:.2f} s"
-    return f"{times}: {told['value']:+.2f} s, {told['low']:+.2f} to {told['high']:+.2f}"
+    return f"{times}: {difference['value']:+.2f} s, {difference['low']:+.2f} to {difference['high']:+.2f}"
 
 
 def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -75,21 +75,21 @@ def _untuned(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     if not gains:
         return []
     ordered = sorted(gains.items(), key=lambda item: item[1][0] - item[1][1])
-    told = _listed([f"{name} ({untuned:.2f} s instead of {tuned:.2f} s)" for name, (untuned, tuned) in ordered])
-    return [f"* **Against the baselines' defaults PPO would have won {len(gains)} more**: {told}."]
+    listed = _listed([f"{name} ({untuned:.2f} s instead of {tuned:.2f} s)" for name, (untuned, tuned) in ordered])
+    return [f"* **Against the baselines' defaults PPO would have won {len(gains)} more**: {listed}."]
 
 
 def _filter(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the filter's gain for either policy, for each noise with both results."""
     by_name = {row["scenario"]: row for row in rows}
-    told = []
+    parts = []
     for noise in ("tutorial", "documented", "rough", "wheel"):
         both = [by_name.get(f"Nav, {seen}, {noise}") for seen in ("raw odometry", "estimate")]
         if all(both):
             geometry = " to ".join(f"{row['baselines'][0]['time']['value']:.2f} s" for row in both if row)
             ppo = " to ".join(f"{row['ppo']['time']['value']:.2f} s" for row in both if row)
-            told.append(f"`{noise}` {geometry} for geometry, {ppo} for PPO")
-    return [f"* **What the filter buys**, from raw odometry to its estimate: {'; '.join(told)}."] if told else []
+            parts.append(f"`{noise}` {geometry} for geometry, {ppo} for PPO")
+    return [f"* **What the filter buys**, from raw odometry to its estimate: {'; '.join(parts)}."] if parts else []
 
 
 def _false_arrivals(rows: Sequence[Mapping[str, Any]], config: Mapping[str, Any]) -> list[str]:

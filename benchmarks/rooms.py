@@ -170,14 +170,14 @@ def maps(config: Config) -> dict[str, Any]:
     random = np.random.default_rng(1)
     at = random.integers(len(rows), size=32)
     poses = np.stack([columns[at] + random.random(32), rows[at] + random.random(32), random.uniform(-np.pi, np.pi, 32)], 1)
-    directions, found = _directions(360), {name: np.empty((32, 360)) for name in ("strides", "grid walk")}
+    directions, ranges = _directions(360), {name: np.empty((32, 360)) for name in ("strides", "grid walk")}
     scans = {"strides": _walker(ray_to_cells), "grid walk": _walker(njit(_grid_walk, error_model="numpy"))}
     contenders = {
-        name: timed(lambda k, scan=scan, name=name: scan(grid.squares, poses, directions, found[name]))
+        name: timed(lambda k, scan=scan, name=name: scan(grid.squares, poses, directions, ranges[name]))
         for name, scan in scans.items()
     }
     rates = rates_of(contenders, config)
-    apart = float(np.abs(found["strides"] - found["grid walk"]).max()) * grid.resolution
+    apart = float(np.abs(ranges["strides"] - ranges["grid walk"]).max()) * grid.resolution
     return {name: Rate(*(32.0 * 360.0 * number for number in rate)) for name, rate in rates.items()} | {"apart_m": apart}
 
 
@@ -199,8 +199,8 @@ def steps(config: Config) -> dict[str, Any]:
             peer.stop()
     p = batch.parameters
     least = float(np.mean(info["way_left"])) / (min(p.robot.max_linear, p.robot.max_wheel) * p.dt)
-    found = {name: Rate(*((n if name != "peer" else 1) * number for number in rate)) for name, rate in rates.items()}
-    return {**found, "steps_of_an_episode": least}
+    results = {name: Rate(*((n if name != "peer" else 1) * number for number in rate)) for name, rate in rates.items()}
+    return {**results, "steps_of_an_episode": least}
 
 
 def memory(number: int = 4096) -> dict[str, float]:
@@ -209,12 +209,12 @@ def memory(number: int = 4096) -> dict[str, float]:
     for name, rules in ROOMS.items():
         circles, boxes = capacity(rules)
         size = {"length": 2.0 * rules.half_length, "width": 2.0 * rules.half_width}
-        one = make_scenes(1, circles=circles, boxes=boxes, beams=36, **size)
-        taken[name] = number * sum(part.nbytes for part in one) / 1e6
+        scene = make_scenes(1, circles=circles, boxes=boxes, beams=36, **size)
+        taken[name] = number * sum(part.nbytes for part in scene) / 1e6
     grid = hall()
     shared = sum(part.nbytes for part in (grid.squares, grid.known, grid.frame))
-    one = make_scenes(1, circles=0, boxes=0, beams=36, length=20.0, width=20.0)
-    return taken | {"map of 20 m at 5 cm": (shared + number * sum(part.nbytes for part in one)) / 1e6}
+    scene = make_scenes(1, circles=0, boxes=0, beams=36, length=20.0, width=20.0)
+    return taken | {"map of 20 m at 5 cm": (shared + number * sum(part.nbytes for part in scene)) / 1e6}
 
 
 def main() -> None:

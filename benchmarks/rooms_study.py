@@ -80,8 +80,8 @@ class Config:
 
 def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
     """Return a policy's episodes in a setting, which are driven if missing; a bundle is identified by its bytes."""
-    told = slug(policy=name_of(policy), setting=name, n=config.episodes, seed=config.first_seed)
-    return kept(folder / "drives" / f"{told}.pickle", evaluation_of, policy, name, config)
+    stem = slug(policy=name_of(policy), setting=name, n=config.episodes, seed=config.first_seed)
+    return kept(folder / "drives" / f"{stem}.pickle", evaluation_of, policy, name, config)
 
 
 def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
@@ -96,15 +96,15 @@ def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
 
 def row(name: str, policy: str, driven: Sequence[Evaluation], reference: Evaluation) -> dict[str, Any]:
     """Return the figures of one policy, or of several trainings of one kind, in a setting."""
-    told = {"setting": name, "policy": policy, **figures(driven)}
+    content = {"setting": name, "policy": policy, **figures(driven)}
     differences = {}
     for part in ("success", "collision"):
         others = getattr(reference.episodes, part)
         if len(driven) == 1:
             differences[f"{part}_difference"] = metrics.paired_share_difference(getattr(driven[0].episodes, part), others)
         else:
-            differences[f"{part}_difference"] = metrics.share_difference(told[part], metrics.share(others))
-    return {**told, **differences}
+            differences[f"{part}_difference"] = metrics.share_difference(content[part], metrics.share(others))
+    return {**content, **differences}
 
 
 def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
@@ -112,15 +112,15 @@ def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
     if len(driven) == 1:
         summary = driven[0].summary()
         return {key: summary[key] for key in ("success", "collision", "timeout", "spl", "barn", "clearance_5th", "time")}
-    e = [one.episodes for one in driven]
-    success, collision = (np.array([getattr(one, key) for one in e]) for key in ("success", "collision"))
+    e = [evaluation.episodes for evaluation in driven]
+    success, collision = (np.array([getattr(evaluation, key) for evaluation in e]) for key in ("success", "collision"))
     return {
         "success": comparison.share(success),
         "collision": comparison.share(collision),
         "timeout": comparison.share(~success & ~collision),
-        "spl": comparison.spread([one.spl() for one in driven]).interval(),
-        "clearance_5th": metrics.mean([metrics.quantile(one.clearance, 0.05).value for one in e]),
-        "time": comparison.spread([one.times() for one in driven]).interval(),
+        "spl": comparison.spread([evaluation.spl() for evaluation in driven]).interval(),
+        "clearance_5th": metrics.mean([metrics.quantile(evaluation.clearance, 0.05).value for evaluation in e]),
+        "time": comparison.spread([evaluation.times() for evaluation in driven]).interval(),
     }
 
 
@@ -133,24 +133,24 @@ def study(config: Config, folder: Path, runs: Sequence[Path], shipped: str | Non
     if len(bundles) > 1:
         kinds[f"ppo, {len(bundles)} trainings"] = bundles
     names = config.only or tuple(SETTINGS)
-    pairs = [(policy, name) for name in names for policy in dict.fromkeys(one for kind in kinds.values() for one in kind)]
-    found = run_all([(drive, (folder, *pair, config)) for pair in pairs], "settings and policies", config.processes)
-    by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, found, strict=True))
+    pairs = [(policy, name) for name in names for policy in dict.fromkeys(driver for kind in kinds.values() for driver in kind)]
+    evaluations = run_all([(drive, (folder, *pair, config)) for pair in pairs], "settings and policies", config.processes)
+    by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, evaluations, strict=True))
     rows = []
     for name in names:
         for kind, policies in kinds.items():
-            told = row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
+            line = row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
             bare = policies[0].removesuffix(SAFETY), name
             if policies[0].endswith(SAFETY) and bare in by_pair:
-                told["later"] = later(by_pair[policies[0], name], by_pair[bare])
-            rows.append(told)
+                line["later"] = later(by_pair[policies[0], name], by_pair[bare])
+            rows.append(line)
     return rows
 
 
 def later(protected: Evaluation, bare: Evaluation) -> Interval:
     """Return by how much the safety layer delays the arrival in rooms that the policy crosses with and without it, s."""
-    one, other = protected.episodes, bare.episodes
-    return metrics.mean((one.time - other.time)[one.success & other.success])
+    with_layer, without = protected.episodes, bare.episodes
+    return metrics.mean((with_layer.time - without.time)[with_layer.success & without.success])
 
 
 def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str:
@@ -207,9 +207,9 @@ def main() -> None:
     shown = Table("", "policy", "success, %", f"minus {COMPARED_WITH}, points", "collision, %", "time-out, %", "SPL", "time, s")
     for name in dict.fromkeys(row["setting"] for row in rows):
         shown.add_section()
-        for told in (one for one in rows if one["setting"] == name):
-            cells = [_percent(told[key]) for key in ("success", "success_difference", "collision", "timeout")]
-            shown.add_row(name, told["policy"], *cells, f"{told['spl'].value:.3f}", f"{told['time'].value:.2f}")
+        for line in (line for line in rows if line["setting"] == name):
+            cells = [_percent(line[key]) for key in ("success", "success_difference", "collision", "timeout")]
+            shown.add_row(name, line["policy"], *cells, f"{line['spl'].value:.3f}", f"{line['time'].value:.2f}")
     print_tables(shown)
     config.out.mkdir(parents=True, exist_ok=True)
     bundle, text = config.out / f"{SHIPPED}.onnx", config.out / f"{SHIPPED}.md"

@@ -89,7 +89,7 @@ def faults(repeats: int) -> dict[str, Any]:
                 zeros += len(heard) - first
                 motions += sum(not command.is_zero for command in heard[first:])
                 mend_it(probe, nodes)
-    figures = [Figure(f"{name}: first zero, largest of {len(each)}", max(each), "s", 0.6) for name, each in delays.items()]
+    figures = [Figure(f"{name}: first zero, largest of {len(times)}", max(times), "s", 0.6) for name, times in delays.items()]
     figures.append(Figure(f"commands but zeros among the {zeros} that followed", motions, "", 1.0))
     details = {"heard_after_s": delays, "seen_in_python_after_s": seen_after, "sent_after_s": sent_after, "zeros": zeros}
     return {"figures": figures, **details}

@@ -157,8 +157,8 @@ def best_of_trainings(runs: Sequence[Path]) -> Path:
 
 def run_all(jobs: Sequence[Job], label: str, processes: int) -> list[Any]:
     """Run jobs in separate processes; return their results in order."""
-    one = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
-    with one, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    one_thread = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
+    with one_thread, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         futures = [pool.submit(function, *arguments) for function, arguments in jobs]
         try:
             for done in track(as_completed(futures), label, total=len(futures), console=Console(stderr=True)):

@@ -42,14 +42,14 @@ def section(found: Mapping[str, Any]) -> str:
 
 def _peers(peers: Mapping[str, Mapping[str, str]]) -> list[str]:
     """Return the versions of the peers, and which peer is missing."""
-    told = []
+    sentences = []
     for name, versions in peers.items():
         if "missing" in versions:
-            told.append(f"{name} took no part: {versions['missing'].rstrip('.')}.")
+            sentences.append(f"{name} took no part: {versions['missing'].rstrip('.')}.")
         else:
             listed = ", ".join(f"{package} {number}" for package, number in versions.items() if package not in ("numpy", name))
-            told.append(f"{name} {versions[name]} ran in an environment of its own ({listed}).")
-    return told
+            sentences.append(f"{name} {versions[name]} ran in an environment of its own ({listed}).")
+    return sentences
 
 
 def _table(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -65,14 +65,14 @@ RATES = (("steps_per_second", "ratio"), ("steps_per_cpu_second", "cpu_ratio"))
 
 def _training(found: Mapping[str, Any]) -> list[str]:
     """Return the sentences on training."""
-    one, busy = found["training"], found.get("busy", {}).get("training")
+    trained, busy = found["training"], found.get("busy", {}).get("training")
     lines = [
-        f"PPO learns from {one['steps_per_second']:,.0f} steps/s over the vector environment,",
-        f"{one['ratio']:.1f} times as many as over Stable-Baselines3's `DummyVecEnv` of 64 scalar environments",
-        f"({one['dummy_vec_env']:,.0f} steps/s). The adapter `Sb3VecEnv` adds {found['adapter_ns']:.0f} ns to a step.",
-        f"A million steps take {one['cpu_seconds_per_million']:.1f} CPU seconds",
+        f"PPO learns from {trained['steps_per_second']:,.0f} steps/s over the vector environment,",
+        f"{trained['ratio']:.1f} times as many as over Stable-Baselines3's `DummyVecEnv` of 64 scalar environments",
+        f"({trained['dummy_vec_env']:,.0f} steps/s). The adapter `Sb3VecEnv` adds {found['adapter_ns']:.0f} ns to a step.",
+        f"A million steps take {trained['cpu_seconds_per_million']:.1f} CPU seconds",
     ]
     if not busy:
         return [*lines[:-1], f"{lines[-1]}."]
-    more = busy["cpu_seconds_per_million"] / one["cpu_seconds_per_million"]
+    more = busy["cpu_seconds_per_million"] / trained["cpu_seconds_per_million"]
     return [*lines, f"alone, and {busy['cpu_seconds_per_million']:.1f} beside the busy processes, {more:.2f} times as many."]

@@ -121,20 +121,20 @@ def policy_row(env: str, policy: str, noise: str, floor: str, one: Evaluation, u
 def evaluated(folder: Path, env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
     """Return a policy's episodes on a floor, which are driven if missing."""
     name = Path(policy).parent.name if policy.endswith(".onnx") else policy
-    told = slug(env=env, policy=name, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed)
-    return kept(folder / f"{told}.pickle", driven, env, policy, noise, floor, config)
+    stem = slug(env=env, policy=name, noise=noise, floor=floor, n=config.episodes, seed=config.first_seed)
+    return kept(folder / f"{stem}.pickle", driven, env, policy, noise, floor, config)
 
 
 def recorded(folder: Path, noise: str, floor: str, config: Config) -> list[Drive]:
     """Return the drives for filters on a floor, which are driven if missing."""
-    told = slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
-    return kept(folder / f"{told}.pickle", record, noise, floor, config)
+    stem = slug(noise=noise, floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
+    return kept(folder / f"{stem}.pickle", record, noise, floor, config)
 
 
 def judged(folder: Path, noise: str, floor: str, config: Config) -> list[dict[str, Any]]:
     """Return the results of filters on a floor, which are computed if missing."""
-    told = slug(filters=f"filters {noise}", floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
-    return kept(folder / f"{told}.pickle", filter_rows, folder, noise, floor, config)
+    stem = slug(filters=f"filters {noise}", floor=floor, n=config.drives, seconds=config.seconds, seed=config.first_seed)
+    return kept(folder / f"{stem}.pickle", filter_rows, folder, noise, floor, config)
 
 
 def trained_policy(folder: Path, env: str, error: float, seed: int) -> str:
@@ -201,9 +201,9 @@ def told(interval: Interval, digits: int = 2) -> str:
 def main() -> None:
     """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    found = study(config, results_folder("transfer"))
-    print_tables(*tables(found))
-    write_json(config.json, found, config=settings_of(config))
+    results = study(config, results_folder("transfer"))
+    print_tables(*tables(results))
+    write_json(config.json, results, config=settings_of(config))
 
 
 if __name__ == "__main__":

@@ -78,8 +78,8 @@ def compared(drives: Sequence[Drive], noise: str) -> list[dict[str, Any]]:
         errors, consistency = filtered(drives, tuning)
         position, heading = (errors[..., :2] ** 2).sum(axis=2).mean(axis=1), (errors[..., 2] ** 2).mean(axis=1)
         reference = position if name == "matched" else reference
-        told = {"filter": name, "position": root(position), "heading": root(heading)}
-        rows.append({**told, "over_matched": ratio(position, reference), "nees": metrics.mean(consistency.mean(axis=1))})
+        row = {"filter": name, "position": root(position), "heading": root(heading)}
+        rows.append({**row, "over_matched": ratio(position, reference), "nees": metrics.mean(consistency.mean(axis=1))})
     return rows
 
 
@@ -97,14 +97,14 @@ def ratio(one: NDArray[np.float64], other: NDArray[np.float64], samples: int = 2
 
 def drift(floor: str, drives: Sequence[Drive]) -> dict[str, Any]:
     """Return the error of odometry after each metre, relative to the start of that metre; m, rad."""
-    found = []
+    errors = []
     for truth, senses in drives:
         way = np.concatenate([[0.0], np.hypot(*np.diff(truth[:, :2], axis=0).T).cumsum()])
         ends = np.searchsorted(way, np.arange(0.0, way[-1], 1.0))
         for begin, end in pairwise(ends.tolist()):
             start, before, after = Pose(*truth[begin, :3].tolist()), senses[begin].odometry.pose, senses[end].odometry.pose
-            told = increment(start, before, after, sincos(start.theta - before.theta))
-            off = difference(np.array(told), truth[end, :3])
-            found.append((math.hypot(off[0], off[1]), abs(off[2])))
-    position, heading = np.array(found).T
-    return {"floor": floor, "metres": len(found), "position": root(position**2), "heading": root(heading**2)}
+            moved = increment(start, before, after, sincos(start.theta - before.theta))
+            off = difference(np.array(moved), truth[end, :3])
+            errors.append((math.hypot(off[0], off[1]), abs(off[2])))
+    position, heading = np.array(errors).T
+    return {"floor": floor, "metres": len(errors), "position": root(position**2), "heading": root(heading**2)}

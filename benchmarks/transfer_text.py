@@ -30,11 +30,11 @@ def policies(rows: list[Mapping[str, Any]]) -> str:
     ]
     for several in grouped(rows):
         first = several[0]
-        counts = [str(one["succeeded"]) for one in several]
-        ratios = [one["where_both_succeed"]["ratio"] for one in several[1:]]
+        counts = [str(row["succeeded"]) for row in several]
+        ratios = [row["where_both_succeed"]["ratio"] for row in several[1:]]
         times = [
-            f"{ratio:.3f}" if ratio and one["where_both_succeed"]["n"] > 4 else ""
-            for ratio, one in zip(ratios, several[1:], strict=True)
+            f"{ratio:.3f}" if ratio and row["where_both_succeed"]["n"] > 4 else ""
+            for ratio, row in zip(ratios, several[1:], strict=True)
         ]
         task = first["env"].removeprefix("turtlebot_gym/TurtleBot").removesuffix("-v0")
         lines.append("| " + " | ".join([task, first["policy"], first["noise"], *counts, *times]) + " |")

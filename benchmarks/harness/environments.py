@@ -73,19 +73,19 @@ def contenders(sizes: Sequence[int] = SIZES) -> dict[str, Contender]:
     Args:
         sizes: Numbers of environments stepped together; more options are measured for the first one.
     """
-    found = {
+    rows = {
         base_of(1): _scalar(CARTPOLE, by=GYMNASIUM, key=True),
         name_of(1, "TurtleBotNav-v0"): _scalar(NAV, by=OURS, key=True),
         name_of(1, "TurtleBotNav-v0", "filter tutorial"): _scalar(NAV, by=OURS, filter="tutorial"),
     }
     for size in sizes:
-        found[base_of(size)] = _vector(CARTPOLE, size, by=GYMNASIUM, key=True)
+        rows[base_of(size)] = _vector(CARTPOLE, size, by=GYMNASIUM, key=True)
         for threads, words in ((None, ()), (1, ("one thread",))):
-            found[name_of(size, "TurtleBotNav-v0", *words)] = _vector(NAV, size, by=OURS, threads=threads, key=True)
+            rows[name_of(size, "TurtleBotNav-v0", *words)] = _vector(NAV, size, by=OURS, threads=threads, key=True)
             rough = _vector(NAV, size, by=OURS, threads=threads, noise="rough")
-            found[name_of(size, "TurtleBotNav-v0", "noise rough", *words)] = rough
-            found[name_of(size, "TurtleBotSquare-v0", *words)] = _vector(SQUARE, size, by=OURS, threads=threads)
+            rows[name_of(size, "TurtleBotNav-v0", "noise rough", *words)] = rough
+            rows[name_of(size, "TurtleBotSquare-v0", *words)] = _vector(SQUARE, size, by=OURS, threads=threads)
             if size == sizes[0]:
                 full = _vector(NAV, size, by=OURS, threads=threads, info="full")
-                found[name_of(size, "TurtleBotNav-v0", "info full", *words)] = full
-    return found
+                rows[name_of(size, "TurtleBotNav-v0", "info full", *words)] = full
+    return rows

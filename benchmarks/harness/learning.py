@@ -97,15 +97,15 @@ def training(
         return learn(PPO("MlpPolicy", envs, device="cpu", seed=0, **keywords), steps // 4)[0]
 
     rates, cpu, others = [], [], []
-    for each in range(rounds):
+    for number in range(rounds):
         rate, seconds = ours()
         rates.append(rate)
         cpu.append(seconds)
         if usual:
             others.append(theirs())
-        progress(each + 1)
-    found = Trained(statistics.median(rates), statistics.median(cpu))
+        progress(number + 1)
+    trained = Trained(statistics.median(rates), statistics.median(cpu))
     if not usual:
-        return found
+        return trained
     ratio = statistics.median(mine / other for mine, other in zip(rates, others, strict=True))
-    return found._replace(dummy_vec_env=statistics.median(others), ratio=ratio)
+    return trained._replace(dummy_vec_env=statistics.median(others), ratio=ratio)

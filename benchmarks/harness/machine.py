@@ -52,14 +52,14 @@ def _cpu() -> str:
 
 def _caches(folder: Path) -> dict[str, str] | None:
     """Return the size of each cache of a core by name, as Linux reports it."""
-    found = {}
+    caches = {}
     try:
-        for each in sorted(folder.glob("index*")):
-            level, kind, size = ((each / name).read_text(encoding="utf-8").strip() for name in ("level", "type", "size"))
-            found[f"L{level}{'' if kind == 'Unified' else kind[0].lower()}"] = size
+        for index in sorted(folder.glob("index*")):
+            level, kind, size = ((index / name).read_text(encoding="utf-8").strip() for name in ("level", "type", "size"))
+            caches[f"L{level}{'' if kind == 'Unified' else kind[0].lower()}"] = size
     except OSError:
         return None
-    return found or None
+    return caches or None
 
 
 def _memory() -> float | None:

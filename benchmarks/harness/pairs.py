@@ -83,7 +83,7 @@ def compare(
         seconds: Length of a turn, s.
         progress: Called with the number of finished pairs.
     """
-    found, done = {}, 0
+    rows, done = {}, 0
     for name in names:
         with ExitStack() as stack:
             log = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -99,5 +99,5 @@ def compare(
                 ratios.append(turns[id(both[1])] / turns[id(both[0])])
                 progress(done := done + 1)
         low, _, high = statistics.quantiles(ratios, n=4) if rounds > 1 else 3 * ratios
-        found[name] = Pair(statistics.median(ratios), (low, high), rounds)
-    return found
+        rows[name] = Pair(statistics.median(ratios), (low, high), rounds)
+    return rows

@@ -115,9 +115,9 @@ def clone_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
 
 def versions_of(packages: tuple[str, ...]) -> dict[str, str]:
     """Return the versions of packages, and the file from which ``turtlebot_gym`` was imported, if it was."""
-    found = {"python": platform.python_version(), **{package: version(package) for package in packages}}
+    versions = {"python": platform.python_version(), **{package: version(package) for package in packages}}
     clone = sys.modules.get("turtlebot_gym")
-    return found | ({"file": str(clone.__file__)} if clone else {})
+    return versions | ({"file": str(clone.__file__)} if clone else {})
 
 
 CALLS = {

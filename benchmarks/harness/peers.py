@@ -158,7 +158,7 @@ def peers(folder: Path, sizes: Sequence[int]) -> Iterator[Present]:
     versions: dict[str, dict[str, str]] = {}
     with ExitStack() as stack:
         for name, (title, *_) in PEERS.items():
-            found = {}
+            started = {}
             try:
                 python = install(name, folder.absolute())
                 for entry in entries(name, sizes):
@@ -166,8 +166,8 @@ def peers(folder: Path, sizes: Sequence[int]) -> Iterator[Present]:
                     process = Process(command, python.parents[1] / f"{'_'.join(map(str, entry))}.log")
                     stack.callback(process.stop)
                     versions[name] = process.versions
-                    found[label(title, entry)] = contender(process, name, entry, sizes)
-                contenders |= found
+                    started[label(title, entry)] = contender(process, name, entry, sizes)
+                contenders |= started
             except (OSError, subprocess.SubprocessError) as error:
                 versions[name] = {"missing": " ".join(str(error).split())}
                 print(f"Without {title}: {versions[name]['missing']}", file=sys.stderr)

@@ -24,13 +24,13 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
     Args:
         result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
     """
-    found = [environments_table(result["environments"], title=conditions(result))]
+    shown = [environments_table(result["environments"], title=conditions(result))]
     if "busy" in result:
         busy = result["busy"]
-        found.append(environments_table(busy["environments"], title=beside(busy["processes"])))
+        shown.append(environments_table(busy["environments"], title=beside(busy["processes"])))
     if "training" in result:
-        found.append(_training_table(result))
-    return found
+        shown.append(_training_table(result))
+    return shown
 
 
 def conditions(result: Mapping[str, Any]) -> str:
@@ -70,15 +70,15 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
 
 def _training_table(result: Mapping[str, Any]) -> Table:
     """Return a table of the speed of PPO with CPU seconds, also beside busy processes if measured."""
-    one = result["training"]
+    trained = result["training"]
     table = Table("training with PPO", "", title=f"the adapter adds {result['adapter_ns']:.0f} ns a step")
-    table.add_row("Sb3VecEnv over the vector environment, steps/s", f"{one['steps_per_second']:,.0f}")
-    table.add_row("DummyVecEnv over 64 scalar environments, steps/s", f"{one['dummy_vec_env']:,.0f}")
-    table.add_row("ratio", f"{one['ratio']:.1f}")
-    table.add_row("CPU seconds for a million steps, ours", f"{one['cpu_seconds_per_million']:.1f}")
+    table.add_row("Sb3VecEnv over the vector environment, steps/s", f"{trained['steps_per_second']:,.0f}")
+    table.add_row("DummyVecEnv over 64 scalar environments, steps/s", f"{trained['dummy_vec_env']:,.0f}")
+    table.add_row("ratio", f"{trained['ratio']:.1f}")
+    table.add_row("CPU seconds for a million steps, ours", f"{trained['cpu_seconds_per_million']:.1f}")
     busy = result.get("busy", {}).get("training")
     if busy:
-        where, more = beside(result["busy"]["processes"]), busy["cpu_seconds_per_million"] / one["cpu_seconds_per_million"]
+        where, more = beside(result["busy"]["processes"]), busy["cpu_seconds_per_million"] / trained["cpu_seconds_per_million"]
         table.add_row(f"steps/s {where}", f"{busy['steps_per_second']:,.0f}")
         table.add_row(f"CPU seconds for a million steps {where}", f"{busy['cpu_seconds_per_million']:.1f}, {more:.2f} times")
     return table

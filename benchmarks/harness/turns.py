@@ -96,7 +96,7 @@ def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) ->
 
 def grouped(contenders: Mapping[str, Contender]) -> dict[str, Contender]:
     """Return contenders grouped by base, in the order in which the bases first appear."""
-    bases = list(dict.fromkeys(one.base for one in contenders.values()))
+    bases = list(dict.fromkeys(contender.base for contender in contenders.values()))
     return dict(sorted(contenders.items(), key=lambda each: bases.index(each[1].base)))
 
 
@@ -125,12 +125,12 @@ def take_turns(
         seconds: Length of a turn, s.
         progress: Called with the number of finished turns.
     """
-    calls = {name: calls_for(one.run, seconds) for name, one in contenders.items()}
+    calls = {name: calls_for(contender.run, seconds) for name, contender in contenders.items()}
     turns: dict[str, list[Turn]] = {name: [] for name in contenders}
     names, done = list(contenders), 0
     watch = Watch()
-    for each in range(rounds):
-        for name in names if each % 2 == 0 else reversed(names):
+    for number in range(rounds):
+        for name in names if number % 2 == 0 else reversed(names):
             turns[name].append(contenders[name].run(calls[name]))
             progress(done := done + 1)
     own = sum(turn.cpu for of_one in turns.values() for turn in of_one)
@@ -148,18 +148,20 @@ def rows_of(
         turns: The turns of each, in the order of the rounds.
     """
     rates = {
-        name: [Turn(*(calls[name] * one.size * one.steps / max(spent, 1e-9) for spent in turn)) for turn in turns[name]]
-        for name, one in contenders.items()
+        name: [
+            Turn(*(calls[name] * contender.size * contender.steps / max(spent, 1e-9) for spent in turn)) for turn in turns[name]
+        ]
+        for name, contender in contenders.items()
     }
     rows = {}
-    for name, one in contenders.items():
-        pairs = list(zip(rates[name], rates[one.base], strict=True))
+    for name, contender in contenders.items():
+        pairs = list(zip(rates[name], rates[contender.base], strict=True))
         ratios = [mine.wall / base.wall for mine, base in pairs]
         rows[name] = Row(
-            by=one.by,
-            size=one.size,
-            threads=one.threads,
-            base=one.base,
+            by=contender.by,
+            size=contender.size,
+            threads=contender.threads,
+            base=contender.base,
             steps_per_second=statistics.median(rate.wall for rate in rates[name]),
             steps_per_cpu_second=statistics.median(rate.cpu for rate in rates[name]),
             ratio=statistics.median(ratios),

@@ -35,11 +35,11 @@ def write(page):
         if package:  # what a package re-exports stands where it is defined
             print("      members: []", file=file)
         if page.under:
-            print("\n| module | |\n|---|---|", *(row(each.name) for each in page.under), sep="\n", file=file)
+            print("\n| module | |\n|---|---|", *(row(module.name) for module in page.under), sep="\n", file=file)
         for name in page.modules:
             print(f"\n::: {name}", file=file)
-    for each in page.under:
-        write(each)
+    for module in page.under:
+        write(module)
 
 
 for package, title in PACKAGES.items():

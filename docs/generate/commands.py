@@ -19,9 +19,9 @@ WIDTH = 100
 def help_of(main, *words):
     """Return what a command prints when it is asked for help."""
     columns = patch.dict(os.environ, COLUMNS=str(WIDTH))
-    with columns, redirect_stdout(StringIO()) as told, suppress(SystemExit):
+    with columns, redirect_stdout(StringIO()) as printed, suppress(SystemExit):
         main([*words, "--help"])
-    lines = told.getvalue().strip().splitlines()
+    lines = printed.getvalue().strip().splitlines()
     return "\n".join(fill(line, WIDTH) if len(line) > WIDTH else line for line in lines)  # descriptions come unwrapped
 
 

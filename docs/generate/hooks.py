@@ -36,9 +36,9 @@ IMG = re.compile(r'<img [^>]*?src="([^"#]+)[^>]*>')
 
 def mathml(formula: str, *, display: bool) -> str:
     """Return a formula in MathML; the LaTeX stays as its alternative text."""
-    told = formula.strip()
-    made = CONVERTER.convert_with_local_state(told, displaystyle=display)
-    return made.replace("<math", f'<math alttext="{html.escape(told, quote=True)}"', 1)
+    text = formula.strip()
+    made = CONVERTER.convert_with_local_state(text, displaystyle=display)
+    return made.replace("<math", f'<math alttext="{html.escape(text, quote=True)}"', 1)
 
 
 def on_config(config: Any) -> Any:
@@ -60,7 +60,7 @@ def _extend(items: list[Any]) -> None:
 
 def _entry(page: Page) -> dict[str, Any]:
     title = page.name.rpartition(".")[2]
-    return {title: [{"Contents": page.path}, *(_entry(each) for each in page.under)] if page.under else page.path}
+    return {title: [{"Contents": page.path}, *(_entry(child) for child in page.under)] if page.under else page.path}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -56,8 +56,8 @@ def source(name: str) -> Path:
 
 def headline(name: str) -> str:
     """Return the first sentence of a module's docstring."""
-    told = ast.get_docstring(ast.parse(source(name).read_text(encoding="utf-8"))) or ""
-    return told.partition("\n\n")[0].replace("\n", " ")
+    docstring = ast.get_docstring(ast.parse(source(name).read_text(encoding="utf-8"))) or ""
+    return docstring.partition("\n\n")[0].replace("\n", " ")
 
 
 def pages(package: str) -> tuple[Page, ...]:
@@ -72,7 +72,7 @@ def _pages(package: str) -> Iterator[Page]:
         if not module.ispkg:
             yield Page(module.name, (), ())
             continue
-        inside = [each.name for each in walk_packages([str(source(module.name).parent)], f"{module.name}.")]
+        inside = [inner.name for inner in walk_packages([str(source(module.name).parent)], f"{module.name}.")]
         if sum(len(source(name).read_text(encoding="utf-8").splitlines()) for name in inside) > LINES:
             yield Page(module.name, (), tuple(Page(name, (), ()) for name in inside))
         else:

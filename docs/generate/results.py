@@ -41,11 +41,11 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         ppo, name = row["ppo"], row["scenario"]
         seeds = f"{ppo['trainings']} trainings"
         print(f"| {name} | PPO, {seeds} | {seconds(ppo['time'])} | | | | {percent(ppo['success'])} |", file=page)
-        for one in row["baselines"]:
-            compared = one["policy"] == row["compared_with"]
-            told = f"{seconds(ppo['difference'], '+')} | {row['p_holm']:.2g}" if compared else "|"
-            untuned = f"{one['time_untuned']['value']:.2f}"
-            print(f"| | {one['policy']} | {seconds(one['time'])} | {untuned} | {told} | {percent(one['success'])} |", file=page)
+        for baseline in row["baselines"]:
+            compared = baseline["policy"] == row["compared_with"]
+            cells = f"{seconds(ppo['difference'], '+')} | {row['p_holm']:.2g}" if compared else "|"
+            times = f"{seconds(baseline['time'])} | {baseline['time_untuned']['value']:.2f}"
+            print(f"| | {baseline['policy']} | {times} | {cells} | {percent(baseline['success'])} |", file=page)
     rooms = json.loads(Path("benchmarks/rooms_study.json").read_text(encoding="utf-8"))
     print("\n## Rooms\n", file=page)
     episodes, first = rooms["config"]["episodes"], rooms["config"]["first_seed"]
@@ -71,21 +71,23 @@ with mkdocs_gen_files.open("results.md", "a") as page:
     )
     print("| setting | policy | collisions, % | with the layer | success, % | with the layer | later, s |", file=page)
     print("|---|---|---|---|---|---|---|", file=page)
-    told = {(row["setting"], row["policy"]): row for row in rooms["rows"]}
-    for (setting, policy), row in told.items():
+    cells = {(row["setting"], row["policy"]): row for row in rooms["rows"]}
+    for (setting, policy), row in cells.items():
         if "later" in row:
             name = policy.removesuffix(SAFETY)
-            pair = told[setting, name], row
-            shares = " | ".join(f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in pair)
+            pair = cells[setting, name], row
+            shares = " | ".join(
+                f"{100.0 * baseline[part]['value']:.1f}" for part in ("collision", "success") for baseline in pair
+            )
             print(f"| {setting} | {name} | {shares} | {seconds(row['later'], '+')} |", file=page)
     barn = json.loads(Path("benchmarks/barn.json").read_text(encoding="utf-8"))
     print("\n## The 200 worlds of the BARN challenge\n", file=page)
     print(f"`make bench-barn`: {barn['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
     print("| policy | success, % | collisions, % | time-outs, % | score, at most 0.5 |", file=page)
     print("|---|---|---|---|---|", file=page)
-    for policy, told in barn["mean"].items():
-        shares = " | ".join(percent(told[name]) for name in ("success", "collision", "timeout"))
-        print(f"| {policy} | {shares} | {told['barn']['value']:.3f} |", file=page)
+    for policy, cells in barn["mean"].items():
+        shares = " | ".join(percent(cells[name]) for name in ("success", "collision", "timeout"))
+        print(f"| {policy} | {shares} | {cells['barn']['value']:.3f} |", file=page)
     print("\n## The live graph\n", file=page)
     live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
     print(f"`make bench-ros`, on {live['cores']} cores; one process per node, over real DDS.\n", file=page)

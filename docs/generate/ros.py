@@ -64,11 +64,11 @@ def topics_of(node, inputs):
 
 def parameters_of(node, classes):
     """Yield the rows of a node's parameters, declared by classes of which the later ones count."""
-    declared = {field.name: (field, each) for each in classes for field in fields(each)}
-    for name, (field, each) in declared.items():
+    declared = {field.name: (field, owner) for owner in classes for field in fields(owner)}
+    for name, (field, owner) in declared.items():
         assert node.has_parameter(name), name
         default = field.default if field.default_factory is MISSING else field.default_factory()
-        meaning = told(source[f"{each.__module__}.{each.__qualname__}.{name}".partition(".")[2]])
+        meaning = told(source[f"{owner.__module__}.{owner.__qualname__}.{name}".partition(".")[2]])
         yield f"| `{name}` | {type(default).__name__} | `{default!r}` | {meaning} |"
 
 

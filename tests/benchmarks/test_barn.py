@@ -23,7 +23,7 @@ def test_each_world_is_driven_once_and_kept(archive, tmp_path, monkeypatch):
     plans = barn.read(archive)
     config = barn.Config(worlds=archive, episodes=2, limit=400)
     first = barn.driven(tmp_path, "bearing", 0, plans, config)
-    assert [one["success"] for one in first] == [1.0, 0.0]
+    assert [world["success"] for world in first] == [1.0, 0.0]
     assert first[1]["collision"] == 1.0
     monkeypatch.setattr(barn, "figures", lambda *arguments: pytest.fail("driven again"))
     np.testing.assert_equal(barn.driven(tmp_path, "bearing", 0, plans, config), first)  # NaN is NaN

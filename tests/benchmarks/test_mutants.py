@@ -119,10 +119,10 @@ def test_a_listed_mutant_is_found_where_its_function_has_moved_to():
     inside = "class Shape:\n" + "".join(f"    {line}\n" if line else "\n" for line in CODE.split("\n")[3:])
     sources = {"other.py": "def area():\n    return 1\n", "shapes.py": f"import math\n\n\n{inside}"}
     for entry in entries_of():
-        found = mutant_list.find(entry, sources)
-        assert (found.path, found.function) == ("shapes.py", "Shape.area")
-        assert found.code != sources["shapes.py"]
-        ast.parse(found.code)
+        mutant = mutant_list.find(entry, sources)
+        assert (mutant.path, mutant.function) == ("shapes.py", "Shape.area")
+        assert mutant.code != sources["shapes.py"]
+        ast.parse(mutant.code)
 
 
 def test_a_listed_mutant_is_gone_where_its_code_has_changed_or_is_not_unique():

@@ -28,19 +28,19 @@ def process(tmp_path, program=STAND_IN):
 
 
 def test_a_peer_answers_each_turn(tmp_path):
-    one = process(tmp_path)
-    assert one.versions == {"python": "3", "gymnax": "0"}
-    assert one.turn(3) == (1.5, 6.0)
-    assert one.turn(4) == (2.0, 8.0)
-    one.stop()
+    stand_in = process(tmp_path)
+    assert stand_in.versions == {"python": "3", "gymnax": "0"}
+    assert stand_in.turn(3) == (1.5, 6.0)
+    assert stand_in.turn(4) == (2.0, 8.0)
+    stand_in.stop()
 
 
 def test_a_peer_that_ends_says_why(tmp_path):
-    one = process(tmp_path)
-    one.turn(100)
+    stand_in = process(tmp_path)
+    stand_in.turn(100)
     with pytest.raises(ChildProcessError, match="ended with status 1: it broke"):
-        one.turn(1)
-    one.stop()
+        stand_in.turn(1)
+    stand_in.stop()
     with pytest.raises(ChildProcessError, match="ended with status 1: ModuleNotFoundError: No module named 'nothing_such'"):
         process(tmp_path, "import nothing_such")
 
@@ -69,14 +69,14 @@ def test_what_cannot_be_installed_is_left_out_with_the_reason(tmp_path, monkeypa
         assert (scanned.size, scanned.steps, scanned.base, scanned.by) == (64, 16, "vector of 64, CartPole-v1", "gymnax")
         assert scanned.run(2) == (1.0, 4.0)
     assert "Without EnvPool: there is no wheel" in capsys.readouterr().err
-    assert all(one._process.returncode is not None for one in started)
+    assert all(stand_in._process.returncode is not None for stand_in in started)
 
 
 def test_a_peer_of_another_size_is_compared_with_the_first():
     entry = peers.entries("envpool", (4096, 65_536))[0]
     assert entry == Entry("CartPole-v1", 1024, "step")
-    found = peers.contender(SimpleNamespace(turn=None), "envpool", entry, (4096, 65_536))
-    assert (found.size, found.steps, found.base) == (1024, 1, "vector of 4096, CartPole-v1")
+    contender = peers.contender(SimpleNamespace(turn=None), "envpool", entry, (4096, 65_536))
+    assert (contender.size, contender.steps, contender.base) == (1024, 1, "vector of 4096, CartPole-v1")
     assert peers.entries("envpool", (1024,)) == [entry]
 
 

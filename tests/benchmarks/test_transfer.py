@@ -22,20 +22,20 @@ def test_drift_is_the_error_after_each_metre():
     """A straight drive of 4.05 m of which wheels that are 2 % too large tell 2 % more, turned by 0.01 rad a metre."""
     truth = np.array([[0.05 * k, 1.0, 0.0, 0.5, 0.0] for k in range(82)])
     senses = [Senses(Odometry(Pose(0.05 * k * 1.02, 1.0, 0.01 * 0.05 * k), Command(0.5, 0.0), True)) for k in range(82)]
-    found = transfer.drift("made up", [transfer.Drive(truth, senses)] * 2)
-    assert found["metres"] == 8
+    drift = transfer.drift("made up", [transfer.Drive(truth, senses)] * 2)
+    assert drift["metres"] == 8
     # Seen from a start at which odometry is turned by a = 0, 0.01, 0.02, 0.03 rad: (1.02 cos a - 1, -1.02 sin a).
     squares = [(1.02 * math.cos(a) - 1.0) ** 2 + (1.02 * math.sin(a)) ** 2 for a in (0.0, 0.01, 0.02, 0.03)]
-    assert found["position"].value == pytest.approx(math.sqrt(sum(squares) / 4.0), rel=1e-6)
-    assert found["heading"].value == pytest.approx(0.01, rel=1e-6)
+    assert drift["position"].value == pytest.approx(math.sqrt(sum(squares) / 4.0), rel=1e-6)
+    assert drift["heading"].value == pytest.approx(0.01, rel=1e-6)
 
 
 def test_a_ratio_of_errors_is_of_the_same_drives():
     rng = np.random.default_rng(1)
-    one = rng.uniform(0.5, 1.5, 40)
-    value, low, high = transfer.ratio(0.25 * one, one)
+    errors = rng.uniform(0.5, 1.5, 40)
+    value, low, high = transfer.ratio(0.25 * errors, errors)
     assert (value, low, high) == pytest.approx((0.5, 0.5, 0.5))
-    value, low, high = transfer.ratio(rng.uniform(0.5, 1.5, 40), one)
+    value, low, high = transfer.ratio(rng.uniform(0.5, 1.5, 40), errors)
     assert low < 1.0 < high
 
 

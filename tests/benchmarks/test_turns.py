@@ -45,9 +45,9 @@ def test_a_disturbance_of_a_whole_round_moves_no_ratio():
     both = {"slow": made_up(), "fast": made_up()}
     quiet = {"slow": [Turn(2.0, 2.0)] * 3, "fast": [Turn(1.0, 1.0)] * 3}
     busy = {name: [turns[0], Turn(7.0 * turns[1].wall, turns[1].cpu), turns[2]] for name, turns in quiet.items()}
-    one, other = (rows_of(both, {"slow": 5, "fast": 5}, turns)["fast"] for turns in (quiet, busy))
-    assert (one.ratio, one.cpu_ratio, *one.ratio_range) == pytest.approx((2.0, 2.0, 2.0, 2.0))
-    assert other == one
+    alone, beside = (rows_of(both, {"slow": 5, "fast": 5}, turns)["fast"] for turns in (quiet, busy))
+    assert (alone.ratio, alone.cpu_ratio, *alone.ratio_range) == pytest.approx((2.0, 2.0, 2.0, 2.0))
+    assert beside == alone
 
 
 def test_contenders_take_turns_back_and_forth():
@@ -73,8 +73,8 @@ def test_contenders_take_turns_back_and_forth():
 @pytest.mark.parametrize(("of_one", "calls"), [(0.001, 200), (0.03, 7), (5.0, 1)])
 def test_a_turn_takes_about_as_long_as_told(of_one, calls):
     made = []
-    found = calls_for(lambda n: made.append(n) or Turn(of_one * n, 0.0), 0.2)
-    assert found == calls
+    number = calls_for(lambda n: made.append(n) or Turn(of_one * n, 0.0), 0.2)
+    assert number == calls
     assert made[0] == 1  # compiles, and does not count
 
 
@@ -97,18 +97,18 @@ def few():
 
 
 def test_ours_are_compared_with_cartpole_of_the_same_size(few):
-    bases = [name for name, one in few.items() if one.base == name]
+    bases = [name for name, contender in few.items() if contender.base == name]
     assert bases == ["scalar, CartPole-v1", "vector of 8, CartPole-v1", "vector of 16, CartPole-v1"]
-    for name, one in few.items():
-        assert few[one.base].size == one.size, name
-        assert one.by == ("gymnasium" if one.base == name else "turtlebot_gym")
-        assert (one.threads == 1) == name.endswith("one thread")
+    for name, contender in few.items():
+        assert few[contender.base].size == contender.size, name
+        assert contender.by == ("gymnasium" if contender.base == name else "turtlebot_gym")
+        assert (contender.threads == 1) == name.endswith("one thread")
     assert {name.partition(", ")[2] for name in few if name.startswith("vector of 8")} == {
         "CartPole-v1",
         *(f"{env}{threads}" for threads in ("", ", one thread") for env in (
             "TurtleBotNav-v0", "TurtleBotNav-v0, noise rough", "TurtleBotNav-v0, info full", "TurtleBotSquare-v0")),
     }  # fmt: skip
-    key = {name for name, one in few.items() if one.key}
+    key = {name for name, contender in few.items() if contender.key}
     assert {few[name].base for name in key} <= key
     assert "vector of 16, TurtleBotNav-v0, one thread" in key
 
@@ -147,19 +147,19 @@ def test_the_threads_of_a_contender_are_limited_while_it_runs(monkeypatch):
 
 
 def test_the_machine_is_described():
-    found = machine.machine()
-    assert json.loads(json.dumps(found)) == found
-    assert found["cores"] == machine.cores() > 0
-    assert found["numba"] == numba.__version__
+    described = machine.machine()
+    assert json.loads(json.dumps(described)) == described
+    assert described["cores"] == machine.cores() > 0
+    assert described["numba"] == numba.__version__
     if sys.platform == "linux":
-        assert found["cpu"]
-        assert found["memory_gib"] > 0.1
+        assert described["cpu"]
+        assert described["memory_gib"] > 0.1
 
 
 def test_caches_are_read_as_linux_tells_them(tmp_path):
-    for index, told in enumerate([("1", "Data", "48K"), ("1", "Instruction", "32K"), ("2", "Unified", "2048K")]):
+    for index, texts in enumerate([("1", "Data", "48K"), ("1", "Instruction", "32K"), ("2", "Unified", "2048K")]):
         (tmp_path / f"index{index}").mkdir()
-        for name, text in zip(("level", "type", "size"), told, strict=True):
+        for name, text in zip(("level", "type", "size"), texts, strict=True):
             (tmp_path / f"index{index}" / name).write_text(f"{text}\n")
     assert machine._caches(tmp_path) == {"L1d": "48K", "L1i": "32K", "L2": "2048K"}
     assert machine._caches(tmp_path / "nothing") is None
@@ -275,9 +275,9 @@ def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
     quick = ["--rounds", "1", "--seconds", "0.001"]
     options = ["--num-envs", "16", *quick, "--no-training", "--busy", "1"]
     assert main(["benchmark", *options, "--json", str(path), "--plot", str(tmp_path / "out" / "speed.png")]) == 0
-    told = capsys.readouterr()
-    assert "beside 1 busy process " in told.out
-    assert not told.err
+    printed = capsys.readouterr()
+    assert "beside 1 busy process " in printed.out
+    assert not printed.err
     assert (tmp_path / "out" / "speed.png").read_bytes().startswith(b"\x89PNG")
     content = json.loads(path.read_text())
     assert content == plain(content)
@@ -293,14 +293,16 @@ def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
             with pytest.raises(SystemExit) as stop:
                 main(["benchmark", "--check", str(tmp_path / "before.json"), *quick])
             assert stop.value.code == 1
-            told = capsys.readouterr()
-            assert "LOST      scalar, TurtleBotNav-v0: " in told.out
-            assert "ratios have lost more than 25%" in told.err
+            printed = capsys.readouterr()
+            assert "LOST      scalar, TurtleBotNav-v0: " in printed.out
+            assert "ratios have lost more than 25%" in printed.err
         else:
             assert main(["benchmark", "--check", str(tmp_path / "before.json"), *quick]) == 0
-            told = capsys.readouterr()
-            assert "LOST" not in told.out
-        assert len(told.out.splitlines()) == len([row for row in content["environments"].values() if row["by"] != "gymnasium"])
+            printed = capsys.readouterr()
+            assert "LOST" not in printed.out
+        assert len(printed.out.splitlines()) == len(
+            [row for row in content["environments"].values() if row["by"] != "gymnasium"]
+        )
 
 
 @pytest.mark.parametrize(

@@ -25,15 +25,15 @@ def parsed(path):
 
 def blocks_of(path):
     """Return the code blocks of a page; a title is the name of the file that a block is."""
-    found = []
+    blocks = []
     for token in parsed(path):
         if token.type == "fence":
             kind, _, rest = token.info.partition(" ")
             title = rest.removeprefix('title="').removesuffix('"')
             assert rest in ("", f'title="{title}"'), f"{path}: {token.info}"
             assert token.map is not None
-            found.append(Block(kind, title, token.content, token.map[0] + 1))
-    return found
+            blocks.append(Block(kind, title, token.content, token.map[0] + 1))
+    return blocks
 
 
 def rows_after(page, words):

@@ -103,8 +103,8 @@ def of_markdown(text: str, first: int = 1) -> Iterator[Passage]:
     """Return the passages of a Markdown text whose first line has the number `first`."""
     for token in MarkdownIt("commonmark").enable("table").parse(text):
         if token.type == "inline" and token.map is not None:
-            told = [SHOWN.get(child.type, child.content) for child in token.children or ()]
-            yield Passage("".join(told), first + token.map[0])
+            parts = [SHOWN.get(child.type, child.content) for child in token.children or ()]
+            yield Passage("".join(parts), first + token.map[0])
 
 
 def of_notebook(text: str) -> Iterator[Passage]:
@@ -175,10 +175,10 @@ def findings(paths: Iterable[Path], rules: Iterable[Rule]) -> Iterator[Finding]:
 def main() -> int:
     """Check the paths of the command line, or the whole project."""
     paths = [Path(word) for word in sys.argv[1:]] or [ROOT / name for name in WHOLE if (ROOT / name).exists()]
-    found = list(findings(paths, read_rules()))
-    for finding in found:
+    every = list(findings(paths, read_rules()))
+    for finding in every:
         print(finding)
-    return int(any(not finding.warning for finding in found))
+    return int(any(not finding.warning for finding in every))
 
 
 if __name__ == "__main__":

@@ -59,9 +59,9 @@ def test_the_examples_of_the_house_style_are_found():
 )
 def test_findings_name_file_and_line(name, text, tmp_path):
     (tmp_path / name).write_text(text)
-    (found,) = prose.findings([tmp_path / name], RULES)
-    assert (found.path.name, found.line) == (name, 4)
-    assert str(found).endswith("write 'believes it is'")
+    (finding,) = prose.findings([tmp_path / name], RULES)
+    assert (finding.path.name, finding.line) == (name, 4)
+    assert str(finding).endswith("write 'believes it is'")
 
 
 def test_code_is_not_read(tmp_path):
@@ -71,6 +71,6 @@ def test_code_is_not_read(tmp_path):
 
 
 def test_the_project_is_clean():
-    found = list(prose.findings([prose.ROOT / name for name in prose.WHOLE if (prose.ROOT / name).exists()], RULES))
-    wrong = [str(finding) for finding in found if not finding.warning]
+    every = list(prose.findings([prose.ROOT / name for name in prose.WHOLE if (prose.ROOT / name).exists()], RULES))
+    wrong = [str(finding) for finding in every if not finding.warning]
     assert not wrong, "\n".join(wrong)

@@ -27,8 +27,8 @@ def test_the_live_graph_is_the_environment():
 
 
 def test_rooms_are_as_measured():
-    found = {row["policy"]: row for row in measured("rooms_study")["rows"] if row["setting"] == "dense"}
-    learned, vfh = found["ppo-rooms"], found["vfh"]
+    by_policy = {row["policy"]: row for row in measured("rooms_study")["rows"] if row["setting"] == "dense"}
+    learned, vfh = by_policy["ppo-rooms"], by_policy["vfh"]
     assert measured("rooms_study")["config"]["episodes"] == 1000
     assert vfh["collision"]["value"] == 0.0
     row = row_of("VFH+")
@@ -46,7 +46,7 @@ def test_the_guard_was_measured_on_as_many_faults():
 
 def test_the_intervals_of_calibration_are_as_measured():
     truth = measured("calibration")["coverage"]["truth"].values()
-    share = sum(each["coverage"] * each["drives"] for each in truth) / sum(each["drives"] for each in truth)
+    share = sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
     drives = measured("calibration")["config"]["drives"]
     assert f"the truth in {100 * share:.1f} % of cases, {drives} drives" in row_of("Your robot")
 
@@ -62,12 +62,12 @@ def test_a_package_index_gets_no_link_into_the_repository():
     sys.path.insert(0, str(ROOT))
     from hatch_build import long_description
 
-    told = long_description(README)
-    inline = [child for token in MarkdownIt("commonmark").enable("table").parse(told) for child in token.children or ()]
+    description = long_description(README)
+    inline = [child for token in MarkdownIt("commonmark").enable("table").parse(description) for child in token.children or ()]
     targets = [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]
     assert targets
     assert all(urlsplit(target).scheme == "https" for target in targets)
-    assert "<!--" not in told
-    assert "Start here (`docs/start.md`)" in told
-    assert re.findall(r"^#+ .*", told, re.MULTILINE) == re.findall(r"^#+ .*", README, re.MULTILINE)
+    assert "<!--" not in description
+    assert "Start here (`docs/start.md`)" in description
+    assert re.findall(r"^#+ .*", description, re.MULTILINE) == re.findall(r"^#+ .*", README, re.MULTILINE)
     assert long_description("![a](b.png)\n\n[c](d.md#e) [f](https://g)") == "c (`d.md`) [f](https://g)"

@@ -57,8 +57,8 @@ def check(line, ros):
         case []:
             pass
         case ["ros2", "launch", "turtlebot_gym_ros", file, *given]:
-            arguments = {each.get("name") for each in ElementTree.parse(LAUNCHES / file).iter("arg")}
-            assert {each.partition(":=")[0] for each in given} <= arguments
+            arguments = {argument.get("name") for argument in ElementTree.parse(LAUNCHES / file).iter("arg")}
+            assert {argument.partition(":=")[0] for argument in given} <= arguments
         case ["ros2", "service", "call", service, kind, _]:
             known(service, kind)
         case ["ros2", "topic", "pub", "--rate", _, topic, kind, _]:
@@ -158,7 +158,7 @@ def test_links_and_figures_of_the_site_exist(site):
 
 def test_the_site_needs_no_network(site):
     for path in site.rglob("*.html"):
-        assert not [each for each in Html(path).loads if urlsplit(each).scheme not in ("", "data")], path
+        assert not [target for target in Html(path).loads if urlsplit(target).scheme not in ("", "data")], path
 
 
 def test_formulas_are_mathml(site):
@@ -183,12 +183,12 @@ def test_the_reference_is_complete(site, ros):
 
 
 def test_the_release_notes_are_the_changelog(site):
-    told = (site / "releases.html").read_text(encoding="utf-8")
+    html = (site / "releases.html").read_text(encoding="utf-8")
     entries = [token.content for token in parsed(ROOT / "CHANGELOG.md") if token.type == "inline"]
     assert len(entries) > 50
-    assert told.count("<li>") >= len(entries) - 3  # all but the title, the sentence below it and the version
-    assert "Release notes" in told
-    assert 'href="howto/fix.html"' in told
+    assert html.count("<li>") >= len(entries) - 3  # all but the title, the sentence below it and the version
+    assert "Release notes" in html
+    assert 'href="howto/fix.html"' in html
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])

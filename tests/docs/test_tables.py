@@ -19,8 +19,8 @@ def test_the_table_of_filters_is_what_was_measured():
             break
         said, name, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
         noise = said or noise
-        one = settings[MEASURED[noise]]["filters"][name.replace("`", "")]
-        for number, interval, digits in zip(numbers, [*one["ratio"], one["nees"]], (3, 3, 3, 2), strict=True):
+        figures = settings[MEASURED[noise]]["filters"][name.replace("`", "")]
+        for number, interval, digits in zip(numbers, [*figures["ratio"], figures["nees"]], (3, 3, 3, 2), strict=True):
             margin = (interval["high"] - interval["low"]) / 2.0
             assert number == f"{interval['value']:.{digits}f} ± {margin:.{digits}f}", line
         rows += 1
@@ -30,10 +30,10 @@ def test_the_table_of_filters_is_what_was_measured():
 def test_the_table_of_fixes_is_what_was_measured():
     cases = measured("fix")["cases"]
     rows = rows_after("docs/howto/fix.md", "## What it is worth")
-    for name, *told in rows:
+    for name, *cells in rows:
         position, nees = cases[name]["position"], cases[name]["nees"]
-        margins = [(each["high"] - each["low"]) / 2.0 for each in (position, nees)]
-        assert told == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], name
+        margins = [(interval["high"] - interval["low"]) / 2.0 for interval in (position, nees)]
+        assert cells == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], name
     assert len(rows) == len(cases)
 
 
@@ -43,8 +43,8 @@ def test_the_table_of_arrivals_is_what_was_measured():
     names, *lines = [line for line in page.partition("`make bench-arrival`")[2].splitlines() if line.startswith("|")]
     noises = [cell.strip(" `") for cell in names.strip("|").split("|")[1:]]
     for line in lines[1:]:
-        rule, *told = (cell.strip() for cell in line.strip("|").split("|"))
-        for noise, cell in zip(noises, told, strict=True):
+        rule, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        for noise, cell in zip(noises, cells, strict=True):
             row = rules[noise][rule]
             never = f", never {100.0 * row['never']:.0f} %" if row["never"] else ""
             assert cell == f"{100.0 * row['false']['value']:.1f} %, {row['later']['value']:.2f} s{never}", line
@@ -53,14 +53,14 @@ def test_the_table_of_arrivals_is_what_was_measured():
 
 
 def test_the_plan_for_a_cluster_is_what_was_measured():
-    told = measured("cluster")
+    plan = measured("cluster")
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
-    assert f"{told['ratio_of_2_workers_to_1']:.2f} times what one does" in page
+    assert f"{plan['ratio_of_2_workers_to_1']:.2f} times what one does" in page
     rows = rows_after("docs/howto/cluster.md", "## What it costs")
     for workers, wanted, busy, *_ in rows:
-        row = told["planned"]["by_workers"][workers.replace(",", "")]
+        row = plan["planned"]["by_workers"][workers.replace(",", "")]
         assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), workers
-    assert len(rows) == len(told["planned"]["by_workers"])
+    assert len(rows) == len(plan["planned"]["by_workers"])
 
 
 def shown(interval, sign="", unit=100.0, digits=1):
@@ -70,32 +70,32 @@ def shown(interval, sign="", unit=100.0, digits=1):
 
 def test_the_tables_of_rooms_are_what_was_measured():
     study = measured("rooms_study")
-    told = {(row["setting"], row["policy"]): row for row in study["rows"]}
+    by_setting = {(row["setting"], row["policy"]): row for row in study["rows"]}
     page, tables = "docs/concepts/rooms.md", 0
     for name, *cells in rows_after(page, "## Which policies find the way"):
         policy = {"PPO, 3 trainings": "ppo, 3 trainings"}.get(name, name.strip("`"))
-        rows = [told[world, policy] for world in ("dense", "office")]
+        rows = [by_setting[world, policy] for world in ("dense", "office")]
         assert cells == [shown(row[part]) for row in rows for part in ("success", "collision")], name
         tables += 1
     worlds = [(name.strip("`"), cells) for name, *cells in rows_after(page, "policies that arrive hardly make a detour")]
     lidars = [(f"dense, {name.strip('`')}", cells) for name, *cells in rows_after(page, "**With an `ideal` LiDAR")]
     for name, cells in [*worlds, *lidars]:
         setting = name.removesuffix(", lds01")
-        vfh, ppo = (told[setting, policy] for policy in ("vfh", "ppo-rooms"))
+        vfh, ppo = (by_setting[setting, policy] for policy in ("vfh", "ppo-rooms"))
         wanted = [shown(vfh["success"]), shown(ppo["success"]), shown(ppo["collision"]), shown(ppo["success_difference"], "+")]
         assert cells == wanted, name
         tables += 1
     for world, policy, *cells in rows_after(page, "**The safety layer is not free.**"):
-        bare, safe = (told[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
-        shares = [f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in (bare, safe)]
+        bare, safe = (by_setting[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
+        shares = [f"{100.0 * figures[part]['value']:.1f}" for part in ("collision", "success") for figures in (bare, safe)]
         assert cells == [*shares, shown(safe["later"], "+", 1.0, 2)], policy
         tables += 1
     barn = measured("barn")["mean"]
     for name, *cells in rows_after(page, "**The 200 worlds of the BARN challenge**"):
         units = (("success", 100.0, 1), ("collision", 100.0, 1), ("timeout", 100.0, 1), ("barn", 1.0, 3))
         for cell, (part, unit, digits) in zip(cells, units, strict=True):
-            one = barn[name.strip("`")][part]
-            margin = f"{0.5 * unit * (one['high'] - one['low']):.{digits}f}"
-            assert cell == f"{unit * one['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
+            figures = barn[name.strip("`")][part]
+            margin = f"{0.5 * unit * (figures['high'] - figures['low']):.{digits}f}"
+            assert cell == f"{unit * figures['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
         tables += 1
     assert tables == 8 + 7 + 4 + 6 + len(barn)
