@@ -18,5 +18,7 @@ RUN pip install --constraint constraints.txt '.[agents,ros,mujoco,watch]'
 
 USER robot
 WORKDIR /home/robot
+# Machine code for this processor; another one compiles at first use.
+RUN turtlebot-gym compile
 EXPOSE 5006
 CMD ["turtlebot-gym", "--help"]

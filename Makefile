@@ -50,8 +50,15 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "  square/policy.onnx   that policy: turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
 
 ##@ Test
-test: $(READY)  ## all tests but the slow ones
-	$(RUN)python -m pytest -n 3 --dist loadfile -m "not slow and not clients and not cluster and not browser"
+ELSEWHERE := not slow and not clients and not cluster and not browser
+
+test: $(READY)  ## what one runs before each commit (5 minutes)
+	$(RUN)turtlebot-gym compile
+	$(RUN)python -m pytest -n 3 --dist loadfile -m "$(ELSEWHERE) and not nightly"
+
+test-all: $(READY)  ## the same, and pages that train, further live graphs, and statistics of size (20 minutes)
+	$(RUN)turtlebot-gym compile
+	$(RUN)python -m pytest -n 3 --dist loadfile -m "$(ELSEWHERE)"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow

@@ -14,8 +14,9 @@ import pytest
 
 from turtlebot_gym.compiled import loop, store
 from turtlebot_gym.compiled.cache import fingerprint
+from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.interface import EXTENDED_KALMAN
-from turtlebot_gym.systems import open_ground
+from turtlebot_gym.systems import Options, open_ground, system_of
 
 
 def with_source(source, **names):
@@ -209,3 +210,10 @@ def test_a_terminal_shows_what_is_compiled_and_how_long_it_took(tmp_path):
 def test_it_is_silent_where_stderr_is_not_a_terminal(tmp_path):
     process = start(tmp_path, stderr=subprocess.PIPE)
     assert process.communicate(timeout=300)[1] == ""
+
+
+def test_the_systems_that_are_compiled_ahead_have_loops_of_their_own():
+    systems = [system_of(Options(**options).setup().parameters) for options in SYSTEMS.values()]
+    assert len(set(systems)) == len(SYSTEMS) - 1  # "nav" is a special case of "kalman"
+    with pytest.raises(ValueError, match="system must be one of 'nav'"):
+        fill_all(["open-ground"])

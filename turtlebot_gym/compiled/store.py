@@ -65,14 +65,14 @@ class Store:
             result = _load(path, target)  # another process may have compiled it meanwhile
         if result is None:
             self._began = time.perf_counter()
-            _say(f"turtlebot_gym: compiling {self._name} for this machine, once ... ")
+            say(f"turtlebot_gym: compiling {self._name} for this machine, once ... ")
         else:
             self._release()
         return result
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Write what numba has compiled, if the folder is writable."""
-        _say(f"{time.perf_counter() - self._began:.1f} s\n")
+        say(f"{time.perf_counter() - self._began:.1f} s\n")
         path = self._path(signature, result.codegen)
         assert not result.library.has_dynamic_globals, "addresses in the code are another process's"
         with suppress(OSError):
@@ -122,14 +122,14 @@ def _lock(path: Path, name: str) -> IO[str] | None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if not waited:
-                _say(f"turtlebot_gym: waiting for another process, which is compiling {name} ... ")
+                say(f"turtlebot_gym: waiting for another process, which is compiling {name} ... ")
             waited = True
             time.sleep(0.05)
         except OSError:  # the file system has no locks
             break
         else:
             if waited:
-                _say(f"{time.perf_counter() - began:.1f} s\n")
+                say(f"{time.perf_counter() - began:.1f} s\n")
             return file
     file.close()
     return None
@@ -146,7 +146,7 @@ def _tidy(directory: Path) -> None:
         excess -= size
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
     """Write a notice, if somebody watches."""
     if sys.stderr.isatty():
         sys.stderr.write(text)

@@ -17,6 +17,7 @@ import tyro
 
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.calibrate import Calibrate
+from turtlebot_gym_agents.commands.compile import Compile
 from turtlebot_gym_agents.commands.console import Driven, FigureFile, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
@@ -164,6 +165,7 @@ COMMANDS: dict[str, type[Command]] = {
     "export": Export,
     "study": Study,
     "benchmark": Benchmark,
+    "compile": Compile,
 }
 """Subcommands by name."""
 

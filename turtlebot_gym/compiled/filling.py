@@ -1,0 +1,87 @@
+"""Fill the cache before it is needed: on a robot, in a container, before tests."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from turtlebot_gym.compiled.batch import PARALLEL_FROM, ROOMS_PARALLEL_FROM, Batch
+from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.systems import Options
+from turtlebot_gym.validation import choose, whole
+
+_FILTERS: dict[str, dict[str, Any]] = {
+    "kalman": {},
+    "wheels": {"noise": "wheel"},
+    **{name: {"filter": name} for name in ("gated", "mixture", "slip", "scale")},
+}
+SYSTEMS: dict[str, dict[str, Any]] = {
+    "nav": {},
+    **{f"{name}{fixes}": {"task": "square", **of_filter, **({"fix": "beacons"} if fixes else {})}
+       for fixes in ("", "+fixes") for name, of_filter in _FILTERS.items()},
+    **{f"rooms-{name}": {"task": "room", **of_filter} for name, of_filter in _FILTERS.items()},
+}  # fmt: skip
+"""Options of an environment for each system: open ground by default; with each filter, without and with fixes; rooms with
+each filter. Other numbers need no compilation, except for other delays of fixes."""
+
+
+def fill(name: str) -> float:
+    """Compile the loops of a system unless the cache holds them, and return how long it took, s."""
+    began = time.perf_counter()
+    parameters, waypoints, plan = Options(**SYSTEMS[name]).setup()
+    for number in (1, ROOMS_PARALLEL_FROM if parameters.room else PARALLEL_FROM):
+        batch = Batch(number, parameters, waypoints, plan=plan)
+        batch.reset(np.ones(number, np.bool_), *batch.empty())
+        batch.step(np.zeros((number, 2), np.float32))
+    return time.perf_counter() - began
+
+
+def fill_all(
+    names: Sequence[str], *, processes: int = 1, progress: Callable[[int], None] = lambda done: None
+) -> dict[str, float]:
+    """Compile the loops of some systems, and return how long each took, s.
+
+    Args:
+        names: Of `SYSTEMS`.
+        processes: How many processes compile at a time; they share the cache.
+        progress: Called with the number of systems that are done.
+
+    Raises:
+        ValueError: If a name is unknown.
+        ImportError: If numba is missing or disabled.
+    """
+    for name in names:
+        choose("system", name, SYSTEMS)
+    if not HAS_NUMBA:
+        raise ImportError(
+            "Nothing can be compiled without numba: pip install 'turtlebot-gym[gym]', and unset NUMBA_DISABLE_JIT."
+        )
+    times: dict[str, float] = {}
+    order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
+    context = multiprocessing.get_context("spawn")  # a forked process would inherit numba's threads
+    with ProcessPoolExecutor(whole("processes", processes, 1), context, _in_silence) as pool:
+        running = {pool.submit(fill, name): name for name in order}
+        for done, future in enumerate(as_completed(running), 1):
+            times[running[future]] = future.result()
+            progress(done)
+    return {name: times[name] for name in names}
+
+
+def _in_silence() -> None:
+    """Leave the terminal to the process that shows the progress."""
+    from turtlebot_gym.compiled import store
+
+    store.say = lambda text: None
+
+
+def folder() -> Path:
+    """Return the folder of the cache."""
+    from turtlebot_gym.compiled import store
+
+    return store.folder()
