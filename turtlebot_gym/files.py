@@ -23,16 +23,18 @@ from turtlebot_gym.validation import made
 SUFFIXES = (".yaml", ".yml")
 """File name endings."""
 
-KINDS = {Robot: "robot", Noise: "noise", FixNoise: "fix"}
-"""Names of the possible contents in messages."""
-
 MAX_DEPTH, MAX_VALUES = 100, 100_000
 """How deep the contents of a file may be nested, and how many values a YAML file may have."""
 
-T = TypeVar("T", Noise, Robot, FixNoise)
+T = TypeVar("T")
 
 _TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
 _WITH_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
+
+
+def kind_of(kind: type) -> str:
+    """Return what messages and options call a class of parameters: "robot", "noise", "fix" for `FixNoise`, and so on."""
+    return kind.__name__.removesuffix("Noise").lower() or "noise"
 
 
 def is_file(name: object) -> TypeGuard[str | Path]:
@@ -55,9 +57,9 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
     try:
         content = load(path)
     except OSError as error:
-        raise ValueError(f"There is no {KINDS[kind]} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
+        raise ValueError(f"There is no {kind_of(kind)} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
     try:
-        return made(kind, content, KINDS[kind])
+        return made(kind, content, kind_of(kind))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

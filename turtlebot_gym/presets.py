@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym.files import KINDS, T, is_file, read_parameters
+from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.files import T, is_file, kind_of, read_parameters
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -139,22 +140,32 @@ def scale(noise: Noise) -> FilterTuning:
     return _of_kind(matched(noise), Scale())
 
 
-FILTERS: dict[str, Callable[[Noise], FilterTuning]] = {
+def gyro(noise: Noise, imu: Any) -> FilterTuning:
+    """Return the matched tuning of the filter that reads a gyro, for its noise, a `systems.imu.ImuNoise`: `estimation.gyro`."""
+    if not imu:
+        raise ValueError("filter 'gyro' reads the sensor 'imu': choose one with imu=..., such as imu='calibrated'.")
+    white, walk = max(imu.variance, TURN_FLOOR**2 * 1e-4), imu.bias_walk
+    own = Gyro(variance=white, bias_deviation=imu.bias_deviation, bias_walk=walk, corrects=not noise.odometry.wheel)
+    return replace(matched(noise), kind=own)
+
+
+FILTERS: dict[str, Callable[..., FilterTuning]] = {
     "matched": matched,
     "tutorial": lambda noise: TUTORIAL_FILTER,
     "gated": gated,
     "mixture": mixture,
     "slip": slip,
     "scale": scale,
+    "gyro": gyro,
 }
-"""Filter tunings by name, as functions of the noise in use."""
+"""Filter tunings by name, as functions of the noise in use; `gyro` also takes that of the gyro."""
 
 
-def _found(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
+def resolve(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
     """Return parameters as they are given, as a mapping of their fields, from a file, or by their name."""
     if isinstance(given, (kind, Mapping)):
-        return made(kind, given, KINDS[kind])
-    return read_parameters(kind, given) if is_file(given) else choose(KINDS[kind], given, known)
+        return made(kind, given, kind_of(kind))
+    return read_parameters(kind, given) if is_file(given) else choose(kind_of(kind), given, known)
 
 
 def make_robot(robot: str | Path | Mapping[str, Any] | Robot) -> Robot:
@@ -163,7 +174,7 @@ def make_robot(robot: str | Path | Mapping[str, Any] | Robot) -> Robot:
     Raises:
         ValueError: If the name is unknown, or the file does not contain one.
     """
-    return _found(Robot, robot, ROBOTS)
+    return resolve(Robot, robot, ROBOTS)
 
 
 def make_noise(noise: str | Path | Mapping[str, Any] | Noise) -> Noise:
@@ -172,7 +183,7 @@ def make_noise(noise: str | Path | Mapping[str, Any] | Noise) -> Noise:
     Raises:
         ValueError: If the name is unknown, or the file does not contain one.
     """
-    return _found(Noise, noise, NOISES)
+    return resolve(Noise, noise, NOISES)
 
 
 def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
@@ -181,10 +192,10 @@ def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
     Raises:
         ValueError: If the name is unknown, or the file does not contain one.
     """
-    return _found(FixNoise, fix, FIXES)
+    return resolve(FixNoise, fix, FIXES)
 
 
-def make_filter(tuning: str | Mapping[str, Any] | FilterTuning, noise: Noise) -> FilterTuning:
+def make_filter(tuning: str | Mapping[str, Any] | FilterTuning, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     """Return a filter tuning, given as such, or by a name in `FILTERS` for the noise in use.
 
     Raises:
@@ -192,4 +203,5 @@ def make_filter(tuning: str | Mapping[str, Any] | FilterTuning, noise: Noise) ->
     """
     if isinstance(tuning, (FilterTuning, Mapping)):
         return made(FilterTuning, tuning, "filter")
-    return choose("filter", tuning, FILTERS)(noise)
+    preset = choose("filter", tuning, FILTERS)
+    return gyro(noise, imu) if preset is gyro else preset(noise)

@@ -15,6 +15,7 @@ import pytest
 import turtlebot_gym
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -31,6 +32,8 @@ from turtlebot_gym.parameters import (
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Episode, Options, Parameters
+from turtlebot_gym.systems.imu import ImuNoise
+from turtlebot_gym.systems.parameters import SENSORS
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.values import Pose
 
@@ -54,6 +57,7 @@ TUNING = replace(
 )  # fmt: skip
 TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2, max_steps=200.0)
 FIX = FixNoise(R=(0.02, 0.03, 0.04), period=0.3, delay=0.2, dropout_probability=0.1)
+IMU = ImuNoise(variance=1e-4, bias_deviation=0.05, bias_walk=0.01)
 EASY = Task(random=False, radius=0.5)
 RANDOM = Task(radius=0.3)
 POSE = (Pose(0.6, 0.1, 0.2), Pose(0.7, 0.8, 1.5), Pose(0.0, 0.6, 3.0))
@@ -100,7 +104,7 @@ CHANGES = {
         "kind": DeadReckoning(),
     },
     Kalman: {"remember_velocity": True, "wrap_innovation": False, "gate": 3.0, "max_rejections": 5},
-    Gated: {"heading_gate": 2.0, "max_rejections": 5},
+    Gated: {"heading_gate": 0.2, "max_rejections": 5},
     Mixture: {"spike_probability": 0.05, "spike": 0.3},
     Slip: {"spike_probability": 0.05, "spike": 0.3},
     Scale: {"scale_deviation": 0.1},
@@ -117,6 +121,8 @@ CHANGES = {
         "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
         "min_distance": (RANDOM, replace(RANDOM, min_distance=1.9)),
     },
+    ImuNoise: {"variance": 1e-3, "bias_deviation": 0.1, "bias_walk": 0.02},
+    Gyro: {"variance": 1e-3, "bias_deviation": 0.5, "bias_walk": 0.1, "corrects": False},
     FixNoise: {"R": (0.02, 0.03, 0.5), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
     Reward: {"progress": 2.0, "time": 0.2, "effort": 0.02, "success": 5.0},
 }
@@ -131,6 +137,8 @@ PLACES = {
     **dict.fromkeys((Kalman, Gated, Mixture, Slip, Scale), lambda p, value: p._replace(tuning=replace(TUNING, kind=value))),
     Task: lambda p, value: p._replace(task=value),
     FixNoise: lambda p, value: p._replace(fix=value),
+    ImuNoise: lambda p, value: p._replace(imu=value),
+    Gyro: lambda p, value: p._replace(imu=IMU, tuning=replace(TUNING, kind=value)),
     Reward: lambda p, value: p._replace(reward=value, task=EASY),
 }
 VALUES = {
@@ -139,12 +147,14 @@ VALUES = {
     OdometryNoise: ODOMETRY,
     FilterTuning: TUNING,
     Kalman: TUNING.kind,
-    Gated: Gated(heading_gate=4.0, max_rejections=2),
+    Gated: Gated(heading_gate=0.3, max_rejections=2),
     Mixture: Mixture(spike_probability=0.1, spike=0.4),
     Slip: Slip(spike_probability=0.1, spike=0.4),
     Scale: Scale(),
     Task: TASK,
     FixNoise: FIX,
+    ImuNoise: IMU,
+    Gyro: Gyro(variance=1e-4, bias_deviation=0.05, bias_walk=0.01),
     Reward: Reward(),
 }
 CASES = [(owner, item.name) for owner in CHANGES for item in fields(owner) if (owner, item.name) not in EXCEPTIONS]
@@ -186,7 +196,7 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "fix", "plant"}  # by their own fields; two in folders
+    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "plant", *SENSORS}  # by their own fields; two in folders
     assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
 
 
@@ -218,6 +228,7 @@ ARGUMENTS = {
     "dt": ({}, {"dt": 0.2}),
     "delay": ({}, {"delay": 1}),
     "fix": ({}, {"fix": "beacons"}),
+    "imu": ({"filter": "gyro", "imu": "mpu9250"}, {"filter": "gyro", "imu": "calibrated"}),
     "plant": ({}, {"plant": "mujoco"}),
     "world": ({"task": "room"}, {"task": "room", "world": "office"}),
     "lidar": ({"task": "room"}, {"task": "room", "lidar": "a1"}),

@@ -13,11 +13,12 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
 from turtlebot_gym.plants import MujocoBurger, make_plant
-from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
+from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, resolve
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
+from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, OBSERVED, Parameters, make_room
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.validation import LARGEST, choose, did_you_mean, made, refusal, shown, whole
@@ -55,13 +56,16 @@ class Options:
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python also a
     `turtlebot_gym.Noise` or a mapping of its fields."""
     filter: str | Mapping[str, Any] | FilterTuning = "matched"
-    """Filter: matched, tutorial, gated, mixture, slip or scale; in Python also a `turtlebot_gym.FilterTuning` or a mapping of
-    its fields."""
+    """Filter: matched, tutorial, gated, mixture, slip, scale, or with an `imu` gyro; in Python also a
+    `turtlebot_gym.FilterTuning` or a mapping of its fields."""
     observation: str = "ekf"
     """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
     """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
     file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
+    imu: str | Path | Mapping[str, Any] | ImuNoise | None = None
+    """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml); in Python also a
+    `turtlebot_gym.systems.imu.ImuNoise` or a mapping of its fields. None for none."""
     world: World | None = None
     """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, a Gazebo world (FILE.world, FILE.sdf) or a
     map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
@@ -151,12 +155,13 @@ class Options:
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
+        imu = () if self.imu is None else resolve(ImuNoise, self.imu, IMUS)
         room, plan = self._room(dt)
         return Setup(
             Parameters(
                 robot,
                 noise,
-                make_filter(self.filter, noise),
+                make_filter(self.filter, noise, imu=imu),
                 task,
                 Reward() if self.reward is None else made(Reward, self.reward, "reward"),
                 dt,
@@ -165,6 +170,7 @@ class Options:
                 float(late),
                 room=room,
                 fix=fix,
+                imu=imu,
                 plant=self._plant(robot, dt),
             ),
             waypoints,

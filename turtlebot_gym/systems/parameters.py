@@ -22,6 +22,10 @@ DT = Range(1e-4, 10.0, unit="s")
 """What a control interval may be."""
 
 
+SENSORS = ("fix", "imu")
+"""Names of the sensors beside odometry: fields of `Parameters`, and options."""
+
+
 class Parameters(NamedTuple):
     """Everything that an environment's step depends on besides its state and its key."""
 
@@ -42,6 +46,8 @@ class Parameters(NamedTuple):
     """Parameters of a room, `RoomParameters`; an empty tuple on open ground."""
     fix: Any = ()
     """External pose sensor, a `FixNoise`; an empty tuple if there is none."""
+    imu: Any = ()
+    """Gyro, a `systems.imu.ImuNoise`; an empty tuple if there is none."""
     plant: Any = ()
     """Plant: an empty tuple for the unicycle, a `turtlebot_gym.plants.MujocoBurger` for MuJoCo."""
 

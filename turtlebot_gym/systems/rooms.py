@@ -6,7 +6,7 @@ the true pose; and a reward for progress along the shortest path instead of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -21,9 +21,11 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.fixes import fix_sensor
+from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.open_ground import look, open_ground
-from turtlebot_gym.systems.parameters import Parameters, RoomParameters
+from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
+from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Outcome
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
@@ -158,15 +160,27 @@ def rooms(filter: Filter) -> System:
     )
 
 
+_SENSORS: dict[str, Callable[[Parameters], Sensor]] = {
+    "fix": lambda p: fix_sensor(depth_of(p.dt, p.fix.delay)),
+    "imu": lambda p: IMU,
+}
+
+
 def system_of(parameters: Parameters) -> System:
-    """Return the system for some parameters: rooms or open ground, with or without fixes, with their plant.
+    """Return the system for some parameters: rooms or open ground, with their sensors, filter and plant.
 
     Raises:
+        ValueError: If the filter reads a sensor that there is not.
         ImportError: If the plant needs an engine that is not installed.
     """
     filter, fix = filter_of(parameters.tuning), parameters.fix
-    depth = depth_of(parameters.dt, fix.delay) if fix else 0
-    filter = with_fixes(filter, depth) if fix else filter
+    filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
-    return system.with_sensor(fix_sensor(depth)) if fix else system
+    for name in SENSORS:
+        if getattr(parameters, name):
+            system = system.with_sensor(_SENSORS[name](parameters))
+    lacking = [name for name in filter.reads if name not in {sensor.name for sensor in system.sensors}]
+    if lacking:
+        raise ValueError(f"The filter reads the sensor {lacking[0]!r}: choose one with {lacking[0]}=...")
+    return system

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.systems.options import Options
+from turtlebot_gym.systems.parameters import SENSORS
 from turtlebot_gym_agents.commands.flags import flags
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 
@@ -42,7 +43,7 @@ class Writing:
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
-_ENVIRONMENT = flags("robot", "noise", "filter", "observation", "fix", "world", "lidar", "arrival", "delay")
+_ENVIRONMENT = flags("robot", "noise", "filter", "observation", *SENSORS, "world", "lidar", "arrival", "delay")
 
 
 @dataclass(frozen=True, kw_only=True)

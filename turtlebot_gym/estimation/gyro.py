@@ -1,0 +1,95 @@
+"""A filter that reads a gyro: the extended Kalman filter of `ekf`, with the gyro's bias as a sixth state.
+
+The gyro measures the turning rate that the robot executes, which neither commands nor wheels know. So the heading drifts less
+between two measured poses; with wheel odometry, which measures none, the gyro alone corrects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import innovation, predict
+from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.estimation.sixth import Sixth, correct_both, moved_column, update_both
+from turtlebot_gym.estimation.update import Projection, Variances
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.validation import NON_NEGATIVE, typed
+from turtlebot_gym.values import Belief, Pose, State
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gyro:
+    """The filter's own numbers, `FilterTuning.kind`."""
+
+    variance: Annotated[float, NON_NEGATIVE]
+    """Variance of a measured turning rate, (rad/s)^2."""
+    bias_deviation: Annotated[float, NON_NEGATIVE]
+    """Standard deviation of the bias at the start, rad/s."""
+    bias_walk: Annotated[float, NON_NEGATIVE] = 0.0
+    """Standard deviation that the bias gains in the first second, rad/s; it grows with the root of time."""
+    corrects: bool = True
+    """Whether the measured poses correct the belief; not with wheel odometry."""
+
+    filter: ClassVar[Any]
+    """The `Filter` that these numbers belong to."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+class GyroEstimate(NamedTuple):
+    """State that the filter keeps between steps."""
+
+    belief: Belief
+    nis: float
+    """Normalized innovation squared of the last measured pose."""
+    bias: Sixth
+    """The gyro's bias, rad/s."""
+
+
+@kernel
+def start(senses: Any, tuning: FilterTuning) -> GyroEstimate:
+    """Start from the first measurement, without a bias; see `interface.Filter`."""
+    belief, deviation = ekf.initialize(senses.odometry.pose, tuning).belief, tuning.kind.bias_deviation
+    return GyroEstimate(belief, 0.0, Sixth(0.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
+
+
+@kernel
+def _turn_rate(belief: Belief, bias: Sixth) -> Projection:
+    """Project on what the gyro measures, the turning rate plus the bias."""
+    P, c = belief.covariance, bias.column
+    column = State(P.xw + c.x, P.yw + c.y, P.tw + c.theta, P.vw + c.v, P.ww + c.omega)
+    return Projection(column, P.ww + 2.0 * c.omega + bias.variance)
+
+
+@kernel
+def step(estimate: GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, middle: float) -> GyroEstimate:
+    """Predict, correct by the measured turning rate, and by the measured pose if one arrived; see `interface.Filter`."""
+    odometry, own = senses.odometry, tuning.kind
+    to = moved_column(estimate.bias, estimate.belief.mean, dt, middle)
+    belief = predict(estimate.belief, odometry.twist, tuning, dt, middle)
+    variance = estimate.bias.variance + own.bias_walk * own.bias_walk * dt
+    bias = Sixth(estimate.bias.mean, variance, State(to.x, to.y, to.theta, 0.0, 0.0))  # a new twist is executed
+
+    surprise = senses.imu.omega - belief.mean.omega - bias.mean
+    h = _turn_rate(belief, bias)
+    belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, own.variance)
+    turned = GyroEstimate(ekf.wrapped(belief), estimate.nis, bias)
+
+    z, prior = odometry.pose, turned.belief
+    belief, bias, nis = correct_both(prior, bias, z, tuning.R, innovation(prior.mean, z).theta)
+    return GyroEstimate(belief, nis, bias) if odometry.measured and own.corrects else turned
+
+
+@kernel
+def fix(estimate: GyroEstimate, z: Pose, R: Variances) -> GyroEstimate:
+    """Condition on an external pose measurement; see `interface.Filter`."""
+    belief, bias, _ = correct_both(estimate.belief, estimate.bias, z, R, wrap(z.theta - estimate.belief.mean.theta))
+    return GyroEstimate(belief, estimate.nis, bias)
+
+
+Gyro.filter = Filter(start, step, fix, ("odometry", "imu"), Gyro(variance=3e-6, bias_deviation=0.01))
