@@ -268,7 +268,8 @@ def rules(kind: type) -> dict[str, Rule]:
     """Return the rules that are declared beside the fields of a parameter class, by the fields' names."""
     hints = get_type_hints(kind, include_extras=True)
     marks = {name: getattr(hints[name], "__metadata__", ()) for name in (item.name for item in fields(kind))}
-    return {name: rule for name, found in marks.items() for rule in found if hasattr(rule, "check")}
+    checks = {name: next((mark for mark in found if hasattr(mark, "check")), None) for name, found in marks.items()}
+    return {name: rule for name, rule in checks.items() if rule is not None}
 
 
 def made(kind: type[T], value: Any, name: str) -> T:

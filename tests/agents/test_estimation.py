@@ -142,8 +142,8 @@ def test_the_command_line_prints_a_table_and_writes_files(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("argv", "told"),
     [
-        (["--runs", "0"], "runs must be positive and finite, got 0"),
-        (["--seconds", "nan"], "seconds must be positive and finite, got nan"),
+        (["--runs", "0"], "runs must be a whole number of at least 1, got 0"),
+        (["--seconds", "nan"], "seconds must be a positive number from 1e-15 to 1e+09, got nan"),
         (["--filter", "paper"], "filter must be one of 'matched'"),
         (["--noise", "paper"], "noise must be one of 'clean'"),
         (["--integrator", "paper"], "integrator must be one of"),

@@ -261,7 +261,7 @@ def test_every_tunable_number_changes_what_a_baseline_does(kind):
         [see(state, goal, robot, place) for (state, goal, _), place in zip(random_sights(400, robot), places, strict=True)]
     )
     sights[::2, 0] = 0.04  # some goals are very near
-    for name, span in kind.RANGES.items():
+    for name, span in kind.ranges().items():
         low, high = kind(robot, **{name: span.low})(sights), kind(robot, **{name: span.high})(sights)
         assert np.abs(low - high).max() > 0.01, name
 

@@ -210,10 +210,10 @@ def test_memory_is_forgotten_row_by_row():
 @pytest.mark.parametrize("name", IN_ROOMS)
 def test_every_tunable_number_changes_what_a_policy_does(name):
     kind, rows, random = POLICIES[name], random_sights(200), np.random.default_rng(1)
-    for number, span in kind.RANGES.items():
+    for number, span in kind.ranges().items():
         told = []
         for _ in range(6):  # brake tells where clear is small: the others are drawn
-            others = {key: random.uniform(each.low, each.high) for key, each in kind.RANGES.items()}
+            others = {key: random.uniform(each.low, each.high) for key, each in kind.ranges().items()}
             one, other = (kind(**(others | {number: end})) for end in (span.low, span.high))
             for policy in (one, other):
                 policy(rows[::-1])  # for a memory
@@ -223,7 +223,7 @@ def test_every_tunable_number_changes_what_a_policy_does(name):
 
 @pytest.mark.parametrize("name", IN_ROOMS)
 def test_numbers_out_of_range_are_named(name):
-    for number in POLICIES[name].RANGES:
+    for number in POLICIES[name].ranges():
         if number not in ("ahead", "last", "alpha", "field"):
             with pytest.raises(ValueError, match=number):
                 POLICIES[name](**{number: -1.0})
@@ -306,9 +306,9 @@ def test_what_is_tuned_and_the_defaults_that_came_of_it():
         "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True),
         "gain": Range(1.0, 10.0, log=True), "focus": Range(0.5, 6.0), "caution": Range(0.1, 3.0, log=True),
     }  # fmt: skip
-    assert dict(POLICIES["vfh"].RANGES) == {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **common}
-    assert dict(POLICIES["gap"].RANGES) == {"alpha": Range(0.02, 2.0, log=True), "field": Range(0.8, 3.1), **common}
-    assert dict(POLICIES["dwa"].RANGES) == {
+    assert dict(POLICIES["vfh"].ranges()) == {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **common}
+    assert dict(POLICIES["gap"].ranges()) == {"alpha": Range(0.02, 2.0, log=True), "field": Range(0.8, 3.1), **common}
+    assert dict(POLICIES["dwa"].ranges()) == {
         "heading": Range(0.3, 10.0, log=True), "clear": Range(0.1, 10.0, log=True), "horizon": Range(1.0, 8.0),
         "aim": Range(0.2, 3.0), "brake": Range(0.15, 1.5), "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3),
     }  # fmt: skip

@@ -51,7 +51,7 @@ def test_a_scenario_that_the_defaults_do_not_suit_gets_other_numbers(tmp_path):
 @pytest.mark.parametrize("name", POLICIES)
 def test_numbers_stay_in_their_ranges_and_the_file_is_the_best_try(name, tmp_path):
     path = tmp_path / "tuned.json"
-    layout, ranges = layout_of_baseline(name), POLICIES[name].RANGES
+    layout, ranges = layout_of_baseline(name), POLICIES[name].ranges()
     env = NAV if layout == OBSERVATION_LAYOUT else ROOMS
     tries = tune_baseline(name, path, env=env, tries=8, episodes=5)
     for one in tries:

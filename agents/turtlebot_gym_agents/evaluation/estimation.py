@@ -18,7 +18,8 @@ from turtlebot_gym import FilterTuning, Noise, make_filter, make_noise, make_rob
 from turtlebot_gym.estimation.consistency import cramer_rao_bound, difference, mean_bounds, nees, true_tuning
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.systems.parameters import DT
+from turtlebot_gym.validation import POSITIVE, choose, whole
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
@@ -119,10 +120,10 @@ def estimate(
     Raises:
         ValueError: If an argument is unknown or out of its range.
     """
-    for name, number in (("runs", runs), ("seconds", seconds), ("dt", dt)):
-        if not 0.0 < number < math.inf:
-            raise ValueError(f"{name} must be positive and finite, got {number!r}.")
-    whole("seed", seed, 0, MAX_SEED + 1 - int(runs))
+    whole("runs", runs, 1)
+    whole("seed", seed, 0, MAX_SEED + 1 - runs)
+    POSITIVE.check("seconds", seconds)
+    DT.check("dt", dt)
     model, steps = in_force(noise, bias=bias, slip=slip), max(1, round(seconds / dt))
     tunings = dict(filters) if isinstance(filters, Mapping) else {name: make_filter(name, model) for name in filters}
     truly, middle = true_tuning(model), choose("integrator", integrator, INTEGRATORS)

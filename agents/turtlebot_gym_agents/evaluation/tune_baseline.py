@@ -80,7 +80,7 @@ def tune_baseline(
     if path.suffix != ".json":
         raise ValueError(f"out must be a file *.json, got {str(path)!r}.")
     robot, dt = options.get("robot", "burger"), options.get("dt", REFERENCE_PERIOD)
-    ranges = {name: (span.low, span.high, span.log) for name, span in kind.RANGES.items()}
+    ranges = {name: (span.low, span.high, span.log) for name, span in kind.ranges().items()}
     config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": ranges, **options})
     made = {"format": FORMAT, "policy": policy, "layout": layout_of_baseline(policy), "robot": describe_robot(robot), "dt": dt}
     done = _read(path, {**made, "config": config})
@@ -127,7 +127,7 @@ def _propose(policy: str, done: list[Try], tries: int, seed: int) -> dict[str, f
     """Return the numbers of the next try, rounded to 4 digits."""
     if not done:
         return default_numbers(policy)
-    ranges = POLICIES[policy].RANGES
+    ranges = POLICIES[policy].ranges()
     random = np.random.default_rng((seed, len(done)))
     shares = random.uniform(size=len(ranges))
     if 2 * len(done) >= tries:

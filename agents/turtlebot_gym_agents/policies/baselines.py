@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.files import load
@@ -13,6 +12,7 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies.dynamic_window import DynamicWindowPolicy
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.policies.geometric import (
+    Baseline,
     BearingPolicy,
     CornerPolicy,
     PolarPolicy,
@@ -24,18 +24,7 @@ from turtlebot_gym_agents.policies.reactive import FollowTheGapPolicy, VectorFie
 
 FORMAT = "turtlebot-gym-baseline/1"
 
-Baseline: TypeAlias = type[
-    BearingPolicy
-    | CornerPolicy
-    | DynamicWindowPolicy
-    | FollowTheGapPolicy
-    | PolarPolicy
-    | ProportionalPolicy
-    | RotateDriveRotatePolicy
-    | VectorFieldHistogramPolicy
-]
-
-POLICIES: dict[str, Baseline] = {
+POLICIES: dict[str, type[Baseline]] = {
     "proportional": ProportionalPolicy,
     "bearing": BearingPolicy,
     "corner": CornerPolicy,
@@ -56,8 +45,7 @@ def layout_of_baseline(name: str) -> int:
 def default_numbers(name: str) -> dict[str, float]:
     """Return the default values of a baseline's tunable numbers."""
     kind = choose("policy", name, POLICIES)
-    known = {**inspect.signature(BearingPolicy).parameters, **inspect.signature(kind).parameters}  # some pass numbers on to it
-    return {number: float(known[number].default) for number in kind.RANGES}
+    return {number: kind.__dataclass_fields__[number].default for number in kind.ranges()}
 
 
 def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
@@ -77,7 +65,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         made_for, made_dt, name, numbers = dict(content["robot"]), content["dt"], content["policy"], dict(content["numbers"])
         kind = choose("policy", name, POLICIES)
         limits: dict[str, Any] = {key: math.inf if limit is None else limit for key, limit in made_for.items() if key != "name"}
-        unknown = sorted(set(numbers) - set(kind.RANGES))
+        unknown = sorted(set(numbers) - set(kind.ranges()))
         if unknown:
             raise ValueError(f"{name} has no numbers {', '.join(unknown)}")
         policy = kind(Robot(**limits), made_dt, **numbers)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.presets import make_robot
-from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
-from turtlebot_gym_agents.policies.geometric import action_of, check
-from turtlebot_gym_agents.policies.reactive import SEEING
+from turtlebot_gym_agents.policies.geometric import Baseline, action_of
+from turtlebot_gym_agents.policies.reactive import Lag, Margin
 from turtlebot_gym_agents.policies.sight import arc, look
 
 _BENDS = np.geomspace(0.3, 25.0, 10)
@@ -28,22 +25,12 @@ _SPEEDS = np.array([0.25, 0.5, 1.0])
 """Shares of the highest speed of each arc."""
 
 
-class DynamicWindowPolicy:
+@dataclass(eq=False, kw_only=True)
+class DynamicWindowPolicy(Baseline):
     """The dynamic window: choose the pair of speed and turning rate whose arc scores best.
 
     The score combines the heading at the arc's end, the time to contact on it, and the speed. Pairs from which the robot could
     not stop in time are excluded.
-
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
-        dt: Control interval, s.
-        heading: Weight of the heading to the goal at the end; the speed has the weight 1.
-        clear: Weight of the time to contact.
-        horizon: Length of an arc, s; contacts beyond it are ignored.
-        aim: Time after which the heading is judged, s.
-        brake: Least time to contact of an admissible arc, s.
-        margin: Clearance to keep around the robot, m.
-        lag: Mean age of the beams beyond the stated age of the scan, s.
 
     References:
         Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance", *IEEE Robotics & Automation Magazine* 4
@@ -52,38 +39,29 @@ class DynamicWindowPolicy:
 
     layout: ClassVar[int] = ROOM_LAYOUT
     """Layout of its observations."""
-    RANGES: ClassVar[Mapping[str, Range]] = {
-        "heading": Range(0.3, 10.0, log=True),
-        "clear": Range(0.1, 10.0, log=True),
-        "horizon": Range(1.0, 8.0),
-        "aim": Range(0.2, 3.0),
-        "brake": Range(0.15, 1.5),
-        "margin": SEEING["margin"],
-        "lag": SEEING["lag"],
-    }
+    heading: Annotated[float, NON_NEGATIVE, Range(0.3, 10.0, log=True)] = 0.94
+    """Weight of the heading to the goal at the end; the speed has the weight 1."""
+    clear: Annotated[float, NON_NEGATIVE, Range(0.1, 10.0, log=True)] = 1.6
+    """Weight of the time to contact."""
+    horizon: Annotated[float, POSITIVE, Range(1.0, 8.0)] = 4.7
+    """Length of an arc, s; contacts beyond it are ignored."""
+    aim: Annotated[float, POSITIVE, Range(0.2, 3.0)] = 1.46
+    """Time after which the heading is judged, s."""
+    brake: Annotated[float, POSITIVE, Range(0.15, 1.5)] = 0.58
+    """Least time to contact of an admissible arc, s."""
+    margin: Margin = 0.075
+    """Clearance to keep around the robot, m."""
+    lag: Lag = 0.06
+    """Mean age of the beams beyond the stated age of the scan, s."""
 
-    def __init__(
-        self,
-        robot: str | Robot = "burger",
-        dt: float = REFERENCE_PERIOD,
-        *,
-        heading: float = 0.94,
-        clear: float = 1.6,
-        horizon: float = 4.7,
-        aim: float = 1.46,
-        brake: float = 0.58,
-        margin: float = 0.075,
-        lag: float = 0.06,
-    ) -> None:
-        check(POSITIVE, dt=dt, horizon=horizon, aim=aim, brake=brake)
-        check(NON_NEGATIVE, heading=heading, clear=clear, margin=margin, lag=lag)
-        self._robot, self._dt, self._lag, self._radius = make_robot(robot), dt, lag, make_robot(robot).radius + margin
-        self._heading, self._clear, self._horizon, self._aim, self._brake = heading, clear, horizon, aim, brake
-        length = self._robot.max_linear * horizon * np.arange(1, _POINTS + 1) / _POINTS
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        radius = self._robot.radius + self.margin
+        length = self._robot.max_linear * self.horizon * np.arange(1, _POINTS + 1) / _POINTS
         path, _ = arc(1.0, _CURVATURES[:, None], length)
         path = path.ravel()
         self._path = np.stack([-2.0 * path.real, -2.0 * path.imag, np.ones_like(path.real)]).astype(np.float32)
-        self._near = (self._radius**2 - np.abs(path) ** 2).astype(np.float32)
+        self._near = (radius**2 - np.abs(path) ** 2).astype(np.float32)
         self._length = np.append(length, np.inf)
         turning = np.abs(_CURVATURES)[:, None]
         fastest = np.minimum(
@@ -95,14 +73,14 @@ class DynamicWindowPolicy:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
-        to, robot = look(observations, self._robot, self._dt, self._lag), self._robot
+        to, robot = look(observations, self._robot, self.dt, self.lag), self._robot
         time = self._free_length(to.points)[..., None] / self._v
         arrival = np.abs(to.goal)[..., None, None] / robot.max_linear  # obstacles beyond the goal do not matter
-        ends, headings = arc(self._v, self._omega, np.minimum(time, self._aim))
+        ends, headings = arc(self._v, self._omega, np.minimum(time, self.aim))
         off = np.abs(np.angle((to.goal[..., None, None] - ends) * np.conj(headings)))
-        score = self._heading * (1.0 - off / np.pi) + self._v / robot.max_linear
-        score = score + self._clear * np.minimum(np.where(time > arrival, np.inf, time) / self._horizon, 1.0)
-        score = np.where(time >= self._brake, score, -np.inf).reshape(*to.goal.shape, -1)
+        score = self.heading * (1.0 - off / np.pi) + self._v / robot.max_linear
+        score = score + self.clear * np.minimum(np.where(time > arrival, np.inf, time) / self.horizon, 1.0)
+        score = np.where(time >= self.brake, score, -np.inf).reshape(*to.goal.shape, -1)
         best = np.argmax(score, axis=-1)
         spot = np.where(np.angle(to.goal) >= 0.0, 1.0, -1.0)
         stuck = ~np.isfinite(score).any(axis=-1)

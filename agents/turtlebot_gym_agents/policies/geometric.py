@@ -1,13 +1,14 @@
 """Policies without learning: the tutorial's law, and the geometric ones with which every learned policy is compared.
 
-Each declares in ``RANGES`` the numbers that `turtlebot-gym tune-baseline` tunes, with their ranges.
-They need only numpy, so that a robot can run them.
+The second range beside a number is the one from which `turtlebot-gym tune-baseline` draws it. They need only numpy, so that a
+robot can run them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass
+from inspect import get_annotations
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,97 +18,97 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import SIZES
 from turtlebot_gym.tasks import Observation
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, typed
 
 _TINY = 1e-12  # instead of zero in a denominator
 
 
-class ProportionalPolicy:
+@dataclass(eq=False)
+class Baseline:
+    """Base of the policies without learning: a robot, its control interval, and numbers that can be tuned, as keywords."""
+
+    robot: str | Robot = "burger"
+    """A name in `turtlebot_gym.ROBOTS`, or a robot."""
+    dt: Annotated[float, POSITIVE] = REFERENCE_PERIOD
+    """Control interval, s."""
+
+    def __post_init__(self) -> None:
+        self._robot = make_robot(self.robot)
+        typed(self, "")
+
+    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., n)."""
+        raise NotImplementedError
+
+    @classmethod
+    def ranges(cls) -> dict[str, Range]:
+        """Return the numbers that can be tuned with their ranges, a class's own before those of its base."""
+        hints = get_type_hints(cls, include_extras=True)
+        marks: dict[str, tuple[Any, ...]] = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+        names = dict.fromkeys(name for kind in cls.__mro__ for name in get_annotations(kind))
+        return {name: marks[name][1] for name in names if len(marks[name]) > 1}
+
+
+@dataclass(eq=False, kw_only=True)
+class ProportionalPolicy(Baseline):
     """The tutorial's law: ``v = clip(kv d)``, ``omega = clip(komega wrap(theta_ref - theta))``.
 
     It turns to the *reference's heading*, never to the bearing of the point, so it arrives only if the point happens to lie
-    ahead. It is included to show how it fails.
-
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot; commands are clipped to its limits, axis by axis.
-        dt: Control interval, s; accepted for a common signature, but unused by the law.
-        kv: Gain on the distance, 1/s.
-        komega: Gain on the remaining turn, 1/s.
+    ahead. It is included to show how it fails. Commands are clipped to the robot's limits, axis by axis; the control interval
+    is not used.
     """
 
-    RANGES: ClassVar[Mapping[str, Range]] = {"kv": Range(0.1, 5.0, log=True), "komega": Range(0.3, 10.0, log=True)}
-
-    def __init__(
-        self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, kv: float = 0.5, komega: float = 1.5
-    ) -> None:
-        check(POSITIVE, dt=dt, kv=kv, komega=komega)
-        self._robot, self._kv, self._komega = make_robot(robot), kv, komega
+    kv: Annotated[float, POSITIVE, Range(0.1, 5.0, log=True)] = 0.5
+    """Gain on the distance, 1/s."""
+    komega: Annotated[float, POSITIVE, Range(0.3, 10.0, log=True)] = 1.5
+    """Gain on the remaining turn, 1/s."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
         o, robot = _fields(observations), self._robot
         turn = np.arctan2(o.sin_turn, o.cos_turn)
-        return action_of(self._kv * o.distance / robot.max_linear, self._komega * turn / robot.max_angular)
+        return action_of(self.kv * o.distance / robot.max_linear, self.komega * turn / robot.max_angular)
 
 
-class BearingPolicy:
+@dataclass(eq=False, kw_only=True)
+class BearingPolicy(Baseline):
     """Steer to the bearing of the waypoint, forwards or backwards, whichever needs the smaller turn.
 
     A command acts one step late: until then the robot executes the previous one. All decisions therefore use where the waypoint
     *will* lie in the body frame. With the current bearing instead, the direction would alternate every step at bearings near 90
-    degrees.
+    degrees. A robot that must not reverse drives forwards only.
 
     The defaults suit the task Nav under most noises; `turtlebot-gym tune-baseline` finds others for another scenario.
-
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot; one that must not reverse drives forwards only.
-        dt: Control interval, s.
-        gain: Turning rate per angle to turn, 1/s.
-        focus: How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle
-            to turn.
-        tolerance: Bearings that pass the waypoint by less than this are not corrected, m. Turning costs speed when the wheels
-            are at their limit, and noise would cause constant turning.
-        slow: Distance below which the speed is proportional to the distance, m. Without it a robot that is not stopped would
-            shuttle across its goal.
     """
 
-    RANGES: ClassVar[Mapping[str, Range]] = {
-        "gain": Range(0.3, 20.0, log=True),
-        "focus": Range(0.0, 3.0),
-        "tolerance": Range(0.0, 0.15),
-        "slow": Range(0.02, 0.5, log=True),
-    }
-
-    def __init__(
-        self,
-        robot: str | Robot = "burger",
-        dt: float = REFERENCE_PERIOD,
-        *,
-        gain: float = 6.0,
-        focus: float = 0.5,
-        tolerance: float = 0.03,
-        slow: float = 0.05,
-    ) -> None:
-        check(POSITIVE, dt=dt, gain=gain, slow=slow)
-        check(NON_NEGATIVE, focus=focus, tolerance=tolerance)
-        self._robot, self._dt = make_robot(robot), dt
-        self._gain, self._focus, self._tolerance, self._slow = gain, focus, tolerance, slow
+    gain: Annotated[float, POSITIVE, Range(0.3, 20.0, log=True)] = 6.0
+    """Turning rate per angle to turn, 1/s."""
+    focus: Annotated[float, NON_NEGATIVE, Range(0.0, 3.0)] = 0.5
+    """How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle to
+    turn."""
+    tolerance: Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)] = 0.03
+    """Bearings that pass the waypoint by less than this are not corrected, m. Turning costs speed when the wheels are at their
+    limit, and noise would cause constant turning."""
+    slow: Annotated[float, POSITIVE, Range(0.02, 0.5, log=True)] = 0.05
+    """Distance below which the speed is proportional to the distance, m. Without it a robot that is not stopped would shuttle
+    across its goal."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        return self.steer(upcoming(observations, self._robot, self._dt).waypoint)
+        return self.steer(upcoming(observations, self._robot, self.dt).waypoint)
 
     def steer(self, point: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return actions (..., 2) that steer to points (...), given in the body frame: ahead + 1j left, m."""
         direction = np.where((point.real < 0.0) & self._robot.reverse, -1.0, 1.0)
         angle, distance = np.angle(direction * point), np.abs(point)
-        speed = np.maximum(np.cos(angle), 0.0) ** self._focus * np.minimum(distance / self._slow, 1.0)
-        allowed = np.arcsin(self._tolerance / np.maximum(distance, self._tolerance)) if self._tolerance else 0.0
+        speed = np.maximum(np.cos(angle), 0.0) ** self.focus * np.minimum(distance / self.slow, 1.0)
+        allowed = np.arcsin(self.tolerance / np.maximum(distance, self.tolerance)) if self.tolerance else 0.0
         turn = np.sign(angle) * np.maximum(np.abs(angle) - allowed, 0.0)
-        return action_of(direction * speed, self._gain * turn / self._robot.max_angular)
+        return action_of(direction * speed, self.gain * turn / self._robot.max_angular)
 
 
-class CornerPolicy:
+@dataclass(eq=False, kw_only=True)
+class CornerPolicy(BearingPolicy):
     """Cut corners: steer as `BearingPolicy` does, but to a point inside the bend towards the following waypoint.
 
     The point lies on the bisector of the angle at the waypoint, between the robot and the following waypoint: to first order, a
@@ -115,116 +116,68 @@ class CornerPolicy:
     no further along the bisector than a share of the distance to the nearer of the two. So it never lies beyond the straight
     line between them, and a robot whose estimate is in the circle while its true pose is not still comes nearer. Without a
     following waypoint this is `BearingPolicy`.
-
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
-        dt: Control interval, s.
-        cut: Distance of the aim point from the waypoint, m; somewhat less than the radius in which a waypoint counts as
-            reached.
-        depth: That share, less than 1.
-        **steering: Passed to `BearingPolicy`.
     """
 
-    RANGES: ClassVar[Mapping[str, Range]] = {"cut": Range(0.05, 0.4), "depth": Range(0.3, 0.85), **BearingPolicy.RANGES}
-
-    def __init__(
-        self,
-        robot: str | Robot = "burger",
-        dt: float = REFERENCE_PERIOD,
-        *,
-        cut: float = 0.26,
-        depth: float = 0.75,
-        **steering: float,
-    ) -> None:
-        check(POSITIVE, cut=cut)
-        check(Range(0.0, 1.0, open_high=True), depth=depth)
-        self._drive = BearingPolicy(robot, dt, **steering)
-        self._robot, self._dt, self._cut, self._depth = make_robot(robot), dt, cut, depth
+    cut: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.26
+    """Distance of the aim point from the waypoint, m; somewhat less than the radius in which a waypoint counts as reached."""
+    depth: Annotated[float, Range(0.0, 1.0, open_high=True), Range(0.3, 0.85)] = 0.75
+    """That share, less than 1."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        to = upcoming(observations, self._robot, self._dt)
+        to = upcoming(observations, self._robot, self.dt)
         there, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint: to the robot, to the following one
         robot_away, next_away = np.abs(there), np.abs(onward)
         bisector = there / np.maximum(robot_away, _TINY) + onward / np.maximum(next_away, _TINY)
         twice_cosine = np.abs(bisector)  # of half the angle
         nearer = 0.5 * twice_cosine * np.minimum(robot_away, next_away)
-        inwards = np.minimum(self._cut, self._depth * nearer) / np.maximum(twice_cosine, _TINY)
-        return self._drive.steer(to.waypoint + inwards * bisector)
+        inwards = np.minimum(self.cut, self.depth * nearer) / np.maximum(twice_cosine, _TINY)
+        return self.steer(to.waypoint + inwards * bisector)
 
 
-class PolarPolicy:
+@dataclass(eq=False, kw_only=True)
+class PolarPolicy(Baseline):
     """The polar-coordinate law: drive a smooth path that ends in the right heading, forwards or backwards.
 
     ``v = gamma rho cos(alpha)`` and ``omega = k alpha + gamma sinc(alpha) cos(alpha) (alpha + h phi)``, with rho the distance,
     alpha the bearing and phi the bearing minus the remaining turn; slower on the same path if v exceeds the limit.
 
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
-        dt: Control interval, s.
-        gamma: Gain on the distance, 1/s.
-        k: Gain on the bearing, 1/s.
-        h: Weight of the final heading.
-
     References:
         Aicardi, Casalino, Bicchi, Balestrino, "Closed loop steering of unicycle-like vehicles via Lyapunov techniques" (1995).
     """
 
-    RANGES: ClassVar[Mapping[str, Range]] = {
-        "gamma": Range(0.2, 5.0, log=True),
-        "k": Range(0.5, 10.0, log=True),
-        "h": Range(0.2, 10.0, log=True),
-    }
-
-    def __init__(
-        self,
-        robot: str | Robot = "burger",
-        dt: float = REFERENCE_PERIOD,
-        *,
-        gamma: float = 1.0,
-        k: float = 2.0,
-        h: float = 2.0,
-    ) -> None:
-        check(POSITIVE, dt=dt, gamma=gamma, k=k, h=h)
-        self._robot, self._dt, self._gamma, self._k, self._h = make_robot(robot), dt, gamma, k, h
+    gamma: Annotated[float, POSITIVE, Range(0.2, 5.0, log=True)] = 1.0
+    """Gain on the distance, 1/s."""
+    k: Annotated[float, POSITIVE, Range(0.5, 10.0, log=True)] = 2.0
+    """Gain on the bearing, 1/s."""
+    h: Annotated[float, POSITIVE, Range(0.2, 10.0, log=True)] = 2.0
+    """Weight of the final heading."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        robot, to = self._robot, upcoming(observations, self._robot, self._dt)
+        robot, to = self._robot, upcoming(observations, self._robot, self.dt)
         direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
         alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
         phi = wrap(alpha - to.turn)
-        v = self._gamma * distance * np.cos(alpha)
-        omega = self._k * alpha + self._gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self._h * phi)
+        v = self.gamma * distance * np.cos(alpha)
+        omega = self.k * alpha + self.gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self.h * phi)
         excess = np.maximum(np.abs(v) / robot.max_linear, 1.0)
         return action_of(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
 
 
-class RotateDriveRotatePolicy:
-    """Drive to the point as `BearingPolicy` does, then turn on the spot: near optimal where turning is fast.
+@dataclass(eq=False, kw_only=True)
+class RotateDriveRotatePolicy(BearingPolicy):
+    """Drive to the point as `BearingPolicy` does, then turn on the spot: near optimal where turning is fast."""
 
-    Args:
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
-        dt: Control interval, s.
-        stop: Distance within which it turns instead of driving, m.
-        **steering: Passed to `BearingPolicy`.
-    """
-
-    RANGES: ClassVar[Mapping[str, Range]] = {"stop": Range(0.02, 0.15), **BearingPolicy.RANGES}
-
-    def __init__(
-        self, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, *, stop: float = 0.1, **steering: float
-    ) -> None:
-        check(POSITIVE, dt=dt, stop=stop)
-        self._drive, self._robot = BearingPolicy(robot, dt, **steering), make_robot(robot)
-        self._dt, self._stop = dt, stop
+    stop: Annotated[float, POSITIVE, Range(0.02, 0.15)] = 0.1
+    """Distance within which it turns instead of driving, m."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 13)."""
-        to = upcoming(observations, self._robot, self._dt)
-        turning = action_of(np.zeros_like(to.turn), to.turn / (self._dt * self._robot.max_angular))
-        near = np.abs(to.waypoint) < self._stop
-        return np.where(near[..., None], turning, self._drive.steer(to.waypoint))
+        to = upcoming(observations, self._robot, self.dt)
+        turning = action_of(np.zeros_like(to.turn), to.turn / (self.dt * self._robot.max_angular))
+        near = np.abs(to.waypoint) < self.stop
+        return np.where(near[..., None], turning, self.steer(to.waypoint))
 
 
 class Upcoming(NamedTuple):
@@ -264,9 +217,3 @@ def _fields(observations: ArrayLike) -> Observation:
 def action_of(forward: Any, turn: Any) -> NDArray[np.float32]:
     """Return actions (..., 2) from shares of the robot's limits."""
     return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
-
-
-def check(rule: Range, **numbers: float) -> None:
-    """Raise ValueError unless all numbers are in a range."""
-    for name, number in numbers.items():
-        rule.check(name, number)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,8 +12,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
-from turtlebot_gym_agents.policies.geometric import check
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, typed
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
 from turtlebot_gym_agents.policies.sight import look, time_to_contact
 
@@ -20,6 +20,7 @@ SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
 """Shares of the commanded speed to try, largest first; the last one is always safe."""
 
 
+@dataclass(eq=False)
 class SafetyLayer:
     """Use the largest share of the commanded speed at which no contact is near; the turning rate is unchanged.
 
@@ -27,48 +28,44 @@ class SafetyLayer:
     at the sector's range. The margin covers the blind zone of a Burger's LiDAR: nearer than 0.12 m, and so up to 0.047 m from
     the back of the robot.
 
-    Args:
-        policy: The policy to protect.
-        robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
-        dt: Control interval, s.
-        reserve: Least time to contact, s.
-        margin: Clearance to keep around the robot, m.
-        lag: Mean age of the beams beyond the stated age of the scan, s.
-
     Raises:
         ValueError: If a number is out of its range, or the policy was made for open ground and sees no obstacles.
     """
 
     layout: ClassVar[int] = ROOM_LAYOUT
 
-    def __init__(
-        self,
-        policy: Policy,
-        robot: str | Robot = "burger",
-        dt: float = REFERENCE_PERIOD,
-        *,
-        reserve: float = 0.5,
-        margin: float = 0.05,
-        lag: float = 0.1,
-    ) -> None:
-        check(POSITIVE, dt=dt, reserve=reserve)
-        check(NON_NEGATIVE, margin=margin, lag=lag)
-        self.card = getattr(policy, "card", None)
+    policy: Policy
+    """The policy to protect."""
+    robot: str | Robot = "burger"
+    """A name in `turtlebot_gym.ROBOTS`, or a robot."""
+    dt: Annotated[float, POSITIVE] = REFERENCE_PERIOD
+    """Control interval, s."""
+    _: KW_ONLY
+    reserve: Annotated[float, POSITIVE] = 0.5
+    """Least time to contact, s."""
+    margin: Annotated[float, NON_NEGATIVE] = 0.05
+    """Clearance to keep around the robot, m."""
+    lag: Annotated[float, NON_NEGATIVE] = 0.1
+    """Mean age of the beams beyond the stated age of the scan, s."""
+
+    def __post_init__(self) -> None:
+        typed(self, "")
+        self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
-        self._policy, self._robot, self._dt = policy, make_robot(robot), dt
-        self._reserve, self._radius, self._lag = reserve, self._robot.radius + margin, lag
+        self._robot = make_robot(self.robot)
+        self._radius = self._robot.radius + self.margin
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
         """Clear the memory of a policy that has one."""
-        if isinstance(self._policy, PolicyWithMemory):
-            self._policy.reset(mask)
+        if isinstance(self.policy, PolicyWithMemory):
+            self.policy.reset(mask)
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
         rows = np.asarray(observations, np.float32)
-        actions = np.clip(np.asarray(self._policy(rows), np.float32), -1.0, 1.0)
-        points = look(rows, self._robot, self._dt, self._lag, edges=True).points
-        reach = self._radius + self._robot.max_linear * self._reserve
+        actions = np.clip(np.asarray(self.policy(rows), np.float32), -1.0, 1.0)
+        points = look(rows, self._robot, self.dt, self.lag, edges=True).points
+        reach = self._radius + self._robot.max_linear * self.reserve
         near = np.abs(points).min(axis=-1) <= reach  # all others are not limited
         limited = actions.copy()
         limited[near, 0] *= self._share(actions[near], points[near])
@@ -79,4 +76,4 @@ class SafetyLayer:
         v = actions[:, :1] * self._robot.max_linear * SHARES
         omega = actions[:, 1:] * self._robot.max_angular
         time = time_to_contact(points[:, None, :], v[..., None], omega[..., None], self._radius).min(axis=-1)
-        return SHARES[np.argmax(time >= self._reserve, axis=-1)]
+        return SHARES[np.argmax(time >= self.reserve, axis=-1)]
