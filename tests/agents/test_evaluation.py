@@ -142,7 +142,7 @@ def test_a_failure_counts_as_the_time_limit():
     assert result.summary()["time_to_goal"].value == result.episodes.time[~failed].mean()
 
 
-def test_who_sees_the_truth_is_never_wrong_about_being_there():
+def test_a_policy_that_observes_the_truth_has_no_false_arrivals():
     assert not evaluate("bearing", episodes=200, observation="truth").episodes.false_arrival.any()
     assert evaluate("bearing", episodes=200, observation="odometry").episodes.false_arrival.any()
 
@@ -173,7 +173,7 @@ def test_progress_counts_episodes(monkeypatch):
     assert counts[-1] == 10
 
 
-def test_pairs_tell_more_than_means():
+def test_paired_differences_have_narrower_intervals_than_means():
     one, other = evaluate("bearing", episodes=200), evaluate("bearing", episodes=200, noise="documented")
     difference = paired(one, other)
     assert difference.value == pytest.approx(one.times().mean() - other.times().mean())
@@ -215,14 +215,14 @@ def test_mean_intervals_cover_as_often_as_they_say():
 
 def test_quantile_intervals_cover_as_often_as_they_say():
     random = np.random.default_rng(2)
-    told = [metrics.quantile(random.exponential(size=200), 0.05) for _ in range(1000)]
+    values = [metrics.quantile(random.exponential(size=200), 0.05) for _ in range(1000)]
     truth = -np.log(0.95)
-    assert 0.94 < np.mean([one.low <= truth <= one.high for one in told]) < 0.99  # a rank is whole: a little more than 95 %
-    assert np.mean([one.value for one in told]) == pytest.approx(truth, rel=0.05)
+    assert 0.94 < np.mean([one.low <= truth <= one.high for one in values]) < 0.99  # a rank is whole: a little more than 95 %
+    assert np.mean([one.value for one in values]) == pytest.approx(truth, rel=0.05)
     assert metrics.quantile([3.0], 0.05) == (3.0, 3.0, 3.0)
 
 
-def test_what_is_not_known_does_not_count():
+def test_metrics_ignore_what_is_nan():
     assert metrics.mean([1.0, np.nan, 3.0]).value == 2.0
     assert all(map(math.isnan, metrics.mean([np.nan])))
     assert metrics.mean([2.0])[0] == 2.0

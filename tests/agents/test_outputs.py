@@ -18,7 +18,7 @@ NEEDED = {"replay": ["drive.csv"], "calibrate": ["drive.csv"], "export": ["drive
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in kinds_of(command)]
 
 
-def told(option):
+def flag_of(option):
     return "--" + option.replace("_", "-")
 
 
@@ -48,14 +48,14 @@ def untouched(monkeypatch):
 
 
 def refused(name, option, value, capsys, *more):
-    assert main([name, *NEEDED.get(name, []), told(option), str(value), *more]) == 2
+    assert main([name, *NEEDED.get(name, []), flag_of(option), str(value), *more]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"turtlebot-gym: {told(option)} {value}"), line
+    assert line.startswith(f"turtlebot-gym: {flag_of(option)} {value}"), line
     return line
 
 
 @pytest.mark.parametrize(("name", "option"), WRITTEN)
-def test_an_output_that_cannot_be_is_refused_before_the_work(name, option, untouched, capsys, folder):
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(name, option, untouched, capsys, folder):
     kind = kinds_of(COMMANDS[name])[option]
     (ending,) = kind.endings[:1] or ("",)
     if kind.folder:
@@ -72,17 +72,17 @@ def test_an_output_that_cannot_be_is_refused_before_the_work(name, option, untou
 
 
 @pytest.mark.parametrize(("name", "option"), [one for one in WRITTEN if not kinds_of(COMMANDS[one[0]])[one[1]].folder])
-def test_a_result_is_overwritten_with_force_alone(name, option, untouched, capsys, folder):
+def test_a_result_is_overwritten_only_with_force(name, option, untouched, capsys, folder):
     kind = kinds_of(COMMANDS[name])[option]
     path = folder / f"result{kind.endings[0]}"
     path.write_text("dear")
     if kind.resumed:
         with pytest.raises(AssertionError, match="begun"):
-            main([name, told(option), str(path)])
+            main([name, flag_of(option), str(path)])
     else:
         assert "overwrite it with --force" in refused(name, option, path, capsys)
     with pytest.raises(AssertionError, match="begun"):
-        main([name, *NEEDED.get(name, []), told(option), str(path), "--force"])
+        main([name, *NEEDED.get(name, []), flag_of(option), str(path), "--force"])
     assert path.read_text() == "dear"  # until there is something to put in its place
 
 

@@ -18,34 +18,34 @@ from turtlebot_gym_agents.training.train import train
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
-def test_what_becomes_of_episodes_is_counted():
+def test_shares_of_success_collision_and_timeout_add_up():
     """One driver goes straight; whatever stands in its way ends the episode."""
-    told = evaluate("bearing", env=ROOMS, world="dense", lidar="ideal", episodes=200)
-    s = told.summary()
+    evaluation = evaluate("bearing", env=ROOMS, world="dense", lidar="ideal", episodes=200)
+    s = evaluation.summary()
     assert s["success"].value + s["collision"].value + s["timeout"].value == pytest.approx(1.0)
     assert 0.3 < s["success"].value < 0.6
     assert 0.4 < s["collision"].value < 0.7
-    e = told.episodes
+    e = evaluation.episodes
     assert (e.clearance[e.collision] < 0.0).all()
     assert (e.clearance[~e.collision] >= 0.0).all()
     assert 0.9 * s["success"].value < s["spl"].value <= s["success"].value
 
 
-def test_the_numbers_of_one_drive_are_what_can_be_worked_out():
+def test_metrics_of_one_drive_follow_from_its_geometry():
     """2 m straight on, 0.6 m from a wall: the least clearance is 0.6 - 0.105 m, and the way is as short as it can be."""
     plan = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0), start=Pose(-1.0, 2.4, 0.0), goal=Pose(1.0, 2.4, 0.0))
-    told = evaluate("bearing", env=ROOMS, world=plan, lidar="ideal", noise="clean", episodes=1)
-    assert told.episodes.clearance == pytest.approx([0.495], abs=0.005)
-    assert told.episodes.path == pytest.approx([1.8], abs=0.03)
-    assert told.episodes.shortest == pytest.approx([1.8], abs=0.08)
-    assert told.summary()["spl"].value == pytest.approx(1.0, abs=0.05)
+    evaluation = evaluate("bearing", env=ROOMS, world=plan, lidar="ideal", noise="clean", episodes=1)
+    assert evaluation.episodes.clearance == pytest.approx([0.495], abs=0.005)
+    assert evaluation.episodes.path == pytest.approx([1.8], abs=0.03)
+    assert evaluation.episodes.shortest == pytest.approx([1.8], abs=0.08)
+    assert evaluation.summary()["spl"].value == pytest.approx(1.0, abs=0.05)
 
 
-def test_open_ground_has_no_collisions_and_says_nothing_of_them():
-    told = evaluate("bearing", episodes=3)
-    assert not {"collision", "spl", "clearance", "timeout"} & set(told.summary())
-    assert not told.episodes.collision.any()
-    assert np.isnan(told.episodes.clearance).all()
+def test_evaluations_on_open_ground_have_no_metrics_of_rooms():
+    evaluation = evaluate("bearing", episodes=3)
+    assert not {"collision", "spl", "clearance", "timeout"} & set(evaluation.summary())
+    assert not evaluation.episodes.collision.any()
+    assert np.isnan(evaluation.episodes.clearance).all()
 
 
 @pytest.fixture(scope="module")

@@ -182,7 +182,7 @@ def test_parts_are_as_even_as_possible():
     assert _groups([3, 10], 1, 200) == [[1]]
 
 
-def test_what_is_left_goes_to_those_that_are_wrapped_most():
+def test_spare_width_goes_to_the_columns_that_wrap_most():
     # Of 5 + 18 + 1 + 2 * 3 = 30 characters, 6 are left: 8 lack here and 2 there.
     assert _widths([Need(2, 4), Need(10, 18)], 25) == [2, 16]
     assert _widths([Need(2, 4), Need(10, 18)], 27) == [3, 17]

@@ -98,10 +98,10 @@ def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # which tells other frames apart
 
 
-def test_progress_tells_steps_and_their_limit(tmp_path):
-    told = []
-    video = record("bearing", tmp_path / "a.gif", seed=2, speed=40.0, width=160, progress=lambda *steps: told.append(steps))
-    assert told == [(step, 300) for step in range(round(video.time / 0.1) + 1)]
+def test_progress_reports_steps_and_their_limit(tmp_path):
+    values = []
+    video = record("bearing", tmp_path / "a.gif", seed=2, speed=40.0, width=160, progress=lambda *steps: values.append(steps))
+    assert values == [(step, 300) for step in range(round(video.time / 0.1) + 1)]
 
 
 def test_the_command_writes_what_it_says(tmp_path, capsys):
@@ -121,12 +121,12 @@ def test_the_command_writes_what_it_says(tmp_path, capsys):
         "belief",
     ]
     assert main(["video", *options, "--width", "320", "--speed", "20", "--out", str(path)]) == 0
-    told = capsys.readouterr()
-    assert not told.err
-    assert f"{path}: " in told.out
-    assert "320 x 352 pixels" in told.out
-    assert f"{path.stat().st_size:,} bytes" in told.out
-    assert "in success" in told.out
+    printed = capsys.readouterr()
+    assert not printed.err
+    assert f"{path}: " in printed.out
+    assert "320 x 352 pixels" in printed.out
+    assert f"{path.stat().st_size:,} bytes" in printed.out
+    assert "in success" in printed.out
     assert read_gif(path)[0].shape[1:] == (352, 320, 3)
     assert [each.name for each in path.parent.iterdir()] == ["square.GIF"]
 

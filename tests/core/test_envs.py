@@ -100,7 +100,7 @@ def test_actions_beyond_one_are_clipped():
 
 
 @pytest.mark.parametrize("info", ["default", "full"])
-def test_a_reset_of_some_tells_of_those_alone(info):
+def test_infos_of_a_partial_reset_cover_only_the_rows_that_were_reset(info):
     env = gym.make_vec(NAV, num_envs=3, info=info)
     env.reset(seed=0)
     _, infos = env.reset(options={"reset_mask": np.array([False, True, False])})
@@ -112,7 +112,7 @@ def test_a_reset_of_some_tells_of_those_alone(info):
     assert infos["distance"][1] > 0.0
 
 
-def test_same_step_tells_last_observations_as_gymnasium_does():
+def test_same_step_returns_final_observations_as_gymnasium_does():
     def sync(limit):
         return gym.make_vec(
             NAV, 4, vectorization_mode="sync", vector_kwargs={"autoreset_mode": SAME_STEP}, max_episode_steps=limit
@@ -142,7 +142,7 @@ def test_same_step_tells_last_observations_as_gymnasium_does():
 
 
 @pytest.mark.parametrize("seed", [0, 2**31 - 1, 2**63 - 2, 2**80])
-def test_any_seed_will_do_and_rows_follow_it(seed):
+def test_seeds_of_any_size_count_up_from_row_to_row(seed):
     many = gym.make_vec(NAV, num_envs=3)
     observations, _ = many.reset(seed=seed)
     for i in range(3):

@@ -208,7 +208,7 @@ def test_a_waypoint_at_the_edge_shows_its_heading(heading):
     assert bottom < tip[1] < top
 
 
-def test_what_is_unknown_is_not_in_the_legend():
+def test_series_without_data_are_not_in_the_legend():
     flown = drive()
     for part in (flown.true_state, flown.reference, flown.covariance):
         part[:] = np.nan

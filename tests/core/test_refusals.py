@@ -85,7 +85,7 @@ def test_an_option_of_another_type_is_refused_by_its_name(maker, name, bad):
     ],
     ids=str,
 )
-def test_options_that_cannot_be_are_refused_by_name(maker, options, rule):
+def test_invalid_options_are_refused_by_name(maker, options, rule):
     refused(lambda: maker(SQUARE, **options), rule)
 
 

@@ -177,7 +177,7 @@ def test_a_robot_that_drives_away_stays_in_view_with_its_trail():
     assert pixel(renderer.draw(world(Pose(1.0, 0.5, np.pi))), 1.15, 0.5) == BODY
 
 
-def test_what_leaves_the_map_does_not_cover_the_legend():
+def test_nothing_outside_the_map_covers_the_legend():
     renderer, other = make(), make()
     above = Pose(0.0, 2.6, 0.0)
     strips = [r.draw(world(believed=at, odometry=at))[:HEADER] for r, at in ((renderer, above), (other, FAR))]

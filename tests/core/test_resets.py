@@ -88,7 +88,7 @@ def test_a_tasks_own_limit_counts_in_the_scalar_environment():
     assert steps_until_the_end(gym.make(ID, task=replace(LONG, max_steps=math.inf)), 400) == 300
 
 
-def test_a_limit_that_cuts_a_task_short_is_told():
+def test_a_limit_that_cuts_a_task_short_causes_a_warning():
     env = gym.make(ID, task=LONG)
     assert steps_until_the_end(env, 400) == 300
     with pytest.warns(

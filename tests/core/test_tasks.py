@@ -59,7 +59,7 @@ def test_rounding_takes_no_direction_out_of_its_bounds():
     assert beside.sin_bearing == 1.0
 
 
-def test_the_way_that_is_left_is_counted_past_a_waypoint_that_is_done_with():
+def test_the_remaining_distance_is_counted_past_a_completed_waypoint():
     """Waypoints at (2, 1) and (2, 4), 3 m apart; the robot is 5 m away from the second."""
     robot, reference, following = State(-2.0, 1.0, 0.0, 0.0, 0.0), Pose(2.0, 1.0, 0.0), Pose(2.0, 4.0, 0.0)
     assert remaining(robot, reference, following, False) == pytest.approx(4.0)

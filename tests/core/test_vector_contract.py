@@ -78,17 +78,17 @@ def drive(envs, mode, steps=16):
             yield envs.reset(seed=[5, None, None])
 
 
-def compare(told, expected):
+def compare(values, expected):
     """Compare infos for the keys that both have, but for times; and return how many numbers those were."""
-    if isinstance(told, list):
-        return sum(compare(one, other) for one, other in zip(told, expected, strict=True))
+    if isinstance(values, list):
+        return sum(compare(one, other) for one, other in zip(values, expected, strict=True))
     count = 0
-    for key in set(told) & set(expected) - {"t"}:
-        if isinstance(told[key], dict):
-            count += compare(told[key], expected[key])
+    for key in set(values) & set(expected) - {"t"}:
+        if isinstance(values[key], dict):
+            count += compare(values[key], expected[key])
         elif key.lstrip("_") != "final_obs":
-            np.testing.assert_array_equal(told[key], expected[key], err_msg=key)
-            count += np.size(told[key])
+            np.testing.assert_array_equal(values[key], expected[key], err_msg=key)
+            count += np.size(values[key])
     return count
 
 

@@ -167,19 +167,19 @@ def test_a_sensors_noise_is_that_of_seed_episode_and_step():
 
 
 def test_unseeded_sensors_differ_and_third_draws_are_of_their_own_stream():
-    told = []
+    values = []
     for _ in range(2):
         env = wrappers.AppendSensor(Echo(), lambda info, draws: draws[..., 2:], low=[-9], high=[9], draws=3)
-        told.append(env.reset()[0][1])
-    assert told[0] != told[1]
+        values.append(env.reset()[0][1])
+    assert values[0] != values[1]
     key = sub_key(episode_key(7, 0), 4)
     assert env.reset(seed=7)[0][1] == np.float32(normals(key, 0, 1)[0])
 
 
-def test_what_a_sensor_says_is_kept_within_its_bounds():
+def test_values_of_a_sensor_are_clipped_to_its_bounds():
     env = wrappers.AppendSensor(Echo(), lambda info, draws: [3.0 * info["at"] - 1.0], low=-0.5, high=4.0)
-    told = [env.reset()[0][1]] + [env.step(np.zeros(1, np.float32))[0][1] for _ in range(3)]
-    assert told == [-0.5, 2.0, 4.0, 4.0]
+    values = [env.reset()[0][1]] + [env.step(np.zeros(1, np.float32))[0][1] for _ in range(3)]
+    assert values == [-0.5, 2.0, 4.0, 4.0]
 
 
 def test_a_wrapped_scalar_environment_is_made_again_from_its_specification():
@@ -192,7 +192,7 @@ def envs(**options):
 
 
 @pytest.mark.parametrize(
-    ("wrap", "told"),
+    ("wrap", "message"),
     [
         (lambda: wrappers.SmoothAction(Echo(), 0.0), r"share must be a number above 0 and at most 1, got 0.0"),
         (lambda: vector.SmoothAction(envs(), 1.5), r"share must be a number above 0 and at most 1, got 1.5"),
@@ -212,13 +212,13 @@ def envs(**options):
         ),
     ],
 )
-def test_what_cannot_be_wrapped_is_one_line(wrap, told):
-    with pytest.raises(ValueError, match=told) as caught:
+def test_arguments_of_wrappers_are_refused_in_one_line(wrap, message):
+    with pytest.raises(ValueError, match=message) as caught:
         wrap()
     assert "\n" not in str(caught.value)
 
 
-def test_what_info_does_not_tell_is_named_with_the_remedy():
+def test_a_key_missing_from_info_is_named_with_the_remedy():
     many = vector.TransitionReward(envs(), brisk)
     many.reset()
     with pytest.raises(KeyError, match="info has no 'true_state'; vector environments tell more with info='full'"):

@@ -142,7 +142,7 @@ def with_one_wrong(draw, arguments):
 
 
 @fuzzed(200, 2500, arguments=GROUND)
-def test_what_is_taken_on_open_ground_leads_to_finite_numbers(arguments):
+def test_accepted_arguments_on_open_ground_give_finite_numbers(arguments):
     driven("arguments", SQUARE, arguments)
 
 
@@ -152,7 +152,7 @@ def test_one_wrong_value_on_open_ground_is_one_line(arguments, data):
 
 
 @fuzzed(20, 400, arguments=IN_ROOMS)
-def test_what_is_taken_in_rooms_leads_to_finite_numbers(arguments):
+def test_accepted_arguments_in_rooms_give_finite_numbers(arguments):
     driven("arguments of rooms", ROOMS, arguments)
 
 

@@ -1,4 +1,4 @@
-"""Whatever a command is told, it does it, or says on one line what is wrong, with the exit code 2."""
+"""Every command does what its arguments ask, or says on one line what is wrong, with the exit code 2."""
 
 from __future__ import annotations
 
@@ -100,10 +100,10 @@ def said(argv):
     if code == "usage":
         raise ValueError("usage")
     if code == 2:
-        told = err.getvalue()
-        assert told.startswith("turtlebot-gym: "), told
-        assert told.count("\n") == 1, told
-        raise ValueError(told.strip())
+        message = err.getvalue()
+        assert message.startswith("turtlebot-gym: "), message
+        assert message.count("\n") == 1, message
+        raise ValueError(message.strip())
     assert code == 0, (argv, err.getvalue())
     return True
 
@@ -154,10 +154,10 @@ def test_ros_command_lines(name, data):
             code = code_of(ros, argv)
         if code == "usage":
             raise ValueError("usage")
-        told = err.getvalue()
-        assert code == 2, (argv, told)
-        assert told.startswith("error: "), told
-        assert told.count("\n") == 1, told
-        raise ValueError(told.strip())
+        message = err.getvalue()
+        assert code == 2, (argv, message)
+        assert message.startswith("error: "), message
+        assert message.count("\n") == 1, message
+        raise ValueError(message.strip())
 
     answered("ROS command lines", call)

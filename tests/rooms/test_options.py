@@ -21,11 +21,11 @@ HALL = FloorPlan(walls=(0.0, 0.0, 3.0, 2.0), circles=((0.0, 0.0, 0.5),), boxes=(
 def drive(env, **reset):
     """Return what an environment tells at a reset and in five steps after it."""
     observation, info = env.reset(**reset)
-    told = [[*observation.tolist(), *info["true_state"].tolist(), *info["reference"].tolist(), info["way_left"]]]
+    values = [[*observation.tolist(), *info["true_state"].tolist(), *info["reference"].tolist(), info["way_left"]]]
     for _ in range(5):
         observation, reward, *_, info = env.step(np.array([0.5, 0.2], np.float32))
-        told.append([*observation.tolist(), reward, info["clearance"]])
-    return told
+        values.append([*observation.tolist(), reward, info["clearance"]])
+    return values
 
 
 def test_start_and_goal_are_those_that_were_given():
@@ -49,12 +49,12 @@ def test_another_world_is_as_if_the_environment_were_made_with_it(world):
 
 
 def test_options_hold_for_one_episode():
-    told = []
+    values = []
     for options in ({"world": HALL, "start": (-2.0, 0.0, 0.0)}, {}, None):
         env = gym.make(ID, world="clutter", lidar="ideal")
         env.reset(seed=4, options=options)
-        told.append(drive(env))
-    assert told[0] == told[1] == told[2]
+        values.append(drive(env))
+    assert values[0] == values[1] == values[2]
 
 
 def test_a_plan_keeps_what_is_not_given():
@@ -77,7 +77,7 @@ def test_a_picture_shows_the_world_that_was_given():
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start', 'goal', got 'starts'"),
         ({"start": (0.0, 0.0)}, r"start must hold x, y and heading, finite numbers, got \(0.0, 0.0\)"),
@@ -93,9 +93,9 @@ def test_a_picture_shows_the_world_that_was_given():
         ({"world": "attic"}, "world must be one of 'clutter'"),
     ],
 )
-def test_options_that_cannot_be_are_one_line_and_nothing_is_begun(options, told):
+def test_invalid_options_of_a_reset_are_refused_and_begin_nothing(options, message):
     env = gym.make(ID, world="clutter", lidar="ideal", disable_env_checker=True).unwrapped
-    with pytest.raises(ValueError, match=told) as caught:
+    with pytest.raises(ValueError, match=message) as caught:
         env.reset(seed=0, options=options)
     assert "\n" not in str(caught.value)
     with pytest.raises(ResetNeeded):
@@ -132,12 +132,12 @@ def test_each_row_starts_where_its_scalar_environment_does_and_once(mode, world)
         np.testing.assert_array_equal(observations[row], first)
         np.testing.assert_allclose(infos["true_state"][row, :3], start)
         assert infos["way_left"][row] == info["way_left"]
-        told = episodes[row]
-        while len(told) < 8:
+        values = episodes[row]
+        while len(values) < 8:
             observation, reward, terminated, truncated, _ = env.step(np.array([0.1, 0.2], np.float32))
-            told.append((reward, observation))
+            values.append((reward, observation))
             if terminated or truncated:
-                told.append((0.0, env.reset()[0]))  # in the environment's own world again
+                values.append((0.0, env.reset()[0]))  # in the environment's own world again
     seen = [[] for _ in STARTS]
     while min(map(len, seen)) < 8:
         observations, rewards, terminated, truncated, infos = envs.step(np.tile(np.float32([0.1, 0.2]), (3, 1)))
@@ -151,8 +151,8 @@ def test_each_row_starts_where_its_scalar_environment_does_and_once(mode, world)
             observations, _ = envs.reset(options={"reset_mask": done})
             for row in np.flatnonzero(done):
                 seen[row].append((0.0, observations[row]))
-    for told, expected in zip(seen, episodes, strict=True):
-        for (reward, observation), (other, wanted) in zip(told, expected, strict=False):
+    for values, expected in zip(seen, episodes, strict=True):
+        for (reward, observation), (other, wanted) in zip(values, expected, strict=False):
             assert reward == other
             np.testing.assert_array_equal(observation, wanted)
     assert envs.unwrapped.parameters is parameters  # one for all again, which is faster
@@ -182,7 +182,7 @@ def test_parameters_that_are_set_take_the_place_of_options():
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'reset_mask', 'start', 'goal', got 'starts'"),
         ({"start": [[0.0], [0.0, 1.0]]}, "start must be x, y and heading, or those of each of 3, got "),
@@ -198,9 +198,9 @@ def test_parameters_that_are_set_take_the_place_of_options():
         ({"world": "office"}, "world must be the same in all episodes of a vector environment: make another one"),
     ],
 )
-def test_options_that_cannot_be_begin_nothing_in_any_row(options, told):
+def test_invalid_options_of_a_reset_begin_nothing_in_any_row(options, message):
     envs = vector(world=ROOM)
-    with pytest.raises(ValueError, match=told) as caught:
+    with pytest.raises(ValueError, match=message) as caught:
         envs.reset(seed=0, options=options)
     assert "\n" not in str(caught.value)
     with pytest.raises(ResetNeeded):

@@ -33,7 +33,7 @@ def at(drawn, x, y):
     return tuple(int(value) for value in drawn[round((2.5 - y) * 128), round((x + 2.5) * 128)])
 
 
-def test_what_stands_is_drawn_where_it_stands():
+def test_obstacles_are_drawn_where_they_stand():
     drawn = picture()
     assert at(drawn, 1.1, 1.2) == SOLID
     assert at(drawn, 1.05, 1.38) == WHITE
@@ -42,7 +42,7 @@ def test_what_stands_is_drawn_where_it_stands():
     assert at(drawn, -2.0, 0.55) == SOLID  # the wall
 
 
-def test_what_walks_is_drawn_where_it_is_now():
+def test_walkers_are_drawn_where_they_are_now():
     assert at(picture(), -1.2, 1.05) == SOLID
     later = picture(steps=20)  # 0.2 m to the right
     assert at(later, -1.25, 1.05) == WHITE

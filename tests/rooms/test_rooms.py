@@ -1,4 +1,4 @@
-"""The environments of rooms: equal to the bit in plain Python, alone and in a batch; contact, reward, and what is told."""
+"""The environments of rooms: equal to the bit in plain Python, alone and in a batch; contact, reward and infos."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_progress_is_that_of_the_shortest_way():
     assert np.mean(rewards[5:]) == pytest.approx(1.0, abs=0.1)
 
 
-def test_the_first_scan_is_whole_and_its_age_is_told():
+def test_the_first_scan_is_complete_and_its_age_is_observed():
     env = RoomsEnv(world=HALL, noise="clean", lidar=Lidar(beams=36, rate=5.0, range_min=0.0, stamped_at_end=True))
     observation, _ = env.reset(seed=0)
     assert observation.shape == (50,)
@@ -147,11 +147,11 @@ CHANGES = {
 def rollout(**options):
     """Return what an environment tells in 30 steps."""
     env = RoomsEnv(**{"world": "clutter", "lidar": LIDAR, "noise": "rough"} | options)
-    told = [env.reset(seed=2)[0].tolist()]
+    values = [env.reset(seed=2)[0].tolist()]
     for step in range(30):
         observation, reward, *ends, info = env.step(np.array([0.5, 0.3 * math.sin(0.3 * step)], np.float32))
-        told.append([*observation.tolist(), reward, *ends, info["clearance"]])
-    return told
+        values.append([*observation.tolist(), reward, *ends, info["clearance"]])
+    return values
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def usual():
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_every_parameter_of_a_lidar_changes_what_is_told(usual, name):
+def test_every_parameter_of_a_lidar_changes_a_rollout(usual, name):
     assert rollout(lidar=replace(LIDAR, **{name: CHANGES[name]})) != usual
 
 
@@ -170,12 +170,12 @@ def test_no_parameter_of_a_lidar_is_forgotten():
 
 @pytest.mark.parametrize("changes", [{"collision": 3.0}, {"nearness": 2.0}, {"near": 0.4}])
 def test_every_weight_of_a_room_changes_a_reward(changes):
-    told = []
+    values = []
     for weights in (Reward(), Reward(**changes)):
         env = RoomsEnv(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
         env.reset(seed=0)
-        told.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])
-    assert told[0] != told[1]
+        values.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])
+    assert values[0] != values[1]
 
 
 def test_the_radius_of_the_robot_decides_on_contact():
