@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.rooms.drawing import capacity
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
@@ -47,4 +47,4 @@ def cast_plain() -> Callable[..., None]:
 @pytest.fixture(scope="session")
 def cast_all() -> Callable[..., None]:
     """Return the same function, compiled."""
-    return njit(_cast_all, error_model="numpy")
+    return compiled(_cast_all, "rays in tests")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.rooms import drawing
@@ -18,7 +18,7 @@ from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.sensing import clearance, walk
 from turtlebot_gym.values import Pose
 
-DRAW = njit(lambda scene, rules, radius, key: drawing.draw(scene, rules, radius, key), error_model="numpy")
+DRAW = compiled(lambda scene, rules, radius, key: drawing.draw(scene, rules, radius, key), "rooms for robots in tests")
 
 
 @pytest.mark.parametrize("name", ROOMS)

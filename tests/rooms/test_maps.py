@@ -12,7 +12,7 @@ import shapely
 from PIL import Image
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.rooms import drawing, geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
@@ -25,9 +25,9 @@ from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
-NEAR = njit(lambda scene, x, y: sensing.clearance(scene, x, y), error_model="numpy")
-BLOCK = njit(lambda scene, clearance: geodesic.block(scene, clearance), error_model="numpy")
-DRAW = njit(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), error_model="numpy")
+NEAR = compiled(lambda scene, x, y: sensing.clearance(scene, x, y), "clearance in tests")
+BLOCK = compiled(lambda scene, clearance: geodesic.block(scene, clearance), "path grids in tests")
+DRAW = compiled(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), "rooms in tests")
 
 
 def write_map(folder, pixels, *, image="map.pgm", **said):

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import shapely
 
-from turtlebot_gym.compiled.cache import njit
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.rooms import drawing, rays, sensing
 from turtlebot_gym.rooms.rules import ROOMS
 
-DRAW = njit(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), error_model="numpy")
-NEAR = njit(lambda scene, x, y: sensing.clearance(scene, x, y), error_model="numpy")
+DRAW = compiled(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), "rooms in tests")
+NEAR = compiled(lambda scene, x, y: sensing.clearance(scene, x, y), "clearance in tests")
 
 
 def corners(box):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.kernel import sqrt
+from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent
 from turtlebot_gym.rooms.scene import RESOLUTION, scene_at
 from turtlebot_gym.rooms.sensing import clearance
@@ -46,24 +48,13 @@ class Oracle:
         """Return actions (N, 2); the observations are ignored."""
         scenes, states, goals = self._envs.truth()
         targets = np.empty((len(states), 2))
-        _find_targets(scenes, states, goals, self._p.robot.radius + KEPT, targets)
+        _finder()(scenes, states, goals, self._p.robot.radius + KEPT, targets)
         moved, turned = arc(states[:, 3], states[:, 4], self._p.dt)
         to = (targets - states[:, :2]) @ np.array([1.0, 1j]) * np.exp(-1j * states[:, 2])
         return self._drive.steer((to - moved) * np.conj(turned))
 
 
-@njit(cache=True)
-def _find_targets(scenes, states, goals, distance, targets):
-    """Write the target point of each robot."""
-    for index in range(len(states)):
-        scene = scene_at(scenes, index)
-        x, y = states[index, 0], states[index, 1]
-        targets[index] = goals[index, :2]
-        if not _is_clear(scene, x, y, goals[index, 0], goals[index, 1], distance):
-            _follow(scene, x, y, distance, targets[index])
-
-
-@njit(cache=True)
+@kernel
 def _follow(scene, x, y, distance, target):
     """Write the farthest point of the path that a straight line reaches; the nearest one if there is none."""
     row, column = _best_near(scene, *cell_of(scene, x, y))
@@ -75,7 +66,7 @@ def _follow(scene, x, y, distance, target):
             target[0], target[1] = to_x, to_y
 
 
-@njit(cache=True)
+@kernel
 def _best_near(scene, row, column):
     """Return the cell with the shortest path among a cell and its eight neighbours."""
     rows, columns = extent(scene)
@@ -87,7 +78,7 @@ def _best_near(scene, row, column):
     return best_row, best_column
 
 
-@njit(cache=True)
+@kernel
 def _is_clear(scene, x, y, to_x, to_y, distance):
     """Return whether a straight line keeps a distance from everything."""
     dx, dy = to_x - x, to_y - y
@@ -96,3 +87,18 @@ def _is_clear(scene, x, y, to_x, to_y, distance):
     for part in range(1, parts + 1):
         nearest = min(nearest, clearance(scene, x + dx * part / parts, y + dy * part / parts))
     return nearest >= distance
+
+
+def _find_targets(scenes, states, goals, distance, targets):
+    """Write the target point of each robot."""
+    for index in range(len(states)):
+        scene = scene_at(scenes, index)
+        x, y = states[index, 0], states[index, 1]
+        targets[index] = goals[index, :2]
+        if not _is_clear(scene, x, y, goals[index, 0], goals[index, 1], distance):
+            _follow(scene, x, y, distance, targets[index])
+
+
+@cache
+def _finder() -> Callable[..., None]:
+    return compiled(_find_targets, "targets of the oracle")
