@@ -43,52 +43,45 @@ def node(name, *parameters):
     return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in words for word in ("-p", each))]
 
 
-@pytest.mark.parametrize(
-    ("policy", "noise", "switch"),
-    [
-        ("ppo-square", "rough", "time"),
-        *(
-            pytest.param(*case, marks=pytest.mark.nightly)
-            for case in (
-                ("proportional", "tutorial", "time"),
-                ("proportional", "rough", "arrival"),
-                ("bearing", "documented", "arrival"),
-                ("ppo-square", "tutorial", "arrival"),
-                ("bearing", "wheel", "arrival"),
-            )
-        ),
-    ],
-)
-def test_the_graph_is_the_environment(compare, policy, noise, switch):
-    drive = compare.SquareDrive(policy, noise, switch, "burger", 3)
-    differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
+def assert_same(compare, expected, live):
+    """Check that a live drive is the environment's in every number."""
+    differ = compare.differences(expected, live)
     assert max(differ.values()) <= LEAST, differ
 
 
-@pytest.mark.nightly
-def test_the_graph_is_the_environment_with_a_filter_that_remembers_more_and_with_noise_from_a_file(compare, tmp_path):
-    write_parameters(NOISES["rough"], tmp_path / "rough.yaml")
-    drive = compare.SquareDrive("bearing", str(tmp_path / "rough.yaml"), "arrival", "burger", 3, "slip")
-    differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS))
-    assert max(differ.values()) <= LEAST, differ
-    matched = compare.episode(drive._replace(filter="matched"), STEPS)
-    assert max(compare.differences(compare.episode(drive, STEPS), matched).values()) > 0.01
+DRIVES = [
+    # policy, noise, switch, filter and fix; whether in processes; what must make a difference, so that the comparison can fail
+    (("ppo-square", "rough", "time", "matched", "none"), False, {}),
+    (("bearing", "wheel", "arrival", "matched", "late"), True, {"fix": "none"}),
+    *(
+        pytest.param(*case, marks=pytest.mark.nightly)
+        for case in (
+            (("proportional", "tutorial", "time", "matched", "none"), False, {}),
+            (("proportional", "rough", "arrival", "matched", "none"), False, {}),
+            (("bearing", "documented", "arrival", "matched", "none"), False, {}),
+            (("bearing", "rough", "time", "matched", "none"), False, {}),
+            (("ppo-square", "tutorial", "arrival", "matched", "none"), False, {}),
+            (("bearing", "wheel", "arrival", "matched", "none"), False, {}),
+            (("bearing", "rough.yaml", "arrival", "slip", "none"), False, {"filter": "matched"}),
+            (("bearing", "wheel", "arrival", "matched", "late"), False, {"fix": "none"}),
+            (("bearing", "wheel", "arrival", "matched", "markers"), False, {"fix": "none"}),
+        )
+    ),
+]
 
 
-@pytest.mark.parametrize(
-    ("fix", "processes"),
-    [
-        pytest.param("late", False, marks=pytest.mark.nightly),
-        ("late", True),
-        pytest.param("markers", False, marks=pytest.mark.nightly),
-    ],
-)
-def test_the_graph_is_the_environment_with_fixes_that_come_late_or_never(compare, fix, processes):
-    drive = compare.SquareDrive("bearing", "wheel", "arrival", "burger", 3, "matched", fix)
-    differ = compare.differences(compare.episode(drive, STEPS), compare.live(drive, STEPS, processes=processes))
-    assert max(differ.values()) <= LEAST, differ
-    without = compare.episode(drive._replace(fix="none"), STEPS)
-    assert max(compare.differences(compare.episode(drive, STEPS), without).values()) > 0.01
+@pytest.mark.parametrize(("parameters", "processes", "otherwise"), DRIVES)
+def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, otherwise):
+    policy, noise, switch, filter, fix = parameters
+    if noise.endswith(".yaml"):
+        noise = str(tmp_path / noise)
+        write_parameters(NOISES["rough"], tmp_path / "rough.yaml")
+    drive = compare.SquareDrive(policy, noise, switch, "burger", 3, filter, fix)
+    expected = compare.episode(drive, STEPS)
+    assert_same(compare, expected, compare.live(drive, STEPS, processes=processes))
+    if otherwise:
+        other = compare.episode(drive._replace(**otherwise), STEPS)
+        assert max(compare.differences(expected, other).values()) > 0.01
 
 
 @pytest.mark.nightly
@@ -98,8 +91,7 @@ def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction
     drive = compare.SquareDrive(policy, noise, "arrival", "burger", 3, plant="mujoco", friction=friction)
     told, live = compare.episode(drive, 150), compare.live(drive, 150)
     np.testing.assert_array_equal(live.command, live.estimate[:, 3:])  # as the wheels have told it, which is not what was asked
-    differ = compare.differences(told, replace(live, command=told.command))
-    assert max(differ.values()) <= LEAST, differ
+    assert_same(compare, told, replace(live, command=told.command))
     unicycle = compare.episode(compare.SquareDrive(policy, noise, "arrival", "burger", 3), 150)
     assert max(compare.differences(told, unicycle).values()) > 0.01
 
@@ -140,8 +132,7 @@ def test_a_command_of_no_step_is_not_obeyed(compare):
             publisher.publish(TwistStamped())
             time.sleep(0.01)
         trajectory = graph.trajectory()
-    differ = compare.differences(compare.episode(drive, 100), compare.first(trajectory, 100))
-    assert max(differ.values()) <= LEAST, differ
+    assert_same(compare, compare.episode(drive, 100), compare.first(trajectory, 100))
 
 
 @pytest.mark.nightly
@@ -166,8 +157,7 @@ def test_a_policy_that_takes_its_time_is_waited_for(compare, monkeypatch, tmp_pa
     monkeypatch.syspath_prepend(tmp_path)
     drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     expected = compare.episode(drive, 60)
-    differ = compare.differences(expected, compare.live(drive._replace(policy="lazy_policy:lazy"), 60))
-    assert max(differ.values()) <= LEAST, differ
+    assert_same(compare, expected, compare.live(drive._replace(policy="lazy_policy:lazy"), 60))
 
 
 @pytest.mark.nightly
@@ -197,8 +187,7 @@ def test_a_reset_begins_the_next_episode(compare, peer):
         graph.wait_until(lambda graph: graph.time < 40.0)  # for two seconds: nobody looks away for so long
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
-    differ = compare.differences(compare.episode(drive, 100, number=1), compare.first(trajectory, 100))
-    assert max(differ.values()) <= LEAST, differ
+    assert_same(compare, compare.episode(drive, 100, number=1), compare.first(trajectory, 100))
 
 
 @pytest.mark.nightly
@@ -214,8 +203,7 @@ def test_while_it_is_not_enabled_time_stands_still(compare, peer):
         assert peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=True)).success
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
-    differ = compare.differences(compare.episode(drive, 100), compare.first(trajectory, 100))
-    assert max(differ.values()) <= LEAST, differ  # not by a bit: the robot did not move meanwhile
+    assert_same(compare, compare.episode(drive, 100), compare.first(trajectory, 100))
 
 
 @pytest.mark.nightly
@@ -233,8 +221,7 @@ def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
         process.send_signal(signal.SIGCONT)
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
-    differ = compare.differences(compare.episode(drive, 100), compare.first(trajectory, 100))
-    assert max(differ.values()) <= LEAST, differ
+    assert_same(compare, compare.episode(drive, 100), compare.first(trajectory, 100))
 
 
 @pytest.mark.nightly

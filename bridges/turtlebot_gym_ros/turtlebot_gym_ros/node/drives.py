@@ -99,9 +99,6 @@ class Drive:
     def _publish_clock(self, stamp: int) -> None:
         self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
 
-    def _make_clock(self) -> None:
-        self._clock = self._hands.node.create_publisher(ClockMessage, "clock", STREAM)
-
 
 class _ByClock(Drive):
     """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
@@ -116,7 +113,7 @@ class _ByClock(Drive):
         self._grid = (SimulatedGrid if self.sets_clock else Grid)(trigger)
         self._watch = Clock(clock_type=ClockType.STEADY_TIME) if self.sets_clock else hands.node.get_clock()
         if self.sets_clock:
-            self._make_clock()
+            self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
         hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch)
 
     def present(self) -> int:
@@ -224,7 +221,7 @@ class _AsPlant(Drive):
             raise ValueError("lock_step must be false for a plant without an input that answers it.")
         self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
-        self._make_clock()
+        self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
         self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())

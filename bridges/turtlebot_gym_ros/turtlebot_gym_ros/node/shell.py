@@ -131,15 +131,12 @@ class Shell:
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
         self.switch: Switch | None = None
         if self.outputs.moving:
-            enabled, blocked = self.common.start_enabled, math.inf if lock_step else 0.5
             self.switch = Switch(
-                node, self.outputs, enabled=enabled, now=self._now, restart=self._enabled, blocked=blocked,
-                sees=any(item.type is Scan for item in block.inputs.values()),
+                node, self.outputs, enabled=self.common.start_enabled, now=self._now, restart=self._enabled,
+                blocked=math.inf if lock_step else 0.5, sees=any(item.type is Scan for item in block.inputs.values()),
             )  # fmt: skip
-        ignore = lock_step or self._drive.sets_clock
-        self._ros_clock = RosClock(node, ignore=ignore, jumped=self._jumped, now=self._now())
-
-    # Running the block, in the executor's thread.
+        ignores_clock = lock_step or self._drive.sets_clock
+        self._ros_clock = RosClock(node, ignore=ignores_clock, jumped=self._jumped, now=self._now())
 
     def _receive(self, key: str, message: Any) -> None:
         """Handle a message, and run the block if it makes a step due."""
@@ -180,19 +177,15 @@ class Shell:
                 switch.safety.end()
         self._steps += 1
         self._overruns += self._now() - now > drive.limit > 0.0
-        self._take_notice()
+        notice = self.block.notice if isinstance(self.block, Notices) else None
+        if notice and notice != self._notice:
+            self._log.warning(notice)
+        self._notice = notice
         if switch:
             return self._move(switch, ticket, messages, stamp)
         self._trouble = None
         self.outputs.publish_answer(messages, stamp)
         return True
-
-    def _take_notice(self) -> None:
-        """Log a notice of the block once."""
-        notice = self.block.notice if isinstance(self.block, Notices) else None
-        if notice and notice != self._notice:
-            self._log.warning(notice)
-        self._notice = notice
 
     def _move(self, switch: Switch, ticket: object, messages: Mapping[str, Any], stamp: int) -> bool:
         """Publish the result of a step, unless it was stopped meanwhile; a block that omits its command is done."""
@@ -254,14 +247,16 @@ class Shell:
             self.switch.stop("fault: the clock jumped", disable=True)
         self.reset("the clock jumped")
 
-    # The watchdog, in its own thread.
-
     def _watch(self) -> None:
+        """In the watchdog's thread, stop a robot whose inputs or clock have become stale, and report."""
         next_report = self._now() + REPORT_PERIOD
         while not self._closing.wait(WATCH_PERIOD):
             now = self._now()
             if self.switch:
-                self._watch_inputs(self.switch, now)
+                stale = self._missing(now)
+                if stale and self.switch.safety.phase == "active":
+                    self._waits = stale
+                    self.switch.stop(stale)
                 self.switch.watch()
             if now >= next_report:
                 next_report = now + REPORT_PERIOD
@@ -269,13 +264,6 @@ class Shell:
                     self._report(now)
                 except Exception as error:  # an error in a report must not end the watchdog
                     self._log.error(f"no diagnostics: {error}")
-
-    def _watch_inputs(self, switch: Switch, now: float) -> None:
-        """Stop a robot whose inputs or clock have become stale."""
-        stale = self._missing(now)
-        if stale and switch.safety.phase == "active":
-            self._waits = stale
-            switch.stop(stale)
 
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
