@@ -33,10 +33,10 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
     Raises:
         ValueError: With one line, if a given parameter does not exist, has the wrong type, or is refused by its class.
     """
-    declared = {item.name: item for each in params for item in fields(each)}
-    kinds = {name: kind for each in params for name, kind in get_type_hints(each).items()}
-    texts = {name: text for each in params for name, text in _descriptions(each).items()}
-    constraints = {name: rule for each in params for name, rule in rules(each).items()}
+    declared = {item.name: item for owner in params for item in fields(owner)}
+    kinds = {name: kind for owner in params for name, kind in get_type_hints(owner).items()}
+    texts = {name: text for owner in params for name, text in _descriptions(owner).items()}
+    constraints = {name: rule for owner in params for name, rule in rules(owner).items()}
     given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
     for name in given:
         if name not in declared and not name.startswith(_ROS_OWN):
@@ -47,7 +47,7 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
         name: _converted(name, given[name].value, kinds[name]) if name in given else _default(item)
         for name, item in declared.items()
     }
-    made = tuple(each(**{item.name: values[item.name] for item in fields(each)}) for each in params)
+    made = tuple(owner(**{item.name: values[item.name] for item in fields(owner)}) for owner in params)
     for name in declared:
         if name in given:
             node.undeclare_parameter(name)

@@ -42,8 +42,8 @@ class SwiftExecutor(SingleThreadedExecutor):
     def _swift(self) -> tuple[list[Any], list[Any]]:
         """Return the swift subscriptions and timers of all nodes."""
         nodes = self.get_nodes()
-        subscriptions = [each for node in nodes for each in node.subscriptions if isinstance(each.callback_group, Swift)]
-        return subscriptions, [each for node in nodes for each in node.timers if isinstance(each.callback_group, Swift)]
+        subscriptions = [entity for node in nodes for entity in node.subscriptions if isinstance(entity.callback_group, Swift)]
+        return subscriptions, [entity for node in nodes for entity in node.timers if isinstance(entity.callback_group, Swift)]
 
     def _run_swift(self, subscriptions: list[Any], timers: list[Any]) -> None:
         """Run swift entities until the others are due."""
@@ -54,19 +54,19 @@ class SwiftExecutor(SingleThreadedExecutor):
             waits = _rclpy.WaitSet(len(subscriptions), 0, len(timers), 0, 0, 0, handle)
             while (left := until - time.monotonic()) > 0.0 and not self._is_shutdown:
                 waits.clear_entities()
-                for each in subscriptions:
-                    waits.add_subscription(each.handle)
-                for each in timers:
-                    waits.add_timer(each.handle)
+                for entity in subscriptions:
+                    waits.add_subscription(entity.handle)
+                for entity in timers:
+                    waits.add_timer(entity.handle)
                 waits.wait(int(left * 1e9))
                 ready = set(waits.get_ready_entities("subscription"))
-                for each in subscriptions:
-                    if each.handle.pointer in ready:
-                        self._take(each)
-                for each in timers:
-                    if each.handle.is_timer_ready():
-                        each.handle.call_timer()
-                        each.callback()
+                for entity in subscriptions:
+                    if entity.handle.pointer in ready:
+                        self._take(entity)
+                for entity in timers:
+                    if entity.handle.is_timer_ready():
+                        entity.handle.call_timer()
+                        entity.callback()
 
     @staticmethod
     def _take(subscription: Any) -> None:

@@ -137,7 +137,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not 0 <= given.get("seed", 0) < MAX_SEED:
             raise ValueError(f"--seed must be from 0 to {MAX_SEED - 1}, got {given['seed']}.")
         written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
-        require_outputs([one for one in written if one[1] is not None], inputs=given.values(), force=force)
+        require_outputs([output for output in written if output[1] is not None], inputs=given.values(), force=force)
     except (ValueError, OSError) as error:
         return refuse(error)
     signal.signal(signal.SIGTERM, signal.default_int_handler)

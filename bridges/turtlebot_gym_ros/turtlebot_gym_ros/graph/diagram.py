@@ -77,7 +77,7 @@ def _says(name: str, *, guarded: bool) -> dict[str, type]:
         return {}
     if name == "cmd_vel_guard":
         return {"cmd_vel": Command}
-    topics = {each.topic: each.type for each in _block(name).outputs.values()}
+    topics = {output.topic: output.type for output in _block(name).outputs.values()}
     moves = BEHIND_GUARD.get(name) if guarded else None
     return {moves if moves and topic == "cmd_vel" else topic: kind for topic, kind in topics.items()}
 
@@ -85,7 +85,7 @@ def _says(name: str, *, guarded: bool) -> dict[str, type]:
 def _hears(name: str, spoken: Mapping[str, type]) -> Iterable[str]:
     """Return the topics that a node subscribes to, among those with a publisher."""
     special = {"data_logger": spoken, "bringup": TOPICS, "cmd_vel_guard": BEHIND_GUARD.values()}
-    return special[name] if name in special else [each.topic for each in _block(name).inputs.values()]
+    return special[name] if name in special else [item.topic for item in _block(name).inputs.values()]
 
 
 def _block(name: str) -> type:
@@ -108,12 +108,12 @@ def connected(expected: Connections, *, domain: int | None = None, timeout: floa
     node = Node("diagram", context=runner.context)
     try:
         deadline = time.monotonic() + timeout
-        while not (found := _ask(node)) >= expected and time.monotonic() < deadline:
+        while not (connections := _ask(node)) >= expected and time.monotonic() < deadline:
             time.sleep(0.05)
     finally:
         node.destroy_node()
         runner.close()
-    return found
+    return connections
 
 
 def _ask(node: Node) -> Connections:
@@ -170,14 +170,16 @@ def draw(axes: Axes, connections: Connections, *, plain: bool = False) -> Axes:
         connections: The graph.
         plain: Whether to use plain names, as in a block diagram, instead of ROS names.
     """
-    nodes = {name for each in connections for name in (each.publisher, each.subscriber)}
-    loop = (nodes & PLACES.keys()) | {each.publisher for each in connections if each.subscriber in PLACES} or nodes
+    nodes = {name for connection in connections for name in (connection.publisher, connection.subscriber)}
+    loop = (nodes & PLACES.keys()) | {
+        connection.publisher for connection in connections if connection.subscriber in PLACES
+    } or nodes
     at = _loop_places(loop)
     words = WORDS if plain else {}
     boxes = {name: _draw_box(axes, place, words.get(name, name), linestyle="-") for name, place in at.items()}
     arrows: dict[tuple[str, str], list[Connection]] = {}
-    for each in sorted(connections, key=lambda each: (len(each.topic), each)):
-        arrows.setdefault((each.publisher, each.subscriber), []).append(each)
+    for connection in sorted(connections, key=lambda connection: (len(connection.topic), connection)):
+        arrows.setdefault((connection.publisher, connection.subscriber), []).append(connection)
     for (publisher, subscriber), topics in arrows.items():
         if not {publisher, subscriber} <= loop:
             continue
@@ -187,7 +189,9 @@ def draw(axes: Axes, connections: Connections, *, plain: bool = False) -> Axes:
         axes.annotate("", at[subscriber], at[publisher], arrowprops={**_ARROW, **style, "color": color}, zorder=1.5)
         _draw_label(axes, at[publisher], at[subscriber], bend, _text(topics, words))
     bystanders = {
-        name: sorted({words.get(each.topic, each.topic) for each in connections if each.subscriber == name})
+        name: sorted(
+            {words.get(connection.topic, connection.topic) for connection in connections if connection.subscriber == name}
+        )
         for name in sorted(nodes - loop)
     }
     if bystanders:
@@ -218,8 +222,8 @@ def _draw_box(axes: Axes, place: _Place, text: str, *, linestyle: str) -> Patch:
 
 def _text(topics: Iterable[Connection], words: Mapping[str, str]) -> str:
     """Return the label of an arrow: its topics, with their types below them unless in plain words."""
-    lines = [words.get(each.topic, each.topic) for each in topics]
-    kinds = dict.fromkeys(each.message.rpartition("/")[2] for each in topics)
+    lines = [words.get(connection.topic, connection.topic) for connection in topics]
+    kinds = dict.fromkeys(connection.message.rpartition("/")[2] for connection in topics)
     return "\n".join([*lines, *([] if words else kinds)])
 
 

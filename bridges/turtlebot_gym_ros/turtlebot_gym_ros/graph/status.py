@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     runner.close()
     start = "".join(f" {word}" for word in remapping(namespace))
     names = (*expected, *sorted(set(reports) - set(expected)))
-    told = {name: reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}")) for name in names}
+    rows = {name: reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}")) for name in names}
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() or "COLUMNS" in os.environ else None
-    print("\n".join(table(told, width=width)))
+    print("\n".join(table(rows, width=width)))
     return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1

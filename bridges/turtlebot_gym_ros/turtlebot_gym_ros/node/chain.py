@@ -53,7 +53,7 @@ class Chain:
         if self._looks < LISTEN:
             return
         heard = self._newest | {feed.topic: feed.stamp for feed in self._answers}
-        speakers = {topic: [node_name(each) for each in self._node.get_publishers_info_by_topic(topic)] for topic in heard}
+        speakers = {topic: [node_name(info) for info in self._node.get_publishers_info_by_topic(topic)] for topic in heard}
         missing = _missing_link(stamp, heard, speakers)
         if missing != self.missing:
             self._node.get_logger().warning(f"time stands still: {missing}.")

@@ -55,18 +55,18 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
         endpoints: Its topics.
         plant: Whether the node simulates a robot, so that no other node should obey the same commands.
     """
-    found: list[Problem] = []
+    problems: list[Problem] = []
     for mine in endpoints:
         publishers = node.get_publishers_info_by_topic(mine.topic)
         subscriptions = node.get_subscriptions_info_by_topic(mine.topic)
         for verb, others in (("publishes", publishers), ("subscribes to", subscriptions)):
-            found += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
+            problems += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
         if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
-            found.append(Problem(WARN, f"{mine.topic}: there is no listener."))
+            problems.append(Problem(WARN, f"{mine.topic}: there is no listener."))
         rivals = [name for other in publishers if (name := node_name(other)) != node.get_fully_qualified_name()]
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
-            found.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
+            problems.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [node_name(other) for other in subscriptions]
             strangers = {node_name(other) for other in subscriptions if other.node_name not in NODES}
@@ -75,8 +75,8 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
                 strangers.add("another simulator")
             who = ", ".join(sorted(strangers))
             text = f"{mine.topic}: {who} obeys the same commands as this simulation. Is it a real robot?"
-            found += [Problem(WARN, text)] if strangers else []
-    return found
+            problems += [Problem(WARN, text)] if strangers else []
+    return problems
 
 
 class Reporter:

@@ -39,13 +39,13 @@ class Feed:
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
-    def connect(self, node: Node, hear: Callable[[Any], None], told: Callable[[], None]) -> Endpoint:
+    def connect(self, node: Node, hear: Callable[[Any], None], newest_told: Callable[[], None]) -> Endpoint:
         """Subscribe to its topic, and return it as an endpoint for the diagnostics.
 
         Args:
             node: The node.
             hear: Called with each message.
-            told: Called when the step of the newest value becomes known.
+            newest_told: Called when the step of the newest value becomes known.
         """
         kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
         if self._lock_step and self.declared.lock_step == "newest":
@@ -53,7 +53,7 @@ class Feed:
             def tell(message: TimeReference) -> None:
                 newest = Time.from_msg(message.time_ref).nanoseconds
                 self._newest = Time.from_msg(message.header.stamp).nanoseconds, newest or None
-                told()
+                newest_told()
 
             topic = f"{self.declared.topic}/newest"
             self._teller = node.create_subscription(TimeReference, topic, tell, LOCK_STEP, callback_group=Swift())

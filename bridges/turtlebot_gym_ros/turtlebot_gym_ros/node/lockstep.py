@@ -33,9 +33,9 @@ def trigger_of(trigger: Every | On, inputs: Mapping[str, Input]) -> On | None:
     Raises:
         ValueError: If the block cannot run in lock-step.
     """
-    for each in inputs.values():
-        if each.lock_step == "refused":
-            raise ValueError(f"lock_step must be false with an input on {each.topic}: its messages belong to no step.")
+    for item in inputs.values():
+        if item.lock_step == "refused":
+            raise ValueError(f"lock_step must be false with an input on {item.topic}: its messages belong to no step.")
     if isinstance(trigger, On):
         return trigger
     if trigger.answers is not None:
@@ -65,7 +65,7 @@ class Answers:
     def __init__(self, trigger: On, inputs: Mapping[str, Input]) -> None:
         self.messages = Messages(trigger)
         self._input = trigger.input
-        self._tied = {trigger.input, *(key for key, each in inputs.items() if each.lock_step in ("same", "newest"))}
+        self._tied = {trigger.input, *(key for key, item in inputs.items() if item.lock_step in ("same", "newest"))}
         self.reset()
 
     def reset(self) -> None:

@@ -122,15 +122,15 @@ def _write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
 def _read_obstacles(message: MarkerArray) -> Obstacles:
     """Return the room from markers made by `_write_obstacles`."""
     circles, boxes, walls = [], [], None
-    for each in message.markers:
-        place = each.pose
+    for shape in message.markers:
+        place = shape.pose
         at = place.position.x, place.position.y
-        if each.type == Marker.CYLINDER:
-            circles.append((*at, 0.5 * each.scale.x))
-        elif each.type == Marker.CUBE:
-            boxes.append((*at, each.scale.x, each.scale.y, 2.0 * math.atan2(place.orientation.z, place.orientation.w)))
-        elif each.type == Marker.LINE_STRIP and len(each.points) == 5:
-            low, high = each.points[0], each.points[2]
+        if shape.type == Marker.CYLINDER:
+            circles.append((*at, 0.5 * shape.scale.x))
+        elif shape.type == Marker.CUBE:
+            boxes.append((*at, shape.scale.x, shape.scale.y, 2.0 * math.atan2(place.orientation.z, place.orientation.w)))
+        elif shape.type == Marker.LINE_STRIP and len(shape.points) == 5:
+            low, high = shape.points[0], shape.points[2]
             walls = 0.5 * (low.x + high.x), 0.5 * (low.y + high.y), 0.5 * (high.x - low.x), 0.5 * (high.y - low.y)
     if walls is None:
         raise ValueError("the markers show no walls")

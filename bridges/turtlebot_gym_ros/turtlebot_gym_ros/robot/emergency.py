@@ -59,10 +59,10 @@ class EmergencyStop:
         sent = now if sent is None else min(sent, now)
         if pressed:
             self._pressed_at = now
-        before = [each for each in self._buttons if number is None or each.number < number]
+        before = [other for other in self._buttons if number is None or other.number < number]
         if before:
             # Of equal numbers take the one heard last: messages of another button must not keep a dead one alive.
-            button = max(reversed(before), key=lambda each: each.number)
+            button = max(reversed(before), key=lambda other: other.number)
             self._buttons.remove(button)
             button.number, button.sent, button.pressed = number or button.number, max(button.sent, sent), pressed
         else:
@@ -70,22 +70,22 @@ class EmergencyStop:
         self._buttons.append(button)
         alive = self._alive(button.sent)  # by the time of sending, since a backlog arrives all at once
         # A restarted button is a new one. Both exist only if the old one sent something after the new one began.
-        newest = max((each.began for each in alive), default=now)
-        self._expected = max(self._expected, 1, sum(each.sent >= newest for each in alive))
+        newest = max((button.began for button in alive), default=now)
+        self._expected = max(self._expected, 1, sum(button.sent >= newest for button in alive))
         if len(alive) >= self._expected:
             self._buttons = alive
 
     def _alive(self, now: float) -> list[_Button]:
-        return [each for each in self._buttons if now - each.sent <= SILENCE]
+        return [button for button in self._buttons if now - button.sent <= SILENCE]
 
     def spoken_since(self, time: float) -> bool:
         """Return whether every button sent something after a steady time, so that all it sent before that has been heard."""
-        return all(each.sent >= time for each in self._buttons)
+        return all(button.sent >= time for button in self._buttons)
 
     def trouble(self, now: float) -> str:
         """Return why the robot must stand, or an empty text."""
         alive = self._alive(now)
-        if now - self._pressed_at <= SILENCE or any(each.pressed for each in alive):
+        if now - self._pressed_at <= SILENCE or any(button.pressed for button in alive):
             return "the emergency stop is pressed"
         if len(alive) >= self._expected:
             return ""

@@ -88,7 +88,7 @@ class Report:
         for topic in topics:
             for info in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
                 if info.topic_type != type_name(self._type):
-                    mine, other = (f"-p enable_stamped_cmd_vel:={str(each).lower()}" for each in (stamped, not stamped))
+                    mine, other = (f"-p enable_stamped_cmd_vel:={str(value).lower()}" for value in (stamped, not stamped))
                     return (
                         f"{node_name(info)} has {info.topic_type} on {topic}, the guard {self._type.__name__}: start the guard "
                         f"with {other}, or that node with {mine}"
