@@ -1,7 +1,7 @@
-"""Measure the cost of a unit of work on Ray with 1 and 2 workers, and extrapolate to 1,000.
+"""Measure the cost of a unit of work with 1 and 2 workers of this machine, and extrapolate to 1,000.
 
-Measured: the same evaluation without Ray and with each number of workers, in turn; empty units, for the overhead of a unit; the
-size of a result; the driver's work per result. The plan for more workers is calculated from those numbers, and says so.
+Measured: the same evaluation without workers and with each number of them, in turn; empty units, for the overhead of a unit;
+the size of a result; the driver's work per result. The plan for more workers is calculated from those numbers, and says so.
 
 `make bench-cluster` runs it.
 """
@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 import tyro
 
-from turtlebot_gym_agents.cluster.ray_workers import AHEAD, OBJECT_STORE, ray_workers
+from turtlebot_gym_agents.cluster.drives import CHUNK, Drive, drives
 from turtlebot_gym_agents.cluster.store import Result, Store
-from turtlebot_gym_agents.cluster.units import CHUNK, Drive, drives, key, training
-from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.trainings import Training
+from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn, key
+from turtlebot_gym_agents.cluster.workers import AHEAD, workers_on
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -70,7 +71,7 @@ def seconds_of(units: list[Any], workers: Workers) -> float:
 
 
 def measured(config: Config) -> dict[str, Any]:
-    """Return the time of units by number of workers, with 0 for no Ray, and the time to start Ray, s."""
+    """Return the time of units by number of workers, with 0 for none, and the time to start them, s."""
     asked = {"env": NAV, "episodes": config.episodes, "seed": 0}
     work, empty = drives("bearing", **asked), [Empty(number=number) for number in range(config.empty)]
     complete(work[:1])  # compiled
@@ -81,10 +82,10 @@ def measured(config: Config) -> dict[str, Any]:
             if workers == 0:
                 row = {"work": seconds_of(work, in_turn), "empty": seconds_of(empty, in_turn)}
             else:
-                with ray_workers("local", workers=workers, memory=Drive.memory) as ray:
-                    complete(work[: 2 * workers], workers=ray)  # workers have started and loaded the loops
+                with workers_on("local", workers=workers, memory=Drive.memory) as here:
+                    complete(work[: 2 * workers], workers=here)  # workers have started and loaded the loops
                     start = time.perf_counter() - begun
-                    row = {"start": start, "work": seconds_of(work, ray), "empty": seconds_of(empty, ray)}
+                    row = {"start": start, "work": seconds_of(work, here), "empty": seconds_of(empty, here)}
             best = results.setdefault(workers, row)
             results[workers] = {name: min(value, best[name]) for name, value in row.items()}
             print(f"round {turn}, {workers} workers: {row}", flush=True)
@@ -113,9 +114,9 @@ def peaks() -> dict[str, float]:
     """Return the memory of a worker for a unit of each kind, bytes."""
     (drive,) = drives("ppo-nav", env=NAV, episodes=CHUNK, seed=0)
     results = {}
-    for name, unit in (("drive", drive), ("training", training(TrainingConfig(steps=20_000, evaluations=1)))):
-        with ray_workers("local", workers=1) as ray:
-            results[name] = complete([Peak(unit=unit)], workers=ray)[0].facts["bytes"]
+    for name, unit in (("drive", drive), ("training", Training.of(TrainingConfig(steps=20_000, evaluations=1)))):
+        with workers_on("local", workers=2) as here:
+            results[name] = complete([Peak(unit=unit)], workers=here)[0].facts["bytes"]
     return results
 
 
@@ -183,7 +184,6 @@ def main() -> None:
         "overhead_of_a_unit": {str(n): (times[n]["empty"] - times[0]["empty"]) / config.empty for n in (1, 2)},
         "driver": costs,
         "memory_of_a_worker": peaks(),
-        "object_store": OBJECT_STORE,
         "planned": plan(results, costs, config),
     }
     write_json(config.json, result, config={"episodes": config.episodes, "empty": config.empty, "rounds": config.rounds})

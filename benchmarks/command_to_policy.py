@@ -99,15 +99,13 @@ def bare(config: Config) -> Turn:
     import torch
 
     from turtlebot_gym.compiled.threads import limited
-    from turtlebot_gym_agents.training import hyperparameters
     from turtlebot_gym_agents.training.config import TrainingConfig
-    from turtlebot_gym_agents.training.train import make_model
+    from turtlebot_gym_agents.training.model import make_model
 
     torch.set_num_threads(1)
     training = TrainingConfig(env=config.env, seed=config.seed, steps=config.steps)
-    hyper = hyperparameters.load("ppo", config.env)
     with tempfile.TemporaryDirectory() as folder, limited(1):
-        model = make_model(training, hyper, training.make(hyper["n_envs"]), tensorboard=Path(folder))
+        model = make_model(training, training.make_training(), tensorboard=Path(folder))
         wall, cpu = _now()
         model.learn(config.steps)
         return Turn(*(end - start for start, end in zip((wall, cpu), _now(), strict=True)))
@@ -124,16 +122,16 @@ def account(config: Config, folder: Path) -> dict[str, list[float]]:
         with watch.time("imports: torch and Stable-Baselines3"):
             import stable_baselines3  # noqa: F401
         with watch.time("imports: the training"):
-            from turtlebot_gym_agents.training import callbacks, train
+            from turtlebot_gym_agents.training import callbacks, model, train
 
         judge, saver = callbacks.EvaluationCallback, callbacks.CheckpointCallback
         judge._evaluate = watch.timed("evaluations", judge._evaluate)
         saver.save = watch.timed("checkpoints", saver.save)
         callbacks.save_model = watch.timed("checkpoints", callbacks.save_model)
-        train.normalization.measure = watch.timed("loops and normalization", train.normalization.measure)
+        callbacks.export = watch.timed("the bundle", callbacks.export)
+        model.measure = watch.timed("loops and normalization", model.measure)
         train.make_model = watch.timed("the model", train.make_model)
         train.learn = watch.timed("learning", train.learn)
-        train.export = watch.timed("the bundle", train.export)
         main([*_arguments(config), "--out", str(folder)])
     return watch.taken
 

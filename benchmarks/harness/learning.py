@@ -70,12 +70,11 @@ def training(
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from turtlebot_gym_agents.training import hyperparameters
     from turtlebot_gym_agents.training.config import TrainingConfig
-    from turtlebot_gym_agents.training.train import make_model
+    from turtlebot_gym_agents.training.model import arguments, make_model
 
     config = TrainingConfig(env=NAV)
-    hyper = hyperparameters.load("ppo", NAV)
+    hyper = config.hyper
 
     def learn(model: Any, total: int) -> tuple[float, float]:
         threads = torch.get_num_threads()
@@ -89,11 +88,11 @@ def training(
         return model.num_timesteps / (time.perf_counter() - wall), 1e6 * (time.process_time() - cpu) / model.num_timesteps
 
     def ours() -> tuple[float, float]:
-        return learn(make_model(config, hyper, config.make(hyper["n_envs"]), tensorboard=None), steps)
+        return learn(make_model(config, config.make(hyper["n_envs"])), steps)
 
     def theirs() -> float:
         envs = DummyVecEnv([lambda: gym.make(NAV) for _ in range(64)])
-        keywords = hyperparameters.arguments({**hyper, "n_steps": hyper["n_envs"] * hyper["n_steps"] // 64}, PPO)
+        keywords = arguments({**hyper, "n_steps": hyper["n_envs"] * hyper["n_steps"] // 64})
         return learn(PPO("MlpPolicy", envs, device="cpu", seed=0, **keywords), steps // 4)[0]
 
     rates, cpu, others = [], [], []

@@ -12,12 +12,12 @@ from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training import export as module
-from turtlebot_gym_agents.training import graph, normalization
+from turtlebot_gym_agents.training import normalization
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export, load_model
+from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.train import make_model
 
 torch.set_num_threads(1)
 CARD = Card(env="e", robot=describe_robot("burger"), dt=0.1, noise="tutorial", filter="matched", observation="ekf")
@@ -28,18 +28,20 @@ SHORT = {
     "td3": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64, "noise_type": "normal", "noise_std": 0.1},
     "ddpg": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64},
 }
-NETWORK = {"policy": "MlpPolicy", "n_envs": 8, "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "Tanh"}}
+NETWORK = {
+    "policy": "MlpPolicy",
+    "n_envs": 8,
+    "n_timesteps": 1024,
+    "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "Tanh"},
+}
 
 
 @pytest.fixture(params=SHORT)
 def model(request):
     """Return a model after a short training, with its class."""
-    config = TrainingConfig(algo=request.param)
-    envs = config.make(8)
-    model = make_model(config, NETWORK | SHORT[request.param], envs, tensorboard=None)
-    model.learn(1024)
-    yield model
-    envs.close()
+    config = TrainingConfig(algo=request.param, config=NETWORK | SHORT[request.param])
+    model = make_model(config, config.make_training())
+    return model.learn(1024)
 
 
 def test_bundle_equals_model_on_10000_observations(model, tmp_path):
@@ -70,24 +72,23 @@ def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
 
 @pytest.mark.parametrize("wrong", ["activation", "shift"])
 def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch, wrong):
-    config = TrainingConfig()
-    model = make_model(config, NETWORK | SHORT["ppo"], config.make(8), tensorboard=None)
+    model = untrained()
     changed = {
         "activation": (torch.nn.Tanh, lambda graph, layer: graph.add("Relu")),
         "shift": (normalization.NormalizedObservation, lambda graph, layer: graph.add("Div", layer.std)),
     }[wrong]
-    monkeypatch.setitem(graph._WRITERS, *changed)
+    monkeypatch.setitem(module._WRITERS, *changed)
     (tmp_path / "policy.onnx").write_text("the old one")
     with pytest.raises(RuntimeError, match="differ from the network's"):
         export(model, tmp_path / "policy.onnx", CARD)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
 
 
-def untrained(**network):
+def untrained(env=TrainingConfig.env, **network):
     """Return a model, with biases that are not zero, so that their places count."""
-    config = TrainingConfig()
     hyper = NETWORK | SHORT["ppo"] | {"policy_kwargs": NETWORK["policy_kwargs"] | network}
-    model = make_model(config, hyper, config.make(8), tensorboard=None)
+    config = TrainingConfig(env=env, config=hyper)
+    model = make_model(config, config.make_training())
     with torch.no_grad():
         for name, parameter in model.policy.named_parameters():
             if name.endswith("bias"):
@@ -95,37 +96,42 @@ def untrained(**network):
     return model
 
 
+def without_torchs_exporter(monkeypatch):
+    monkeypatch.setattr(module, "program_of", lambda *_: pytest.fail("the graph was not written directly"))
+
+
 def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
     model, seen = untrained(activation_fn="ReLU", net_arch=[32, 16, 8]), np.random.default_rng(3).normal(size=(5000, 13))
-    export(model, tmp_path / "ours.onnx", CARD)
-    monkeypatch.setattr(module, "graph_of", lambda policy: None)
+    with monkeypatch.context() as patch:
+        without_torchs_exporter(patch)
+        export(model, tmp_path / "ours.onnx", CARD)
+    monkeypatch.setattr(module, "graph_of", lambda layers, size: None)
     export(model, tmp_path / "torchs.onnx", CARD)
     ours, torchs = (BundlePolicy(tmp_path / f"{whose}.onnx")(seen) for whose in ("ours", "torchs"))
     np.testing.assert_array_equal(ours, torchs)
     assert ours.std() > 0.01
 
 
-def test_layers_that_are_not_known_are_left_to_torchs_exporter(tmp_path):
+def test_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkeypatch):
     model = untrained(activation_fn="ELU")
-    assert graph.graph_of(model.policy) is None
+    assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
+    without_torchs_exporter(monkeypatch)
+    with pytest.raises(pytest.fail.Exception):
+        export(model, tmp_path / "policy.onnx", CARD)
+
+
+def test_a_policy_without_our_normalization_is_written_too(tmp_path, monkeypatch):
+    without_torchs_exporter(monkeypatch)
+    model = PPO("MlpPolicy", Sb3VecEnv(TrainingConfig().make(8)), n_steps=8, device="cpu", seed=0)
     assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
 
 
-def test_a_policy_without_our_normalization_is_written_too(tmp_path):
-    config = TrainingConfig()
-    model = PPO("MlpPolicy", Sb3VecEnv(config.make(8)), n_steps=8, device="cpu", seed=0)
-    assert graph.graph_of(model.policy) is not None
-    assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
-
-
-def test_ranges_of_a_room_are_written_as_logarithms(tmp_path):
+def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch):
+    without_torchs_exporter(monkeypatch)
     room = "turtlebot_gym/TurtleBotRooms-v0"
-    config = TrainingConfig(env=room)
-    envs = config.make(8)
-    model = make_model(config, NETWORK | SHORT["ppo"], envs, tensorboard=None)
-    assert graph.graph_of(model.policy) is not None
+    model = untrained(room)
     assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, layout=ROOM_LAYOUT)) <= TOLERANCE
-    observations, _ = envs.reset(seed=0)
+    observations = model.env.reset()
     expected, _ = model.predict(observations, deterministic=True)
     np.testing.assert_allclose(BundlePolicy(tmp_path / "policy.onnx")(observations), expected, rtol=0, atol=TOLERANCE)
 

@@ -1,11 +1,7 @@
-"""Training: a short one learns, leaves all its files, and goes on after a kill at any moment."""
+"""Training: a short one learns, and leaves all its files."""
 
 import json
-import multiprocessing
-import random
-import time
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -17,8 +13,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.provenance import plain
-from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.callbacks import (
     EVALUATION_SEED,
     CheckpointCallback,
@@ -26,11 +20,11 @@ from turtlebot_gym_agents.training.callbacks import (
     ProgressCallback,
     figures,
     policy_of,
-    replay_path,
 )
 from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.model import choose_device, make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.train import load_checkpoint, make_model, train
+from turtlebot_gym_agents.training.train import train
 
 torch.set_num_threads(1)
 SHORT = {
@@ -54,29 +48,22 @@ SMALL = {
     "n_epochs": 1,
     "policy_kwargs": {"net_arch": [8]},
 }
+small = TrainingConfig(config=SMALL, episodes=8, evaluations=2)
 
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """Return a short training's configuration, result and folder."""
     place = tmp_path_factory.mktemp("runs")
-    hyperparameters.save(place / "short.yaml", "default", SHORT)
-    config = TrainingConfig(config=place / "short.yaml", evaluations=3, episodes=400, seed=1)
+    config = TrainingConfig(config=SHORT, evaluations=3, episodes=400, seed=1)
     return config, train(config, place / "nav", progress=False), place / "nav"
-
-
-@pytest.fixture
-def small(tmp_path):
-    hyperparameters.save(tmp_path / "small.yaml", "default", SMALL)
-    return TrainingConfig(config=tmp_path / "small.yaml", episodes=8, evaluations=2)
 
 
 def test_learns(short):
     config, result, folder = short
     # 400 episodes each. If both succeeded equally often, 0.2 apart would be over 5 standard deviations: 1 in 10^6.
     judges = config.make(400)
-    untrained = make_model(config, SHORT, config.make(SHORT["n_envs"]), tensorboard=None)
-    before = figures(judges, policy_of(untrained), seed=EVALUATION_SEED + 400)
+    before = figures(judges, policy_of(make_model(config, config.make_training())), seed=EVALUATION_SEED + 400)
     after = figures(judges, BundlePolicy(folder / "policy.onnx"), seed=EVALUATION_SEED + 400)
     assert after["success"] > before["success"] + 0.2
     assert after["return"] > before["return"]
@@ -88,16 +75,17 @@ def test_leaves_its_files(short):
     names = {"config.json", "checkpoint.zip", "best.zip", "policy.onnx", "result.json", "tensorboard"}
     assert {path.name for path in folder.iterdir()} == names
     record = json.loads((folder / "config.json").read_text())
-    assert record["config"] == plain(asdict(config))
-    assert record["hyperparameters"] == SHORT
+    assert record["config"] == config.settings()
+    assert record["hyperparameters"] == config.hyper == SHORT
     assert {"version", "commit", "libraries"} <= set(record)
     assert {"python", "numpy", "torch", "stable-baselines3"} <= set(record["libraries"])
-    told = json.loads((folder / "result.json").read_text())
-    assert told["history"] == result.history
-    assert told["best"] == max(result.history, key=lambda one: one["return"])
+    written = json.loads((folder / "result.json").read_text())
+    assert written["history"] == result.history
+    assert written["best"] == max(result.history, key=lambda figures: figures["return"])
     card = BundlePolicy(folder / "policy.onnx", robot="burger", dt=0.1).card
     assert (card.env, card.noise, card.observation) == (config.env, "tutorial", "ekf")
-    assert card.training["evaluation"] == told["best"]
+    assert card.training["evaluation"] == written["best"]
+    assert card.training["steps"] == result.steps
     assert card.training["config"] == record["config"]
     assert (folder / "policy.onnx").stat().st_size < 200_000
 
@@ -113,52 +101,30 @@ def test_logs_evaluations(short):
     _, result, folder = short
     (run,) = (folder / "tensorboard").iterdir()
     log = EventAccumulator(str(run)).Reload()
-    found = [event.value for event in log.Scalars("eval/success")]
-    assert found == pytest.approx([one["success"] for one in result.history])
+    logged = [event.value for event in log.Scalars("eval/success")]
+    assert logged == pytest.approx([figures["success"] for figures in result.history])
     assert log.Tags()["scalars"].count("rollout/ep_rew_mean") == 1
 
 
-def test_a_folder_with_a_run_is_not_overwritten(short):
-    config, _, folder = short
-    with pytest.raises(ValueError, match="--resume"):
-        train(config, folder, progress=False)
-    for change, name in [({"noise": "rough"}, "noise"), ({"seed": 2}, "seed"), ({"randomize": True}, "randomize")]:
-        with pytest.raises(ValueError, match=f"with {name}"):
-            train(replace(config, **change), folder, resume=True, progress=False)
-
-
-def test_a_finished_run_is_resumed_to_the_same(small, tmp_path):
-    first = train(small, tmp_path / "run", progress=False)
-    again = train(small, tmp_path / "run", resume=True, progress=False)
-    assert (again.steps, again.best) == (first.steps, first.best)
-    more = train(replace(small, steps=4096), tmp_path / "run", resume=True, progress=False)
-    assert more.steps == 4096
-    assert more.best["return"] >= first.best["return"]
-
-
-def test_seeds_give_other_episodes_and_one_seed_the_same(small):
+def test_seeds_give_other_episodes_and_one_seed_the_same():
     def first_observations(seed):
-        model = make_model(replace(small, seed=seed), SMALL, small.make(64), tensorboard=None)
-        return model.env.reset()
+        return make_model(replace(small, seed=seed), small.make(64)).env.reset()
 
     np.testing.assert_array_equal(first_observations(1), first_observations(1))
     rows = np.concatenate([first_observations(0), first_observations(1), small.make(64).reset(seed=0)[0]])
     assert len(np.unique(rows, axis=0)) == 3 * 64
 
 
-def test_randomized_environments_differ(small):
-    parameters = replace(small, randomize=True).make(16, randomize=True).unwrapped.parameters
-    assert len({p.noise.process.scale for p in parameters}) == 16
+@pytest.mark.parametrize("error", [0.02, 0.15])
+def test_randomized_environments_differ_by_as_much_as_asked_for(error):
+    """Of 64 uniform numbers the largest is below 0.8 of the range once in a million."""
+    parameters = replace(small, randomize=True, speed_error=error).make_training().unwrapped.parameters
+    scales = [p.noise.process.scale for p in parameters]
+    assert len(set(scales)) == 64
+    assert 0.8 * error < max(abs(scale - 1.0) for scale in scales) < error
 
 
-def test_the_speeds_error_is_as_great_as_asked_for(small):
-    """Of 64 uniform numbers the greatest is below 0.8 of the range once in a million."""
-    for error in (0.02, 0.15):
-        parameters = replace(small, randomize=True, speed_error=error).make(64, randomize=True).unwrapped.parameters
-        assert 0.8 * error < max(abs(p.noise.process.scale - 1.0) for p in parameters) < error
-
-
-def test_options_reach_the_bundle(small, tmp_path):
+def test_options_reach_the_bundle(tmp_path):
     config = replace(small, robot=ROBOTS["waffle"], noise="rough", observation="odometry", delay=1, steps=1024)
     train(config, tmp_path / "run", progress=False)
     card = BundlePolicy(tmp_path / "run" / "policy.onnx", robot="waffle").card
@@ -173,29 +139,43 @@ def test_options_reach_the_bundle(small, tmp_path):
         {"episodes": 0},
         {"evaluations": -1},
         {"seed": -1},
+        {"threads": 0},
+        {"checkpoint_seconds": -1.0},
         {"algo": "dreamer"},
         {"speed_error": 1.0},
         {"noise": "x"},
+        {"env": "nothing/Here-v0"},
+        {"device": "tpu"},
+        {"randomize": "yes"},
     ],
+    ids=str,
 )
 def test_refuses_what_is_out_of_range(change, tmp_path):
-    with pytest.raises(ValueError, match=next(iter(change))):
+    with pytest.raises(ValueError, match=f"^{next(iter(change))} must be "):
         train(TrainingConfig(**change), tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
 
 
-def test_off_policy_checkpoints_have_their_replay_buffer(tmp_path):
-    hyper = {**SMALL, "learning_starts": 128, "buffer_size": 1000, "batch_size": 32}
-    for key in ("n_steps", "n_epochs"):
-        del hyper[key]
-    hyperparameters.save(tmp_path / "small.yaml", "default", hyper)
-    config = TrainingConfig(algo="sac", config=tmp_path / "small.yaml", episodes=8, steps=512)
-    train(config, tmp_path / "run", progress=False)
-    model = load_checkpoint(config, tmp_path / "run" / "checkpoint.zip", config.make(64))
-    assert isinstance(model, SAC)
-    assert model.replay_buffer.size() * 64 == model.num_timesteps == 512
-    assert replay_path(tmp_path / "run" / "checkpoint.zip").is_file()
-    assert train(replace(config, steps=640), tmp_path / "run", resume=True, progress=False).steps == 640
+def test_auto_takes_a_gpu_for_off_policy_algorithms_only(monkeypatch, tmp_path):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert [choose_device("auto", algo) for algo in ("ppo", "a2c", "sac", "td3", "ddpg")] == ["cpu"] * 2 + ["cuda"] * 3
+    assert (choose_device("cuda", "ppo"), choose_device("cpu", "sac")) == ("cuda", "cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert {choose_device(device, algo) for device in ("cpu", "auto") for algo in ("ppo", "sac")} == {"cpu"}
+    with pytest.raises(ValueError, match=r"^device 'cuda' is not available: torch .* finds no GPU; use --device cpu\.$"):
+        train(TrainingConfig(device="cuda"), tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "device", ["auto", pytest.param("cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU"))]
+)
+def test_a_run_records_its_device(device, tmp_path):
+    train(replace(small, device=device, steps=1024), tmp_path / "run", progress=False)
+    record = json.loads((tmp_path / "run" / "config.json").read_text())
+    card = BundlePolicy(tmp_path / "run" / "policy.onnx").card
+    assert record["config"]["device"] == card.training["config"]["device"] == device
+    assert record["device"] == card.training["device"] == ("cuda" if device == "cuda" else "cpu")
 
 
 def test_callbacks_serve_a_script_of_ones_own(tmp_path, capsys):
@@ -206,14 +186,14 @@ def test_callbacks_serve_a_script_of_ones_own(tmp_path, capsys):
     judge = EvaluationCallback(make(8), every=2048, path=tmp_path / "best.zip")
     bar = ProgressCallback(6144, label="mine")
     model.learn(6144, callback=[judge, CheckpointCallback(tmp_path / "last.zip", seconds=0.0), bar])
-    assert [one["steps"] for one in judge.history] == [2048, 4096, 6144]
+    assert [figures["steps"] for figures in judge.history] == [2048, 4096, 6144]
     assert PPO.load(tmp_path / "last.zip").num_timesteps == 6144
     assert PPO.load(tmp_path / "best.zip").num_timesteps == judge.best["steps"]
     assert "mine" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("kind", "scale"), [(PPO, 100.0), (SAC, 3.0)])
-def test_a_policy_is_what_predict_does_to_the_bit(small, kind, scale):
+def test_a_policy_is_what_predict_does_to_the_bit(kind, scale):
     model = kind("MlpPolicy", Sb3VecEnv(small.make(8)), seed=0, device="cpu")
     with torch.no_grad():
         for parameter in model.policy.parameters():
@@ -226,51 +206,8 @@ def test_a_policy_is_what_predict_does_to_the_bit(small, kind, scale):
     assert 0.1 < np.mean(np.abs(policy_of(model)(observations)) < 1.0) < 1.0
 
 
-def test_evaluation_can_end_a_training(small):
-    judge = EvaluationCallback(small.make(8), every=1024, go_on=lambda found: found["steps"] < 2048)
-    model = make_model(small, SMALL, small.make(64), tensorboard=None)
-    model.learn(100_000, callback=[judge])
+def test_evaluation_can_end_a_training():
+    judge = EvaluationCallback(small.make(8), every=1024, go_on=lambda reached: reached["steps"] < 2048)
+    make_model(small, small.make(64)).learn(100_000, callback=[judge])
     assert judge.stopped
-    assert [one["steps"] for one in judge.history] == [1024, 2048]
-
-
-def _kill_and_resume(config: TrainingConfig, folder: Path, kills: int) -> None:
-    """Kill a training again and again, and look at what it left.
-
-    It saves and evaluates as often as it can, so that many kills come while it writes.
-    """
-    processes = multiprocessing.get_context("forkserver")
-    processes.set_forkserver_preload([train.__module__])  # a child then begins in no time
-    chance = random.Random(4)
-    checkpoint = folder / "checkpoint.zip"
-    config = replace(config, steps=10**9, evaluations=10**9 // 1024, checkpoint_seconds=0.0)
-    reached = 0
-    for kill in range(kills):
-        child = processes.Process(target=train, args=(config, folder), kwargs={"resume": True, "progress": False})
-        child.start()
-        advance = kill % 2 == 0  # wait for a new checkpoint; else the kill comes at any moment after the start
-        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
-        while advance and child.is_alive() and (checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0) == before:
-            time.sleep(0.001)
-        time.sleep(chance.uniform(0.0, 0.3 if advance else 1.5))
-        assert child.is_alive()
-        child.kill()
-        child.join()
-        steps = PPO.load(checkpoint, device="cpu").num_timesteps
-        assert steps > reached if advance else steps >= reached
-        reached = steps
-        assert json.loads((folder / "config.json").read_text())["hyperparameters"] == SMALL
-        if (folder / "best.zip").exists():
-            PPO.load(folder / "best.zip", device="cpu")
-    result = train(replace(config, steps=reached + 1, evaluations=2), folder, resume=True, progress=False)
-    assert reached < result.steps <= reached + 1024
-    BundlePolicy(folder / "policy.onnx", robot="burger", dt=0.1)
-
-
-def test_resumes_after_kills(small, tmp_path):
-    _kill_and_resume(small, tmp_path / "run", kills=3)
-
-
-@pytest.mark.slow
-def test_resumes_after_many_kills(small, tmp_path):
-    _kill_and_resume(small, tmp_path / "run", kills=20)
+    assert [figures["steps"] for figures in judge.history] == [1024, 2048]

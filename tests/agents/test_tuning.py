@@ -23,13 +23,10 @@ TINY = {
 }
 
 
-@pytest.fixture
-def config(tmp_path):
-    hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
-    return TrainingConfig(steps=1024, evaluations=1, episodes=8, config=tmp_path / "tiny.yaml")
+config = TrainingConfig(steps=1024, evaluations=1, episodes=8, config=TINY)
 
 
-def test_two_trials_and_a_third_later(config, tmp_path):
+def test_two_trials_and_a_third_later(tmp_path):
     counts = []
     study = tune(config, tmp_path / "study", trials=2, progress=counts.append)
     assert counts == [0, 1, 2]
@@ -48,13 +45,13 @@ def test_two_trials_and_a_third_later(config, tmp_path):
     content = yaml.safe_load((tmp_path / "study" / "best.yaml").read_text())
     best = hyperparameters.load("ppo", config.env, tmp_path / "study" / "best.yaml")
     assert set(content) == {config.env}
-    assert best == with_parameters(TINY, again.best_params)
+    assert best == with_parameters(config, again.best_params).hyper
     assert best["learning_rate"] == f"lin_{again.best_params['learning_rate']:.6g}"
     with pytest.raises(ValueError, match="another configuration"):
         tune(replace(config, noise="rough"), tmp_path / "study", trials=3)
 
 
-def test_trials_that_fall_behind_are_cut_short(config, tmp_path, monkeypatch):
+def test_trials_that_fall_behind_are_cut_short(tmp_path, monkeypatch):
     monkeypatch.setattr(optuna.Trial, "should_prune", lambda trial: trial.number == 1)
     study = tune(config, tmp_path / "study", trials=2)
     assert [trial.state.name for trial in study.trials] == ["COMPLETE", "PRUNED"]
@@ -64,13 +61,15 @@ def test_trials_that_fall_behind_are_cut_short(config, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("algo", SPACES)
 def test_the_shipped_hyperparameters_lie_in_the_search_space(algo):
-    base = hyperparameters.load(algo, TrainingConfig.env)
-    inside = starting_point(SPACES[algo], base)
+    shipped = TrainingConfig(algo=algo)
+    inside = starting_point(SPACES[algo], shipped.hyper)
     assert {"learning_rate", "gamma", "batch_size", "policy_kwargs.net_arch"} <= set(inside)
-    assert with_parameters(base, inside) == base
+    assert with_parameters(shipped, inside).hyper == shipped.hyper
 
 
-@pytest.mark.parametrize(("change", "message"), [({"algo": "ddpg"}, "algo must be one of 'ppo', 'sac', 'td3'"), ({}, "trials")])
-def test_refuses_what_it_cannot_search(config, tmp_path, change, message):
-    with pytest.raises(ValueError, match=message):
-        tune(replace(config, **change), tmp_path / "study", trials=0)
+def test_refuses_what_it_cannot_search(tmp_path):
+    hyper = {name: TINY[name] for name in ("n_envs", "n_timesteps", "policy")}
+    with pytest.raises(ValueError, match="algo must be one of 'ppo', 'sac', 'td3'"):
+        tune(TrainingConfig(algo="ddpg", config=hyper), tmp_path / "study")
+    with pytest.raises(ValueError, match="trials must be a whole number from 1"):
+        tune(config, tmp_path / "study", trials=0)

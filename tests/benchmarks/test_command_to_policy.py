@@ -32,23 +32,17 @@ def test_the_stopwatch_counts_every_second_once(monkeypatch):
     assert watch.taken == {"inner": [7.0, 14.0], "outer": [3.0, 6.0]}  # 10 in all
 
 
-def test_the_bare_learning_and_the_command_are_the_same_training(tmp_path):
+def test_the_bare_learning_and_the_command_are_the_same_training(tmp_path, monkeypatch):
     """Both leave the same weights: what is compared is the same work."""
     import torch
     from stable_baselines3 import PPO
 
+    from turtlebot_gym_agents.training import model as making
     from turtlebot_gym_agents.training import train as training
 
-    made = []
-    config = command_to_policy.Config(steps=1)
-    make_model, training.make_model = (
-        training.make_model,
-        lambda *args, **kwargs: made.append(make_model(*args, **kwargs)) or made[-1],
-    )
-    try:
-        cost = command_to_policy.bare(config)
-    finally:
-        training.make_model = make_model
+    made, make_model = [], making.make_model
+    monkeypatch.setattr(making, "make_model", lambda *args, **kwargs: made.append(make_model(*args, **kwargs)) or made[-1])
+    cost = command_to_policy.bare(command_to_policy.Config(steps=1))
     assert cost.wall > 0.0
     assert cost.cpu > 0.0
     training.train(training.TrainingConfig(steps=1, episodes=4, evaluations=1), tmp_path / "run", progress=False)

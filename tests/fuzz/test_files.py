@@ -28,7 +28,7 @@ from turtlebot_gym_agents.cluster.grid import read_grid
 from turtlebot_gym_agents.evaluation.replay import replayable
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.training import hyperparameters
-from turtlebot_gym_agents.training.algorithms import ALGORITHMS
+from turtlebot_gym_agents.training.model import arguments
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 EXAMPLES = {Noise: asdict(NOISES["rough"]), Robot: asdict(ROBOTS["burger"]), FixNoise: asdict(FIXES["late"])}
@@ -97,7 +97,7 @@ def test_hyperparameters(algo, name, data):
 
     def load():
         hyper = hyperparameters.load(algo, "default", written("e.yaml", dumped({"default": said})))
-        keywords = hyperparameters.arguments(hyper, ALGORITHMS[algo])
+        keywords = arguments(hyper)
         assert all(math.isfinite(value) for value in keywords.values() if isinstance(value, float)), keywords
         return keywords
 

@@ -25,7 +25,7 @@ def test_the_current_policy_is_shown_while_it_learns(tmp_path, capsys):
     config = TrainingConfig(steps=20_000, evaluations=1, episodes=10)
     watch = Visit(config, seconds=0.0, port=0)
     train(config, tmp_path / "run", progress=False, callbacks=[watch])
-    assert all("TurtleBotNav-v0, ppo, seed 0" in page for page in pages)
+    assert all("TurtleBotNav-v0 ppo seed 0" in page for page in pages)
     assert labels[0] == "after 0 steps"
     url = capsys.readouterr().out.split()[0]
     with pytest.raises(URLError):

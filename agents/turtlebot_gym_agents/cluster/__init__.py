@@ -1,5 +1,5 @@
 """Work split into units, which run here one after another or in parallel on a cluster, with the same results.
 
-`units` defines and runs units, `store` keeps results as they arrive, `work` combines the two, and `ray_workers` is the only
-module that uses Ray.
+`units` runs units and reuses stored results, `store` keeps results as they arrive, and `workers` are processes of this machine
+(joblib) or of a cluster (Ray). `drives`, `trainings`, `search` and `grid` are the kinds of work.
 """

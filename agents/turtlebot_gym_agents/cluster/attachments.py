@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ T = TypeVar("T")
 
 def attach(*names: object) -> dict[str, dict[str, bytes]]:
     """Return the files among some names, including single-file modules named as "module:callable"."""
-    found: dict[str, dict[str, bytes]] = {}
+    attachments: dict[str, dict[str, bytes]] = {}
     for name in names:
         if not isinstance(name, (str, Path)):
             continue
@@ -32,12 +33,12 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
         path, (module, colon, _) = Path(bare), bare.partition(":")
         if path.suffix in SUFFIXES:
             if path.is_file():
-                found[bare] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
+                attachments[bare] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
         elif colon and module.isidentifier():
             source = _source(module)
             if source is not None:
-                found[_MODULE + module] = {source.name: source.read_bytes()}
-    return found
+                attachments[_MODULE + module] = {source.name: source.read_bytes()}
+    return attachments
 
 
 @contextmanager
@@ -72,6 +73,14 @@ def placed(value: T, places: Mapping[str, str]) -> T:
     bare = str(value).removesuffix(SAFETY)
     there: Any = places.get(bare)
     return value if there is None else type(value)(there + str(value)[len(bare) :])
+
+
+def hashes(attachments: Attachments) -> dict[str, dict[str, str]]:
+    """Return hashes of the files' contents, by name."""
+    return {
+        name: {file: hashlib.sha256(content).hexdigest() for file, content in files.items()}
+        for name, files in sorted(attachments.items())
+    }
 
 
 def _images(path: Path) -> list[Path]:

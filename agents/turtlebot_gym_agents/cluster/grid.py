@@ -17,19 +17,21 @@ training is repeated in each cell with several seeds, and its results include th
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import shown, whole
+from turtlebot_gym_agents.cluster.drives import CHUNK, Drive, drives, evaluation
 from turtlebot_gym_agents.cluster.store import Result, Store
-from turtlebot_gym_agents.cluster.units import CHUNK, Drive, Training, Unit, drives, training
-from turtlebot_gym_agents.cluster.work import Workers, complete, evaluation, in_turn
+from turtlebot_gym_agents.cluster.trainings import Training
+from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn
 from turtlebot_gym_agents.evaluation.comparison import compare
 from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, paired, require_known
 from turtlebot_gym_agents.evaluation.metrics import holm
+from turtlebot_gym_agents.training.config import TrainingConfig
 
 SETTINGS = ("env", "robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar", "switch", "laps")
 """Settings that a grid may hold: arguments of environments."""
@@ -47,7 +49,7 @@ class Grid:
     policies: tuple[str, ...] = ()
     """Names for `turtlebot_gym_agents.make_policy`."""
     trainings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Trainings by name: fields of `training.train.TrainingConfig`, and ``seeds``, the number of seeds, from seed 0."""
+    """Trainings by name: fields of `training.config.TrainingConfig`, and ``seeds``, the number of seeds, from seed 0."""
     compare_with: str | None = None
     """Policy whose times are subtracted; by default the first one."""
     episodes: int = 1000
@@ -65,15 +67,14 @@ class Grid:
         for name, value in (("grid", self.grid), ("trainings", self.trainings)):
             if not isinstance(value, Mapping):
                 raise ValueError(f"{name} must be a mapping, got {shown(value)}.")
-        for name, said in self.trainings.items():
-            if not isinstance(said, Mapping):
-                raise ValueError(f"training {shown(name)} must be a mapping of its settings, got {shown(said)}.")
-            whole(f"seeds of training {shown(name)}", said.get("seeds", 1), 1, MAX_SEEDS)
+        for name, settings in self.trainings.items():
+            if not isinstance(settings, Mapping):
+                raise ValueError(f"training {shown(name)} must be a mapping of its settings, got {shown(settings)}.")
+            whole(f"seeds of training {shown(name)}", settings.get("seeds", 1), 1, MAX_SEEDS)
         if self.baseline not in self.policies:
             raise ValueError(f"compare_with must be one of policies, {', '.join(self.policies)}, got {self.compare_with!r}.")
         for name in ("episodes", "chunk"):
-            value = getattr(self, name)
-            whole(name, value, 2)
+            whole(name, getattr(self, name), 2)
         if unknown := [str(name) for name in self.grid if name not in SETTINGS]:
             raise ValueError(f"grid must hold settings, {', '.join(SETTINGS)}, got {', '.join(unknown)}.")
         for env in _listed(self.grid.get("env", NAV)):
@@ -87,24 +88,22 @@ class Grid:
     def cells(self) -> list[dict[str, Any]]:
         """Return the settings of each cell."""
         names = {"env": NAV, **self.grid}
-        return [dict(zip(names, one, strict=True)) for one in itertools.product(*map(_listed, names.values()))]
+        return [dict(zip(names, values, strict=True)) for values in itertools.product(*map(_listed, names.values()))]
 
     def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[Training]:
         """Return the units of a training in a cell, one for each seed."""
-        from turtlebot_gym_agents.training.config import TrainingConfig
-
-        said = dict(self.trainings[name])
-        seeds = said.pop("seeds", 1)
-        known = {item.name for item in fields(TrainingConfig)} - {"seed"}
-        if unknown := [str(each) for each in {**said, **cell} if each not in known]:
+        settings = {**self.trainings[name], **cell}
+        seeds = settings.pop("seeds", 1)
+        known = {item.name for item in fields(TrainingConfig) if item.init} - {"seed"}
+        if unknown := [str(setting) for setting in settings if setting not in known]:
             raise ValueError(
                 f"training {name!r} has no fields {', '.join(unknown)}; known fields are {', '.join(sorted(known))}."
             )
-        if "config" in said:
-            if not isinstance(said["config"], str):
-                raise ValueError(f"config of training {name!r} must be the name of a file, got {shown(said['config'])}.")
-            said["config"] = Path(said["config"])
-        return [training(TrainingConfig(**{**said, **cell, "seed": seed})) for seed in range(seeds)]
+        if "config" in settings:
+            if not isinstance(settings["config"], str):
+                raise ValueError(f"config of training {name!r} must be the name of a file, got {shown(settings['config'])}.")
+            settings["config"] = Path(settings["config"])
+        return [Training.of(TrainingConfig(**settings, seed=seed)) for seed in range(seeds)]
 
     def drives_of(self, policy: str, cell: Mapping[str, Any], *, bundle: bytes | None = None) -> list[Drive]:
         """Return the units of a policy's evaluation in a cell; the policy may be the content of a bundle."""
@@ -118,13 +117,13 @@ def read_grid(path: Path) -> Grid:
     Raises:
         ValueError: If the file is not YAML, or a field is unknown or invalid; the message names the file.
     """
-    said = load(path)
+    content = load(path)
     try:
         known = [item.name for item in fields(Grid)]
-        unknown = [str(name) for name in said if name not in known] if isinstance(said, Mapping) else [shown(said)]
+        unknown = [str(name) for name in content if name not in known] if isinstance(content, Mapping) else [shown(content)]
         if unknown:
             raise ValueError(f"a study must hold {', '.join(known)}, got {', '.join(unknown)}.")
-        return Grid(**{**said, "policies": tuple(_listed(said.get("policies", ())))})
+        return Grid(**{**content, "policies": tuple(_listed(content.get("policies", ())))})
     except (ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
 
@@ -149,50 +148,52 @@ def study(
         training the result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
     """
     cells = grid.cells()
-    trained: list[tuple[int, str, int]] = []
-    trainings: list[Unit] = []
-    for at, cell in enumerate(cells):
-        for name in grid.trainings:
-            for number, unit in enumerate(grid.trainings_of(name, cell)):
-                trained.append((at, name, number))
-                trainings.append(unit)
-    asked = {(at, policy): grid.drives_of(policy, cell) for at, cell in enumerate(cells) for policy in grid.policies}
-    bundles = dict(zip(trained, _all(trainings, workers, store, progress), strict=True))
-    for (at, name, number), result in bundles.items():
-        label = f"{name}/seed-{number}.onnx"
-        asked[at, label] = grid.drives_of(label, cells[at], bundle=result.files["policy.onnx"])
-    results = iter(_all([unit for units in asked.values() for unit in units], workers, store, progress))
-    found: dict[tuple[int, str], Evaluation] = {}
-    for (at, policy), units in asked.items():
+    trained = {
+        (at, f"{name}/seed-{seed}.onnx"): unit
+        for at, cell in enumerate(cells)
+        for name in grid.trainings
+        for seed, unit in enumerate(grid.trainings_of(name, cell))
+    }
+    learned = dict(zip(trained, _all(trained.values(), workers, store, progress), strict=True))
+    driven = {(at, policy): grid.drives_of(policy, cell) for at, cell in enumerate(cells) for policy in grid.policies}
+    for (at, label), result in learned.items():
+        driven[at, label] = grid.drives_of(label, cells[at], bundle=result.files["policy.onnx"])
+    results = iter(_all(itertools.chain(*driven.values()), workers, store, progress))
+    evaluations: dict[tuple[int, str], Evaluation] = {}
+    for (at, policy), units in driven.items():
         config = {**cells[at], "policy": policy, "episodes": grid.episodes, "seed": grid.seed}
-        found[at, policy] = evaluation(units, [next(results) for _ in units], config)
-    rows = [_row(grid, at, cell, found) for at, cell in enumerate(cells)]
-    compared = [one for row in rows for one in row["trainings"].values() if "p" in one]
-    for one, p in zip(compared, holm([one["p"] for one in compared]), strict=True):
-        one["p_holm"] = p
+        evaluations[at, policy] = evaluation([next(results) for _ in units], config)
+    rows = [_row(grid, at, cell, evaluations) for at, cell in enumerate(cells)]
+    compared = [comparison for row in rows for comparison in row["trainings"].values() if "p" in comparison]
+    for comparison, p in zip(compared, holm([comparison["p"] for comparison in compared]), strict=True):
+        comparison["p_holm"] = p
     return rows
 
 
-def _all(units: list[Any], workers: Workers, store: Store | None, progress: Callable[[int, int], None]) -> list[Result]:
+def _all(units: Iterable[Any], workers: Workers, store: Store | None, progress: Callable[[int, int], None]) -> list[Result]:
+    units = list(units)
     total = sum(unit.size for unit in units)
     return complete(units, workers=workers, store=store, progress=lambda done: progress(done, total))
 
 
-def _row(grid: Grid, at: int, cell: Mapping[str, Any], found: Mapping[tuple[int, str], Evaluation]) -> dict[str, Any]:
+def _row(grid: Grid, at: int, cell: Mapping[str, Any], evaluations: Mapping[tuple[int, str], Evaluation]) -> dict[str, Any]:
     """Return the results of a cell."""
-    baseline = found[at, grid.baseline]
-    policies = {}
-    for policy in grid.policies:
-        one = found[at, policy]
-        policies[policy] = {**one.summary(), "difference": paired(one, baseline)}
+    baseline = evaluations[at, grid.baseline]
+    policies = {policy: _beside(evaluations[at, policy], baseline) for policy in grid.policies}
     trainings = {}
     for name in grid.trainings:
-        learned = [one for (where, policy), one in found.items() if where == at and policy.startswith(f"{name}/seed-")]
+        learned = [
+            result for (where, label), result in evaluations.items() if where == at and label.startswith(f"{name}/seed-")
+        ]
         if len(learned) > 1:
             trainings[name] = compare(learned, baseline)
         else:  # a single training says nothing about others: treat it as a policy
-            policies[name] = {**learned[0].summary(), "difference": paired(learned[0], baseline)}
+            policies[name] = _beside(learned[0], baseline)
     return {"setting": dict(cell), "compared_with": grid.baseline, "policies": policies, "trainings": trainings}
+
+
+def _beside(result: Evaluation, baseline: Evaluation) -> dict[str, Any]:
+    return {**result.summary(), "difference": paired(result, baseline)}
 
 
 def _listed(value: Any) -> list[Any]:

@@ -6,23 +6,20 @@ but not on the number of workers, the order in which they finish, or an interrup
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import optuna
-import torch
 from optuna.distributions import BaseDistribution
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from turtlebot_gym.validation import choose
-from turtlebot_gym_agents.cluster.attachments import Attachments, attach, unpacked
+from turtlebot_gym.validation import choose, whole
+from turtlebot_gym_agents.cluster.attachments import unpacked
 from turtlebot_gym_agents.cluster.store import Result, Store
-from turtlebot_gym_agents.cluster.units import Training, compile_training, located
-from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
-from turtlebot_gym_agents.provenance import plain
-from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.cluster.trainings import Training
+from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.tuning import (
     SPACES,
@@ -42,35 +39,26 @@ from turtlebot_gym_agents.training.tuning import (
 class Trial:
     """A trial of a search: a unit of work, see `units`."""
 
-    config: TrainingConfig
-    """Configuration of the training."""
-    hyper: Mapping[str, Any]
-    """Hyper-parameters of the training."""
+    training: Training
+    """The training with the trial's hyper-parameters."""
     earlier: tuple[Mapping[str, Any], ...] = ()
     """Trials with which it is compared: state, value and intermediate values."""
-    files: Attachments = field(default_factory=dict)
-    """Files that the configuration names."""
     memory = Training.memory
     size = 1
 
     def about(self) -> dict[str, Any]:
         """Return everything that the result depends on."""
-        training = Training(config=self.config, hyper=self.hyper, files=self.files).about()
-        return {"trial": training, "earlier": plain(self.earlier)}
+        return {"trial": self.training.about(), "earlier": self.earlier}
 
     def run(self) -> Result:
         """Train until the end, or until the trial is pruned."""
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         study = optuna.create_study(direction="maximize", pruner=pruner())
-        study.add_trials([_restored(one) for one in self.earlier])
-        torch.set_num_threads(self.config.threads)
-        with unpacked(self.files) as places:
-            config = located(self.config, places)
-            compile_training(config, self.hyper)
-            trial = study.ask()
-            value, state = run_trial(trial, config, dict(self.hyper))
-        on_the_way = study.trials[-1].intermediate_values
-        facts = {"state": state.name, "value": value, "on_the_way": [on_the_way[step] for step in sorted(on_the_way)]}
+        study.add_trials([_restored(trial) for trial in self.earlier])
+        trial = study.ask()
+        with unpacked(self.training.files) as places:
+            value, state = run_trial(trial, self.training.located(places))
+        facts = {"state": state.name, "value": value, "on_the_way": _on_the_way(study.trials[-1])}
         return Result(facts | {"history": trial.user_attrs["history"]}, {}, {}, {})
 
 
@@ -93,7 +81,7 @@ def search(
         trials: Total number of finished trials, earlier ones included.
         generation: Number of trials drawn together; it belongs to the study.
         storage: Storage of the study, see `training.tuning.open_study`.
-        workers: Workers for the trials, see `work.complete`.
+        workers: Workers for the trials, see `units.complete`.
         store: Store of the results until their generation is complete.
         progress: Called with the number of finished trials.
 
@@ -105,34 +93,31 @@ def search(
     """
     space = choose("algo", config.algo, SPACES)
     for name, number in (("trials", trials), ("generation", generation)):
-        if not number > 0:
-            raise ValueError(f"{name} must be positive, got {number!r}.")
-    base = hyperparameters.load(config.algo, config.env, config.config)
-    about = {"config": asdict(config), "hyperparameters": base, "generation": generation}
-    study = open_study(folder, storage, plain(about))
-    files = attach(config.robot, config.noise, config.fix, config.world)
+        whole(name, number, 1, 1_000_000)
+    study = open_study(folder, storage, config, generation=generation)
+    files = Training.of(config).files
     while (finished := len(finished_trials(study))) < trials:
         number, done = divmod(finished, generation)
         before = sorted(finished_trials(study), key=lambda trial: trial.number)[: number * generation]
-        sampler = Sampler([config.seed, number], {} if number else starting_point(space, base))
-        drawn = _drawn(before, space, sampler, generation)
-        earlier = tuple(map(_told, before))
+        given = {} if number else starting_point(space, config.hyper)
+        drawn = _drawn(before, space, Sampler([config.seed, number], given), generation)[done : done + trials - finished]
+        earlier = tuple({"state": trial.state.name, "value": trial.value, "on_the_way": _on_the_way(trial)} for trial in before)
         units = [
-            Trial(config=config, hyper=with_parameters(base, parameters), earlier=earlier, files=files)
-            for parameters in drawn[done : done + trials - finished]
+            Trial(training=Training(config=with_parameters(config, parameters), files=files), earlier=earlier)
+            for parameters in drawn
         ]
         results = complete(
             units, workers=workers, store=store, progress=lambda ended, finished=finished: progress(finished + ended)
         )
-        for parameters, result in zip(drawn[done:], results, strict=False):
-            study.add_trial(_restored(result.facts, parameters=parameters, space=space))
-        save_best(study, folder, config, base)
+        for parameters, result in zip(drawn, results, strict=True):
+            study.add_trial(_restored(result.facts, params=parameters, distributions=space))
+        save_best(study, folder, config)
     progress(finished)
     return study
 
 
 def _drawn(
-    before: Sequence[FrozenTrial], space: Mapping[str, BaseDistribution], sampler: Sampler, generation: int
+    before: list[FrozenTrial], space: Mapping[str, BaseDistribution], sampler: Sampler, generation: int
 ) -> list[dict[str, Any]]:
     """Return the parameters of the next generation."""
     study = optuna.create_study(direction="maximize", sampler=sampler)
@@ -144,24 +129,16 @@ def _drawn(
     return drawn
 
 
-def _told(trial: FrozenTrial) -> dict[str, Any]:
-    """Return a trial in the form with which later trials are compared."""
-    values = [trial.intermediate_values[step] for step in sorted(trial.intermediate_values)]
-    return {"state": trial.state.name, "value": trial.value, "on_the_way": values}
+def _on_the_way(trial: FrozenTrial) -> list[float]:
+    return [trial.intermediate_values[step] for step in sorted(trial.intermediate_values)]
 
 
-def _restored(
-    told: Mapping[str, Any],
-    *,
-    parameters: Mapping[str, Any] | None = None,
-    space: Mapping[str, BaseDistribution] | None = None,
-) -> FrozenTrial:
+def _restored(facts: Mapping[str, Any], **drawn: Any) -> FrozenTrial:
     """Return a trial as an Optuna object."""
     return create_trial(
-        state=TrialState[told["state"]],
-        value=told["value"],
-        params=dict(parameters or {}),
-        distributions=dict(space or {}),
-        intermediate_values=dict(enumerate(told["on_the_way"], start=1)),
-        user_attrs={"history": told["history"]} if "history" in told else {},
+        state=TrialState[facts["state"]],
+        value=facts["value"],
+        intermediate_values=dict(enumerate(facts["on_the_way"], start=1)),
+        user_attrs={"history": facts["history"]} if "history" in facts else {},
+        **drawn,
     )

@@ -47,9 +47,9 @@ class Store:
         """Store a result, unless there is one already."""
         if key in self:
             return
-        told = json.dumps({"facts": result.facts, "times": result.times}).encode()
+        values = json.dumps({"facts": result.facts, "times": result.times}).encode()
         content = {
-            "told": np.frombuffer(told, np.uint8),
+            "told": np.frombuffer(values, np.uint8),
             **{f"array/{name}": array for name, array in result.arrays.items()},
             **{f"file/{name}": np.frombuffer(content, np.uint8) for name, content in result.files.items()},
         }
@@ -64,12 +64,12 @@ class Store:
         """
         try:
             with self._path(key).open("rb") as file, np.load(file, allow_pickle=False) as content:
-                told = json.loads(content["told"].tobytes())
+                values = json.loads(content["told"].tobytes())
                 arrays = {name.removeprefix("array/"): content[name] for name in content if name.startswith("array/")}
                 files = {name.removeprefix("file/"): content[name].tobytes() for name in content if name.startswith("file/")}
         except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise ValueError(f"{self._path(key)} is damaged: remove it to repeat its unit.") from error
-        return Result(told["facts"], arrays, files, told["times"])
+        return Result(values["facts"], arrays, files, values["times"])
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}.npz"

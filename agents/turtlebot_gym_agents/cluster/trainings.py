@@ -2,15 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
-from turtlebot_gym_agents.cluster.store import Store
-from turtlebot_gym_agents.cluster.units import training
-from turtlebot_gym_agents.cluster.work import Workers, complete, in_turn
-from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.train import TrainingResult
+from turtlebot_gym.files import load
+from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
+from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn
+from turtlebot_gym_agents.files import replace_json, replacing
+from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
+
+if TYPE_CHECKING:
+    from turtlebot_gym_agents.training.train import TrainingResult
+
+KEPT = ("policy.onnx", "best.zip", "config.json", "result.json")
+"""Files that return from a training's folder; checkpoints stay where they were made."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """The training of a policy: a unit of work, see `units`."""
+
+    config: TrainingConfig
+    """Configuration of the training."""
+    files: Attachments = field(default_factory=dict)
+    """Files that the configuration names."""
+    memory = 1200 * 2**20
+    size = 1
+
+    @classmethod
+    def of(cls, config: TrainingConfig) -> Training:
+        """Return the unit of a training, with the files that its configuration names."""
+        return cls(config=config, files=attach(*config.options.values()))
+
+    def about(self) -> dict[str, Any]:
+        """Return all that the result depends on."""
+        settings = self.config.settings()
+        config = {name: value for name, value in settings.items() if name not in ("config", "checkpoint_seconds")}
+        return {"training": config, "hyperparameters": dict(self.config.hyper), "files": hashes(self.files)}
+
+    def located(self, places: Mapping[str, str]) -> TrainingConfig:
+        """Return the configuration with the local paths of files that were sent along."""
+        options = {name: placed(value, places) for name, value in self.config.options.items()}
+        return replace(self.config, config=self.config.hyper, **options)
+
+    def run(self) -> Result:
+        """Train."""
+        from turtlebot_gym_agents.training.train import train
+
+        with unpacked(self.files) as places, TemporaryDirectory(prefix="turtlebot-gym-") as name:
+            folder = Path(name)
+            result = train(self.located(places), folder, progress=False)
+            record = load(folder / "config.json")
+            record["config"] = self.config.settings()  # with the files' original names, not the unpacked paths
+            replace_json(folder / "config.json", record)
+            files = {file: (folder / file).read_bytes() for file in KEPT}
+        facts = {"steps": result.steps, "best": dict(result.best), "history": result.history}
+        return Result(facts, {}, files, {"training": result.seconds, "steps_per_second": result.steps_per_second})
 
 
 def train_all(
@@ -26,26 +77,22 @@ def train_all(
     Args:
         configs: Configurations of the trainings.
         folders: Folder for the files of each.
-        workers: See `work.complete`, as for the next two.
+        workers: See `units.complete`, as for the next two.
         store: Store of the results.
         progress: Called with the number of finished trainings.
 
     Raises:
         ValueError: As `training.train.train`, and if a folder holds a run that was trained here.
     """
+    from turtlebot_gym_agents.training.train import TrainingResult
+
     for folder in folders:
-        if (folder / "checkpoint.zip").exists():
-            raise ValueError(f"{folder} holds a run already: choose another folder.")
-    units = [training(config) for config in configs]
+        require_no_run(folder)
+    units = [Training.of(config) for config in configs]
     for folder, result in zip(folders, complete(units, workers=workers, store=store, progress=progress), strict=True):
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in result.files.items():
             with replacing(folder / name) as beside:
                 beside.write_bytes(content)
-        yield TrainingResult(
-            steps=result.facts["steps"],
-            seconds=result.times["training"],
-            steps_per_second=result.times["steps_per_second"],
-            best=result.facts["best"],
-            history=result.facts["history"],
-        )
+        times = {"seconds": result.times["training"], "steps_per_second": result.times["steps_per_second"]}
+        yield TrainingResult(**result.facts, **times)

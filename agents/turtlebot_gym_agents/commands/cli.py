@@ -97,8 +97,7 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
         ]
 
     def _spread(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
-        from turtlebot_gym_agents.cluster.units import Drive
-        from turtlebot_gym_agents.cluster.work import evaluate_all
+        from turtlebot_gym_agents.cluster.drives import Drive, evaluate_all
 
         with self.place(memory=Drive.memory) as place:
             return evaluate_all(asked, **place._asdict(), progress=advance_to)

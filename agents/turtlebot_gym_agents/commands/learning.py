@@ -111,8 +111,7 @@ class Train(Placement, _Learned):
 
     def _spread(self, configs: list[TrainingConfig], folders: list[Path]) -> Iterator[TrainingResult]:
         """Train in units of work."""
-        from turtlebot_gym_agents.cluster.trainings import train_all
-        from turtlebot_gym_agents.cluster.units import Training
+        from turtlebot_gym_agents.cluster.trainings import Training, train_all
 
         if self.resume:
             raise ValueError("resume continues from a checkpoint; with units of work, finished trainings are in the store.")
@@ -237,7 +236,7 @@ class Export(Writing, _TRAINED):
         model = load_model(self.model, allow_pickle=self.allow_pickle)
         beside = self.model.parent / "config.json"
         record = read_record(beside) if beside.is_file() else {}
-        default = asdict(TrainingConfig()) | record.get("config", {})
+        default = TrainingConfig().settings() | record.get("config", {})
 
         def told(name: str) -> Any:
             given = getattr(self, name)

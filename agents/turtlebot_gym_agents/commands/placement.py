@@ -14,11 +14,11 @@ from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.cluster.store import Store
-    from turtlebot_gym_agents.cluster.work import Workers
+    from turtlebot_gym_agents.cluster.units import Workers
 
 
 class Place(NamedTuple):
-    """Workers and store: arguments of `cluster.work.complete`."""
+    """Workers and store: arguments of `cluster.units.complete`."""
 
     workers: Workers
     store: Store | None
@@ -29,8 +29,8 @@ class Placement:
     """Where the work runs; results do not depend on it."""
 
     cluster: str | None = None
-    """Run the work on Ray, with the extra [cluster]: "local" for one worker per core of this machine; "auto" for the cluster
-    that this machine belongs to; or the ADDRESS of one, HOST:PORT."""
+    """Run the work in several processes: "local" for one per core of this machine; with the extra [cluster], "auto" for the Ray
+    cluster that this machine belongs to, or the ADDRESS of one, HOST:PORT."""
     workers: int | None = None
     """With --cluster local: number of workers."""
     store: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER"), FOLDER] = None
@@ -50,7 +50,7 @@ class Placement:
             store: Default folder for results.
         """
         from turtlebot_gym_agents.cluster.store import Store
-        from turtlebot_gym_agents.cluster.work import in_turn
+        from turtlebot_gym_agents.cluster.units import in_turn
 
         self.require_cluster()
         folder = self.store or store
@@ -58,9 +58,9 @@ class Placement:
         if self.cluster is None:
             yield Place(in_turn, kept)
             return
-        from turtlebot_gym_agents.cluster.ray_workers import ray_workers
+        from turtlebot_gym_agents.cluster.workers import workers_on
 
-        with ray_workers(self.cluster, workers=self.workers, memory=memory) as workers:
+        with workers_on(self.cluster, workers=self.workers, memory=memory) as workers:
             yield Place(workers, kept)
 
     def require_cluster(self) -> None:

@@ -36,8 +36,9 @@ class Study(Placement, Writing):
 
     def run(self) -> None:
         """Run the study, print a table, and write the requested files."""
+        from turtlebot_gym_agents.cluster.drives import Drive
         from turtlebot_gym_agents.cluster.grid import read_grid, study
-        from turtlebot_gym_agents.cluster.units import Drive, Training
+        from turtlebot_gym_agents.cluster.trainings import Training
 
         grid = read_grid(self.file)
         memory = Training.memory if grid.trainings else Drive.memory

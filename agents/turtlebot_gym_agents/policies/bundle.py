@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym import OBSERVATION_LAYOUT, Robot
-from turtlebot_gym.systems import SIZES
+from turtlebot_gym import OBSERVATION_LAYOUT, Options, Parameters, Robot
+from turtlebot_gym.systems import SIZES, system_of
 from turtlebot_gym.systems.parameters import DT, OBSERVED
 from turtlebot_gym.validation import choose, shown
-from turtlebot_gym_agents.policies.fit import require_fit
+from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
 from turtlebot_gym_agents.policies.weights import require_safe_model
 from turtlebot_gym_agents.provenance import plain
 
@@ -59,6 +59,21 @@ class Card:
     """Layout of the observation: `turtlebot_gym.OBSERVATION_LAYOUT`, or `turtlebot_gym.systems.ROOM_LAYOUT`."""
     action: str = ACTION
     """Meaning of the outputs."""
+
+    @classmethod
+    def of(cls, env: str, options: Mapping[str, Any], parameters: Parameters, training: Mapping[str, Any]) -> Card:
+        """Return the card of a policy that was trained in an environment.
+
+        Args:
+            env: The environment's id.
+            options: Its arguments, as far as they differ from their defaults.
+            parameters: Its parameters.
+            training: Entries about the training.
+        """
+        given = {item.name: options.get(item.name, item.default) for item in fields(Options)}
+        names = {name: given[name] if isinstance(given[name], str) else "custom" for name in ("noise", "filter", "observation")}
+        layout, robot = system_of(parameters).layout, describe_robot(given["robot"])
+        return cls(env=env, robot=robot, dt=parameters.dt, layout=layout, training=training, **names)
 
 
 def write_bundle(path: Path, model: ModelProto, card: Card) -> None:

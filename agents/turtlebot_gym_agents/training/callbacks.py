@@ -21,20 +21,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.distributions import DiagGaussianDistribution
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from turtlebot_gym_agents.files import replacing
+from turtlebot_gym import Parameters
+from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies import Policy
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.export import export
+from turtlebot_gym_agents.training.model import parameters_of, save_checkpoint, save_model, weights_of
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
-
-
-def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model atomically: at any moment the file is the complete old or the complete new one."""
-    with replacing(path) as beside, beside.open("wb") as file:
-        model.save(file)
 
 
 def policy_of(model: BaseAlgorithm) -> Policy:
@@ -81,7 +78,7 @@ class CheckpointCallback(BaseCallback):
     """Save the model at intervals and at the end, including the replay buffer of algorithms that have one.
 
     Args:
-        path: The file, replaced atomically. The replay buffer is beside it, see `replay_path`.
+        path: The file, replaced atomically. The replay buffer is beside it, see `model.replay_path`.
         seconds: Least time between two checkpoints, extended if saving would take more than a twentieth of the time.
     """
 
@@ -109,18 +106,10 @@ class CheckpointCallback(BaseCallback):
     def save(self) -> None:
         """Save a checkpoint now."""
         begun = time.monotonic()
-        if isinstance(self.model, OffPolicyAlgorithm):
-            with replacing(replay_path(self._path)) as beside, beside.open("wb") as file:
-                self.model.save_replay_buffer(file)
-        save_model(self.model, self._path)
+        save_checkpoint(self.model, self._path)
         self._saved = self.num_timesteps
         ended = time.monotonic()
         self._due = ended + max(self._seconds, 20.0 * (ended - begun))
-
-
-def replay_path(checkpoint: Path) -> Path:
-    """Return the path of a checkpoint's replay buffer."""
-    return checkpoint.with_suffix(".replay.pkl")
 
 
 class EvaluationCallback(BaseCallback):
@@ -157,12 +146,15 @@ class EvaluationCallback(BaseCallback):
         """Figures of the best model, with its number of training steps."""
         self.history: list[dict[str, float]] = []
         """Figures of all evaluations."""
+        self.begun = 0
+        """Number of training steps at the beginning, more than 0 for a resumed training."""
 
     def _on_training_start(self) -> None:
-        self._next = self.num_timesteps + self._every
+        self._next, self.begun = self.num_timesteps + self._every, self.num_timesteps
         if self.num_timesteps > 0 and self._path is not None and self._path.is_file():
             # The same seeds reproduce the figures, so they need no file, which a kill could leave out of step with the model.
-            self.best = self._evaluate(type(self.model).load(self._path, device=self.model.device))
+            with weights_of(self.model, self._path):
+                self.best = self._evaluate()
 
     def _on_step(self) -> bool:
         return not self.stopped
@@ -177,21 +169,55 @@ class EvaluationCallback(BaseCallback):
             self.run()
             self.logger.dump(self.num_timesteps)
 
+    @property
+    def parameters(self) -> Parameters:
+        """Return the environments' parameters."""
+        return parameters_of(self._envs)
+
     def run(self) -> dict[str, float]:
         """Run an evaluation now."""
-        found = self._evaluate(self.model)
-        self.history.append(found)
-        for name, value in found.items():
+        reached = self._evaluate()
+        self.history.append(reached)
+        for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
-        if found["return"] > self.best["return"]:
-            self.best = found
+        if reached["return"] > self.best["return"]:
+            self.best = reached
             if self._path is not None:
                 save_model(self.model, self._path)
-        self.stopped = not self._go_on(found)
-        return found
+        self.stopped = not self._go_on(reached)
+        return reached
 
-    def _evaluate(self, model: BaseAlgorithm) -> dict[str, float]:
-        return {"steps": float(model.num_timesteps), **figures(self._envs, policy_of(model), seed=self._seed)}
+    def _evaluate(self) -> dict[str, float]:
+        return {"steps": float(self.model.num_timesteps), **figures(self._envs, policy_of(self.model), seed=self._seed)}
+
+
+class RecordCallback(BaseCallback):
+    """Write what a run depends on into its folder when it begins, and the bundle of its best model when it ends.
+
+    Args:
+        config: Configuration of the training.
+        folder: Folder of the run; the best model is in its ``best.zip``.
+        judge: The evaluation, which must end before.
+    """
+
+    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback) -> None:
+        super().__init__()
+        self._config, self._folder, self._judge = config, folder, judge
+        self._begun = time.monotonic()
+
+    def _on_training_start(self) -> None:
+        self._record = {**self._config.record(), "device": self.model.device.type}
+        self._folder.mkdir(parents=True, exist_ok=True)
+        replace_json(self._folder / "config.json", self._record)
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        seconds = round(time.monotonic() - self._begun, 1)
+        about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
+        with weights_of(self.model, self._folder / "best.zip"):
+            export(self.model, self._folder / "policy.onnx", self._config.card(self._judge.parameters, about))
 
 
 class ProgressCallback(BaseCallback):

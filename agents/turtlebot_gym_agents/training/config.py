@@ -1,101 +1,141 @@
-"""Configuration of a training run; separate from the training, so that it is checked before torch is imported."""
+"""Configuration of a training run: checked and complete once it is made, and separate from the training, which needs torch."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from turtlebot_gym import Robot
+from turtlebot_gym import Options, Parameters
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, flag, shown, whole
+from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, shown, typed
+from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 
-MAX_STEPS = 10**12
-"""Most steps of a training."""
-DEVICES = ("cpu", "cuda", "auto")
+STEPS = Range(1, 10**12, whole=True)
+"""Steps of a training, and evaluations of one."""
+_FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
+"""Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingConfig:
-    """Configuration of a training run."""
+class TrainingConfig(Options):
+    """Configuration of a training run, which says everything that its result depends on.
+
+    The options of the environments are fields of it. With ``randomize`` those of noise, filter, delay, world and LiDAR are for
+    the evaluation.
+    """
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """Environment id."""
     algo: str = "ppo"
     """Algorithm of Stable-Baselines3, in lower case."""
-    seed: int = 0
+    seed: Annotated[int, Range(0, 2**20 - 1, whole=True)] = 0
     """Seed of the network, from which the environments' seeds follow."""
-    robot: str | Robot = "burger"
-    """Robot preset, or a robot."""
-    noise: str = "tutorial"
-    """Noise preset."""
-    filter: str = "matched"
-    """Filter preset."""
-    observation: str = "ekf"
-    """The robot's pose that the policy observes: ekf, odometry or truth."""
-    arrival: str = "truth"
-    """Pose that decides on arrival: truth or belief."""
-    delay: int = 0
-    """Delay of commands in steps."""
-    fix: str | None = None
-    """External pose sensor; None for none."""
-    world: str | None = None
-    """In rooms: the world; None for the environment's own."""
-    lidar: str | None = None
-    """In rooms: the LiDAR; None for the environment's own."""
     randomize: bool = False
-    """Whether noise, speed scale and delay (in rooms also world and LiDAR) are randomized per environment, see `randomization`;
-    ``noise``, ``filter``, ``delay``, ``world`` and ``lidar`` are then those of the evaluation."""
-    speed_error: float = SPEED_ERROR
+    """Whether noise, speed scale and delay (in rooms also world and LiDAR) are randomized per environment, see
+    `randomization`."""
+    speed_error: Annotated[float, Range(0.0, 1.0, open_high=True)] = SPEED_ERROR
     """With ``randomize``: largest error of the executed speed, as a share of it."""
-    steps: int | None = None
+    steps: Annotated[int | None, STEPS] = None
     """Environment steps; None for n_timesteps of the hyper-parameters."""
-    config: Path | None = None
-    """Hyper-parameters, YAML; None for those shipped with the package."""
-    evaluations: int = 8
+    config: Path | Mapping[str, Any] | None = None
+    """Hyper-parameters, or a YAML file of them; None for those shipped with the package."""
+    evaluations: Annotated[int, STEPS] = 8
     """Number of evaluations during training."""
-    episodes: int = 500
+    episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
     """Episodes of each evaluation."""
-    checkpoint_seconds: float = 5.0
+    checkpoint_seconds: Annotated[float, NON_NEGATIVE] = 5.0
     """Least time between two checkpoints, s."""
     device: str = "cpu"
-    """Device of the network: cpu, cuda or auto, see `devices.choose_device`."""
-    threads: int = 1
+    """Device of the network: cpu, cuda or auto, see `model.choose_device`."""
+    threads: Annotated[int, Range(1, 4096, whole=True)] = 1
     """Threads of torch and of the compiled loop; small networks gain nothing from more."""
+    hyper: Mapping[str, Any] = field(init=False, repr=False)
+    """The checked hyper-parameters, which ``config`` names."""
 
     def __post_init__(self) -> None:
-        if self.steps is not None:
-            whole("steps", self.steps, 1, MAX_STEPS)
-        for name, most in (("evaluations", MAX_STEPS), ("episodes", 1_000_000), ("threads", 4096)):
-            whole(name, getattr(self, name), 1, most)
-        whole("seed", self.seed, 0, 2**20 - 1)
-        flag("randomize", self.randomize)
-        choose("device", self.device, dict.fromkeys(DEVICES))
-        Range(0.0, 1.0, open_high=True).check("speed_error", self.speed_error)
-        NON_NEGATIVE.check("checkpoint_seconds", self.checkpoint_seconds)
+        typed(self, "")
+        choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
         if not isinstance(self.env, str) or self.env not in registry:
             known = ", ".join(repr(spec.id) for spec in registry.values() if spec.namespace == "turtlebot_gym")
             raise ValueError(f"env must be one of {known}, or another id with their arguments, got {shown(self.env)}.")
+        object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
 
-    def make(self, num_envs: int, *, randomize: bool = False) -> VectorEnv:
-        """Return environments; with ``randomize`` they differ from each other."""
-        names = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
-        envs = gym.make_vec(
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return the arguments of the environments that differ from their defaults."""
+        return Options(**{item.name: getattr(self, item.name) for item in fields(Options)}).changed()
+
+    @property
+    def title(self) -> str:
+        """Return a short description."""
+        return f"{self.env.partition('/')[2]} {self.algo} seed {self.seed}"
+
+    @property
+    def total(self) -> int:
+        """Return the number of environment steps."""
+        return self.steps or self.hyper["n_timesteps"]
+
+    @property
+    def between_evaluations(self) -> int:
+        """Return the number of environment steps between two evaluations."""
+        return max(1, self.total // self.evaluations)
+
+    def make(self, num_envs: int) -> VectorEnv:
+        """Return environments to evaluate in."""
+        return gym.make_vec(
             self.env,
             num_envs=num_envs,
             vectorization_mode="vector_entry_point",
             autoreset_mode=AutoresetMode.SAME_STEP,
-            **{name: value for name in names if (value := getattr(self, name)) is not None},
+            **self.options,
         )
-        if randomize:
+
+    def make_training(self) -> VectorEnv:
+        """Return environments to train in, which differ from each other if they are randomized."""
+        envs = self.make(self.hyper["n_envs"])
+        if self.randomize:
             bare: Any = envs.unwrapped
-            bare.set_parameters(randomized(bare.parameters, num_envs, seed=self.seed, speed_error=self.speed_error))
+            bare.set_parameters(randomized(bare.parameters, envs.num_envs, seed=self.seed, speed_error=self.speed_error))
         return envs
+
+    def settings(self) -> dict[str, Any]:
+        """Return the fields as JSON types, without the hyper-parameters."""
+        settings = {name: value for name, value in asdict(self).items() if name != "hyper"}
+        return plain(settings | ({"config": None} if isinstance(self.config, Mapping) else {}))
+
+    def record(self) -> dict[str, Any]:
+        """Return what a run leaves in its config.json: settings, hyper-parameters and provenance."""
+        return {"config": self.settings(), "hyperparameters": dict(self.hyper), **provenance()}
+
+    def card(self, parameters: Parameters, training: Mapping[str, Any]) -> Card:
+        """Return the card of the policy.
+
+        Args:
+            parameters: Parameters of the environments that evaluate it.
+            training: Entries about the training.
+        """
+        card = Card.of(self.env, self.options, parameters, training)
+        return replace(card, noise="randomized") if self.randomize else card
+
+    def require_same(self, folder: Path) -> None:
+        """Raise ValueError if a folder holds a run of another configuration."""
+        earlier = read_record(folder / "config.json")
+        settings = TrainingConfig().settings() | earlier["config"]  # an earlier version wrote fewer fields
+        hyper = hyperparameters.load(settings["algo"], settings["env"], earlier["hyperparameters"])
+        for before, now in ((settings, self.settings()), (hyper, self.hyper)):
+            for key in sorted((set(before) | set(now)) - set(_FREE)):
+                one, other = (part.get(key) for part in (before, now))
+                if one != other and not (key == "arrival" and {one, other} == {None, "truth"}):  # the tasks' own is the truth
+                    raise ValueError(f"{folder} holds a run with {key} {one!r}: it cannot be resumed with {other!r}.")
 
 
 def require_no_run(folder: Path) -> None:
@@ -114,7 +154,3 @@ def read_record(path: Path) -> dict[str, Any]:
     if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
         raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
     return record
-
-
-FREE_TO_CHANGE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
-"""Fields of the configuration that may differ when a run is resumed; the contents of the file ``config`` may not."""

@@ -1,4 +1,4 @@
-"""Hyper-parameters from YAML in the form of rl-baselines3-zoo; nothing in them is evaluated as code.
+"""Hyper-parameters: YAML in the form of rl-baselines3-zoo, and what each of them may be.
 
 The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and as it is to the algorithm where it is a mapping; a
 mapping cannot name an activation function. So the files hold ``policy_kwargs: dict(net_arch=[64, 64], activation_fn=nn.ReLU)``.
@@ -11,26 +11,255 @@ References:
 from __future__ import annotations
 
 import ast
-import inspect
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from turtlebot_gym import files
-from turtlebot_gym.validation import choose, shown
+from turtlebot_gym.validation import Range, Rule, choose, did_you_mean, flag, refusal, shown
 from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.provenance import plain
-from turtlebot_gym_agents.training.rules import MOST_NUMBERS, OURS, OWN_RULES, RULES, Rule, checked, network_rules
 
-if TYPE_CHECKING:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-
+ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish")
+"""Modules of torch.nn between the layers of a network."""
+MOST_NUMBERS = 10**8
+"""Steps that a rollout or a replay buffer may hold: a few gigabytes."""
 OPTIONS = {"env": "--env", "seed": "--seed", "device": "--device", "tensorboard_log": "--out"}
-"""Arguments of the algorithm that are options of the training, not hyper-parameters."""
+"""Arguments of the algorithms that are options of the training, not hyper-parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """A rule in words, and the function that reads a value by it."""
+
+    text: str
+    read: Callable[[Any], Any]
+
+    def check(self, name: str, value: Any) -> Any:
+        """Return the value that is meant, in JSON's types."""
+        try:
+            return self.read(value)
+        except (TypeError, ValueError, LookupError, OverflowError, AttributeError):
+            raise refusal(name, self.text, value) from None
+
+
+def _numeric(range: Range) -> _Reading:
+    """Return the rule of a number that may also be text, since YAML reads 1e-3 as text."""
+
+    def read(value: Any) -> Any:
+        number = float(value) if isinstance(value, str) else value
+        whole = range.whole and isinstance(number, float) and number.is_integer()
+        return range.check("number", int(number) if whole else number)
+
+    return _Reading(str(range), read)
+
+
+def _real(low: float, high: float, *, above: bool = False) -> _Reading:
+    return _numeric(Range(low, high, open_low=above))
+
+
+def _whole(low: int, high: int) -> _Reading:
+    return _numeric(Range(low, high, whole=True))
+
+
+def _either(rule: _Reading, *others: Any) -> _Reading:
+    """Return the rule that allows a few other values, too."""
+
+    def read(value: Any) -> Any:
+        return value if any(type(value) is type(other) and value == other for other in others) else rule.read(value)
+
+    return _Reading(f"{rule.text}, or {' or '.join('null' if other is None else repr(other) for other in others)}", read)
+
+
+def _after(prefix: str, rule: _Reading, number: _Reading, meaning: str) -> _Reading:
+    """Return the rule that allows text of a prefix and a number, too."""
+
+    def read(value: Any) -> Any:
+        if isinstance(value, str) and value.startswith(prefix):
+            number.read(value.removeprefix(prefix))
+            return value
+        return rule.read(value)
+
+    return _Reading(f"{rule.text}, or {prefix!r} and {meaning}", read)
+
+
+def _rate(high: float) -> _Reading:
+    number = _real(0.0, high, above=True)
+    return _after("lin_", number, number, "such a number, from which it falls to 0")
+
+
+def _one_of(*names: str) -> _Reading:
+    known = {name: name for name in names}
+    return _Reading(f"one of {', '.join(names)}", lambda value: known[value.removeprefix("nn.")])
+
+
+def _list(rule: _Reading, text: str, *, most: int, least: int = 0) -> _Reading:
+    def read(value: Any) -> list[Any]:
+        if not isinstance(value, (list, tuple)) or not least <= len(value) <= most:
+            raise TypeError
+        return [rule.read(item) for item in value]
+
+    return _Reading(text, read)
+
+
+@dataclass(frozen=True, slots=True)
+class _Mapping:
+    """A mapping whose values have rules of their own."""
+
+    rules: Mapping[str, Rule]
+    path: str = ""
+    """What precedes the names of the values in messages."""
+
+    def check(self, name: str, value: Any) -> dict[str, Any]:
+        """Return the mapping with its values as they are meant."""
+        if not isinstance(value, Mapping):
+            raise refusal(name, f"a mapping of {', '.join(self.rules)}", value)
+        for key in value:
+            if key not in self.rules:
+                raise ValueError(f"{name} has no {shown(key)}; it has {', '.join(self.rules)}.{did_you_mean(key, self.rules)}")
+        return {key: self.rules[key].check(f"{self.path}{key}", item) for key, item in value.items()}
+
+
+def _layers(critic: str) -> _Reading:
+    """Return the rule of a network's layers; those of the critic may differ."""
+    sizes = _list(_whole(1, 8192), "a list of at most 16 sizes of layers, each from 1 to 8192", most=16)
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return sizes.read(value)
+        return {name: sizes.read(value[name]) for name in ("pi", critic)} if len(value) == 2 else {}["pi"]
+
+    return _Reading(f"{sizes.text}, or a mapping of pi and {critic} to such lists", read)
+
+
+def _frequency(value: Any) -> Any:
+    if not isinstance(value, (list, tuple)):
+        return _UPDATES.read(value)
+    count, unit = value
+    return [_UPDATES.read(count), {"step": "step", "episode": "episode"}[unit]]
+
+
+_UPDATES, _SHARE = _whole(1, 1_000_000), _real(0.0, 1.0)
+_POSITIVE_SHARE = _real(0.0, 1.0, above=True)
+_FLAG = _Reading("True or False", lambda value: flag("flag", value))
+_NETWORK: dict[str, Rule] = {
+    "activation_fn": _one_of(*ACTIVATIONS),
+    "share_features_extractor": _FLAG,
+    "optimizer_kwargs": _Mapping(
+        {
+            "eps": _POSITIVE_SHARE,
+            "weight_decay": _SHARE,
+            "betas": _list(_real(0.0, 1.0 - 1e-9), "two numbers of at least 0 and below 1", least=2, most=2),
+        },
+        "policy_kwargs.optimizer_kwargs.",
+    ),
+}
+_EXPLORING: dict[str, Rule] = {"log_std_init": _real(-20.0, 5.0), "use_expln": _FLAG}
+_ON_POLICY_NETWORK = _NETWORK | _EXPLORING | {"net_arch": _layers("vf"), "ortho_init": _FLAG, "full_std": _FLAG}
+_OFF_POLICY_NETWORK = _NETWORK | {"net_arch": _layers("qf"), "n_critics": _whole(1, 16)}
+_ANY: dict[str, Rule] = {
+    "n_envs": _UPDATES,
+    "n_timesteps": _whole(1, 10**12),
+    "policy": _one_of("MlpPolicy"),
+    "learning_rate": _rate(1.0),
+    "gamma": _SHARE,
+    "verbose": _whole(0, 2),
+}
+_SAMPLING: dict[str, Rule] = {
+    "use_sde": _FLAG,
+    "sde_sample_freq": _whole(-1, 1_000_000),
+    "stats_window_size": _UPDATES,
+}
+_ON_POLICY = _ANY | _SAMPLING | {
+    "n_steps": _UPDATES,
+    "gae_lambda": _SHARE,
+    "ent_coef": _real(0.0, 100.0),
+    "vf_coef": _real(0.0, 100.0),
+    "max_grad_norm": _real(0.0, 1e6, above=True),
+    "normalize_advantage": _FLAG,
+    "policy_kwargs": _Mapping(_ON_POLICY_NETWORK, "policy_kwargs."),
+}  # fmt: skip
+_OFF_POLICY = _ANY | {
+    "buffer_size": _whole(1, MOST_NUMBERS),
+    "learning_starts": _whole(0, 10**9),
+    "batch_size": _whole(1, 10_000_000),
+    "tau": _POSITIVE_SHARE,
+    "train_freq": _Reading(f"{_UPDATES.text}, or a pair of such a number and 'step' or 'episode'", _frequency),
+    "gradient_steps": _either(_UPDATES, -1),
+    "n_steps": _UPDATES,
+    "noise_type": _one_of("normal"),
+    "noise_std": _real(0.0, 10.0),
+    "policy_kwargs": _Mapping(_OFF_POLICY_NETWORK, "policy_kwargs."),
+}
+RULES = {
+    "a2c": _Mapping(_ON_POLICY | {"rms_prop_eps": _POSITIVE_SHARE, "use_rms_prop": _FLAG}),
+    "ddpg": _Mapping(_OFF_POLICY),
+    "ppo": _Mapping(
+        _ON_POLICY
+        | {
+            "batch_size": _whole(2, 10_000_000),
+            "n_epochs": _whole(1, 1000),
+            "clip_range": _rate(10.0),
+            "clip_range_vf": _either(_rate(1000.0), None),
+            "target_kl": _either(_real(0.0, 1000.0, above=True), None),
+        }
+    ),
+    "sac": _Mapping(
+        _OFF_POLICY
+        | _SAMPLING
+        | {
+            "ent_coef": _after(
+                "auto_", _either(_real(0.0, 100.0), "auto"), _real(0.0, 100.0, above=True), "the number to begin with"
+            ),
+            "use_sde_at_warmup": _FLAG,
+            "target_update_interval": _UPDATES,
+            "target_entropy": _either(_real(-1000.0, 1000.0), "auto"),
+            "policy_kwargs": _Mapping(_OFF_POLICY_NETWORK | _EXPLORING | {"clip_mean": _real(0.0, 100.0)}, "policy_kwargs."),
+        }
+    ),
+    "td3": _Mapping(
+        _OFF_POLICY
+        | {
+            "policy_delay": _whole(1, 1000),
+            "target_policy_noise": _real(0.0, 10.0),
+            "target_noise_clip": _real(0.0, 10.0),
+            "stats_window_size": _UPDATES,
+        }
+    ),
+}
+"""What the hyper-parameters of each algorithm may be."""
+
+
+def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return the checked hyper-parameters of an algorithm for an environment, in JSON's types.
+
+    Args:
+        algo: Name of the algorithm in lower case.
+        env: The environment's id; ``default`` in a file stands for those that it does not name.
+        source: A file, or the hyper-parameters themselves; None for the file that is shipped for the algorithm.
+
+    Raises:
+        ValueError: If the algorithm or the file is unknown, or a hyper-parameter is missing, unknown, out of its range, or does
+            not go with another one.
+    """
+    rules = choose("algo", algo, RULES)
+    if isinstance(source, Mapping):
+        return _checked(algo, rules, source)
+    path = configs_folder() / f"{algo}.yaml" if source is None else Path(source)
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in configs_folder().glob("*.yaml")))
+        raise ValueError(f"There are no hyper-parameters for {algo!r} in {path}; known algorithms: {known}.")
+    content = files.load(path)
+    chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
+    if not isinstance(chosen, dict):
+        raise ValueError(f"{path} must be a mapping with an entry {env!r} or 'default', which is a mapping.")
+    try:
+        return _checked(algo, rules, chosen)
+    except ValueError as error:
+        raise ValueError(f"{path}, {env}: {error}") from error
 
 
 def configs_folder() -> Path:
@@ -39,68 +268,37 @@ def configs_folder() -> Path:
     return installed if installed.is_dir() else installed.parent.parent / "configs"
 
 
-def load(algo: str, env: str, path: Path | None = None) -> dict[str, Any]:
-    """Return the hyper-parameters of an algorithm for an environment.
-
-    Args:
-        algo: Name of the algorithm in lower case; without a path, of the file in the package.
-        env: The environment's id; ``default`` in the file stands for those that it does not name.
-        path: Another file.
-
-    Raises:
-        ValueError: If there is no such file, it has nothing for the environment, or what it has is of another form.
-    """
-    file = path or configs_folder() / f"{algo}.yaml"
-    if not file.is_file():
-        known = ", ".join(sorted(found.stem for found in configs_folder().glob("*.yaml")))
-        raise ValueError(f"There are no hyper-parameters for {algo!r} in {file}; known algorithms: {known}.")
-    content = files.load(file)
-    chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
-    if not isinstance(chosen, dict):
-        raise ValueError(f"{file} must be a mapping with an entry {env!r} or 'default', which is a mapping.")
-    missing = [key for key in OURS if key not in chosen]
-    if missing:
-        raise ValueError(f"{file}, {env}: {', '.join(missing)} must be given.")
-    try:
-        return checked_for(algo, chosen)
-    except ValueError as error:
-        raise ValueError(f"{file}, {env}: {error}") from error
-
-
-def checked_for(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
-    """Return hyper-parameters, checked by the rules and the signature of an algorithm, in the types that JSON knows.
-
-    Args:
-        algo: Name of the algorithm in lower case.
-        hyper: The hyper-parameters; text under ``policy_kwargs`` becomes the mapping that it says.
-
-    Raises:
-        ValueError: See `arguments`, and if there is no such algorithm.
-    """
-    from turtlebot_gym_agents.training.algorithms import ALGORITHMS
-
-    arguments(hyper, choose("algo", algo, ALGORITHMS))
-    ours = {key: checked(key, hyper[key], OURS[key]) for key in OURS if key in hyper}
-    return plain({**hyper, "policy_kwargs": _network_of(hyper), **ours})
-
-
-def save(path: Path, env: str, hyper: dict[str, Any]) -> None:
-    """Write hyper-parameters so that `load` reads them back, and rl-baselines3-zoo, too."""
-    if isinstance(network := hyper.get("policy_kwargs"), dict):
-        written = ", ".join(f"{key}={_written(key, value)}" for key, value in network.items())
-        hyper = {**hyper, "policy_kwargs": f"dict({written})"}
+def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
+    """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
+    content = dict(hyper)
+    if isinstance(network := content.get("policy_kwargs"), dict):
+        written = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in network.items())
+        content["policy_kwargs"] = f"dict({', '.join(written)})"
     with replacing(path) as beside:
-        beside.write_text(yaml.safe_dump({env: hyper}, sort_keys=False, width=128), encoding="utf-8")
+        beside.write_text(yaml.safe_dump({env: content}, sort_keys=False, width=128), encoding="utf-8")
 
 
-def _written(key: str, value: Any) -> str:
-    return f"nn.{str(value).removeprefix('nn.')}" if key == "activation_fn" else repr(value)
-
-
-def _network_of(hyper: Mapping[str, Any]) -> Any:
-    """Return ``policy_kwargs``, parsed if they are text."""
-    network = hyper.get("policy_kwargs") or {}
-    return _keywords(network) if isinstance(network, str) else network
+def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return hyper-parameters as they are meant."""
+    if option := next((key for key in OPTIONS if key in given), None):
+        raise ValueError(f"{option} is not a hyper-parameter; use the option {OPTIONS[option]}.")
+    if missing := [key for key in ("n_envs", "n_timesteps", "policy") if key not in given]:
+        raise ValueError(f"{', '.join(missing)} must be given.")
+    network = given.get("policy_kwargs") or {}
+    network = _keywords(network) if isinstance(network, str) else network
+    hyper = rules.check(algo, {**given, "policy_kwargs": network})
+    if ("noise_type" in hyper) != ("noise_std" in hyper):
+        raise ValueError("noise_type and noise_std must be given together.")
+    if algo == "a2c" and hyper.get("use_rms_prop", True) and "optimizer_kwargs" in hyper["policy_kwargs"]:
+        raise ValueError("policy_kwargs.optimizer_kwargs are Adam's: they need use_rms_prop: false.")
+    if algo in ("a2c", "ppo"):
+        # Stable-Baselines3's defaults; the spread of one advantage, by which they are normalized, is not a number.
+        n_steps, normalized = {"a2c": (5, False), "ppo": (2048, True)}[algo]
+        least = 2 if hyper.get("normalize_advantage", normalized) else 1
+        Range(least, MOST_NUMBERS, whole=True).check("n_envs times n_steps", hyper["n_envs"] * hyper.get("n_steps", n_steps))
+    elif hyper["n_envs"] > 1 and "episode" in str(hyper.get("train_freq")):
+        raise ValueError(f"train_freq must be in steps where n_envs is more than 1, got {hyper['train_freq']!r}.")
+    return hyper
 
 
 def _keywords(text: str) -> dict[str, Any]:
@@ -111,91 +309,15 @@ def _keywords(text: str) -> dict[str, Any]:
     except (SyntaxError, ValueError, RecursionError):
         value = None
     if value is None:
-        raise ValueError(
-            f"policy_kwargs must be a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)', got {text!r}."
-        )
+        allowed = "a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)'"
+        raise refusal("policy_kwargs", allowed, text)
     return value
 
 
 def _value(node: ast.expr) -> Any:
     match node:
-        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords) if all(one.arg for one in keywords):
-            return {str(one.arg): _value(one.value) for one in keywords}
+        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords) if all(keyword.arg for keyword in keywords):
+            return {str(keyword.arg): _value(keyword.value) for keyword in keywords}
         case ast.Attribute(value=ast.Name(id="nn"), attr=name):
             return name
     return ast.literal_eval(node)
-
-
-def arguments(hyper: Mapping[str, Any], algorithm: type[BaseAlgorithm]) -> dict[str, Any]:
-    """Return the keyword arguments of an algorithm: schedules, activations and exploration noise made from their names.
-
-    Raises:
-        ValueError: If one is unknown, of another type, out of its range, or does not go with another one; the message names it
-            and says what is allowed.
-    """
-    who, known = algorithm.__name__, rules_of(algorithm)
-    given = {key: value for key, value in hyper.items() if key not in (*OURS, "policy_kwargs")}
-    if option := next((key for key in OPTIONS if key in given), None):
-        raise ValueError(f"{option} is no hyper-parameter; use the option {OPTIONS[option]}.")
-    _require_known(f"{who} has no hyper-parameter", given, [*known, *OURS, "policy_kwargs"])
-    found = {key: checked(key, value, known[key]) for key, value in given.items()}
-    ours = {key: checked(key, hyper[key], rule) for key, rule in OURS.items() if key in hyper}
-    network = _network_of(hyper)
-    if not isinstance(network, Mapping):
-        raise ValueError(f"policy_kwargs must be a mapping, got {shown(network)}.")
-    rules = network_rules_of(algorithm)
-    _require_known(f"policy_kwargs of {who} has no", network, rules)
-    found["policy_kwargs"] = {key: checked(f"policy_kwargs.{key}", value, rules[key]) for key, value in network.items()}
-    _require_together(ours.get("n_envs", 1), found, algorithm)
-    kind, std = found.pop("noise_type", None), found.pop("noise_std", None)
-    return found | ({} if kind is None else {"action_noise": _action_noise(std)})
-
-
-def rules_of(algorithm: type[BaseAlgorithm]) -> dict[str, Rule]:
-    """Return the rules of the hyper-parameters that an algorithm has by its signature."""
-    names = set(inspect.signature(algorithm).parameters)
-    names |= {"noise_type", "noise_std"} if "action_noise" in names else set()
-    return {name: rule for name, rule in (RULES | OWN_RULES.get(algorithm.__name__, {})).items() if name in names}
-
-
-def network_rules_of(algorithm: type[BaseAlgorithm]) -> dict[str, Rule]:
-    """Return the rules of ``policy_kwargs`` for an algorithm, by the signature of its policy."""
-    names = inspect.signature(algorithm.policy_aliases["MlpPolicy"]).parameters
-    return {name: rule for name, rule in network_rules("vf" if "ortho_init" in names else "qf").items() if name in names}
-
-
-def _require_known(what: str, given: Mapping[Any, Any], known: Iterable[str]) -> None:
-    """Raise ValueError if a name is unknown; the message has the nearest known one, or all."""
-    names = sorted(known)
-    for name in given:
-        if name not in names:
-            near = get_close_matches(str(name), names, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(names)}."
-            raise ValueError(f"{what} {shown(name)}: {hint}")
-
-
-def _require_together(n_envs: int, found: Mapping[str, Any], algorithm: type[BaseAlgorithm]) -> None:
-    """Raise ValueError if hyper-parameters do not go with each other."""
-    defaults = {name: one.default for name, one in inspect.signature(algorithm).parameters.items()}
-    value = {**defaults, **found}
-    if ("noise_type" in found) != ("noise_std" in found):
-        raise ValueError("noise_type and noise_std must be given together.")
-    if value.get("use_rms_prop") and "optimizer_kwargs" in found["policy_kwargs"]:
-        raise ValueError("policy_kwargs.optimizer_kwargs are Adam's: they need use_rms_prop: false.")
-    if "gae_lambda" in value:
-        rollout = n_envs * value["n_steps"]
-        if not (2 if value["normalize_advantage"] else 1) <= rollout <= MOST_NUMBERS:
-            raise ValueError(
-                f"n_envs times n_steps must be from {2 if value['normalize_advantage'] else 1} to {MOST_NUMBERS}, got "
-                f"{n_envs} times {value['n_steps']}."
-            )
-    elif n_envs > 1 and isinstance(value["train_freq"], tuple) and value["train_freq"][1] == "episode":
-        raise ValueError(f"train_freq must be in steps where n_envs is more than 1, got {value['train_freq']!r} and {n_envs}.")
-
-
-def _action_noise(std: float) -> Any:
-    """Return the noise with which algorithms whose policy has none of its own explore."""
-    import numpy as np
-    from stable_baselines3.common.noise import NormalActionNoise
-
-    return NormalActionNoise(np.zeros(2), np.full(2, std))

@@ -18,11 +18,8 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from turtlebot_gym import Parameters
-from turtlebot_gym.systems import system_of
 from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
-from turtlebot_gym_agents.policies.fit import describe_robot
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -52,15 +49,15 @@ def export_network(
     """
     made = gym.make(env, **options)
     space: Any = made.observation_space
-    card = _card(env, made.unwrapped.parameters, training or {}, options)  # pyright: ignore[reportAttributeAccessIssue]
+    card = Card.of(env, options, made.unwrapped.parameters, training or {})  # pyright: ignore[reportAttributeAccessIssue]
     made.close()
     observations = np.random.default_rng(0).uniform(space.low, space.high, (10_000, *space.shape)).astype(np.float32)
-    clipped = _Clipped(network).cpu().eval()
+    network.cpu().eval()
     with torch.no_grad():
-        expected = clipped(torch.from_numpy(observations)).numpy()
+        expected = np.clip(network(torch.from_numpy(observations)).numpy(), -1.0, 1.0)
     if expected.shape != (len(observations), 2):
         raise ValueError(f"network must give actions (n, 2), got {expected.shape} for {len(observations)} observations.")
-    model = program_of(clipped, space.shape[0])
+    model = program_of(network, space.shape[0])
     if not model.graph.input[0].type.tensor_type.shape.dim[0].dim_param:
         raise ValueError(
             "network must not depend on how many observations it is given, as len(x) or a loop over them makes it: "
@@ -107,27 +104,8 @@ class _Clipped(nn.Module):
         return torch.clamp(self.network(observation), -1.0, 1.0)
 
 
-def _card(env: str, parameters: Parameters, training: Mapping[str, Any], options: Mapping[str, Any]) -> Card:
-    """Return the card of a policy for an environment made with these options."""
-
-    def named(name: str, default: str) -> str:
-        given = options.get(name, default)
-        return given if isinstance(given, str) else "custom"
-
-    return Card(
-        env=env,
-        robot=describe_robot(options.get("robot", "burger")),
-        dt=parameters.dt,
-        noise=named("noise", "tutorial"),
-        filter=named("filter", "matched"),
-        observation=named("observation", "ekf"),
-        layout=system_of(parameters).layout,
-        training=training,
-    )
-
-
 def program_of(network: nn.Module, size: int) -> ModelProto:
-    """Return a network from observations (n, size) as ONNX by torch's exporter, with its output suppressed."""
+    """Return a network from observations (n, size), with its actions clipped to [-1, 1], as ONNX by torch's exporter."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
@@ -135,7 +113,7 @@ def program_of(network: nn.Module, size: int) -> ModelProto:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch's exporter uses deprecated parts of torch
             program = torch.onnx.export(
-                network,
+                _Clipped(network).eval(),
                 (torch.zeros(2, size),),
                 input_names=["observation"],
                 output_names=["action"],

@@ -1,4 +1,4 @@
-"""torch's Adam without imports that take a second."""
+"""torch's Adam without imports that take a second, and the schedule of its rate; checkpoints refer to both by their names."""
 
 from __future__ import annotations
 
@@ -28,3 +28,14 @@ class Adam(torch.optim.Adam):
         """Make a step, see `torch.optim.Adam.step`."""
         with torch.no_grad():
             return self._step(closure)
+
+
+class Linear:
+    """A rate that falls linearly to zero."""
+
+    def __init__(self, start: float) -> None:
+        self.start = start
+
+    def __call__(self, progress_remaining: float) -> float:
+        # The last rollout goes beyond the total, and a negative rate would unlearn.
+        return self.start * max(progress_remaining, 0.0)

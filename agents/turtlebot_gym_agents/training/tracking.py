@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping
-from dataclasses import asdict
 from importlib import import_module
 from numbers import Real
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter
 
-from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 PROJECT = "turtlebot-gym"
@@ -46,11 +45,11 @@ class WandbCallback(BaseCallback):
     def _on_training_start(self) -> None:
         self._run = self._wandb.init(
             project=self._project,
-            name=f"{self._config.env.partition('/')[2]} {self._config.algo} seed {self._config.seed}",
+            name=self._config.title,
             id=_run_id(self._folder / RUN_FILE),
             resume="allow",
             dir=str(self._folder),
-            config=plain({**asdict(self._config), **provenance()}),
+            config={**self._config.settings(), **provenance()},
         )
         for name, best in (("return", "max"), ("success", "max"), ("steps_to_end", "min")):
             self._run.define_metric(f"eval/{name}", summary=best)
@@ -61,7 +60,7 @@ class WandbCallback(BaseCallback):
 
     def _on_training_end(self) -> None:
         formats = self.logger.output_formats
-        formats[:] = [each for each in formats if not isinstance(each, _Writer)]
+        formats[:] = [output for output in formats if not isinstance(output, _Writer)]
         self._run.finish()
 
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from copy import deepcopy
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
-import torch
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
@@ -24,11 +24,11 @@ from optuna.trial import TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
 from turtlebot_gym.validation import choose, whole
-from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.train import learn, make_model
+from turtlebot_gym_agents.training.train import learn
 
 _NETWORK: dict[str, BaseDistribution] = {
     "policy_kwargs.net_arch": CategoricalDistribution(("[32, 32]", "[64, 64]", "[128, 128]")),
@@ -88,34 +88,34 @@ def tune(
     """
     space = choose("algo", config.algo, SPACES)
     whole("trials", trials, 1, 1_000_000)
-    base = hyperparameters.load(config.algo, config.env, config.config)
-    study = open_study(folder, storage, plain({"config": asdict(config), "hyperparameters": base}))
-    torch.set_num_threads(config.threads)
+    study = open_study(folder, storage, config)
     while (finished := len(finished_trials(study))) < trials:
         progress(finished)
         trial = study.ask()
         # A seed for each trial, so that processes that share a study draw different hyper-parameters.
-        study.sampler = Sampler([config.seed, trial.number], {} if trial.number else starting_point(space, base))
+        study.sampler = Sampler([config.seed, trial.number], {} if trial.number else starting_point(space, config.hyper))
         suggest(trial, space)
-        study.tell(trial, *run_trial(trial, config, with_parameters(base, trial.params)))
-        save_best(study, folder, config, base)
+        study.tell(trial, *run_trial(trial, with_parameters(config, trial.params)))
+        save_best(study, folder, config)
     progress(finished)
     return study
 
 
-def open_study(folder: Path, storage: str | None, about: Mapping[str, Any]) -> optuna.Study:
+def open_study(folder: Path, storage: str | None, config: TrainingConfig, **more: Any) -> optuna.Study:
     """Return a study, which is created if there is none.
 
     Args:
         folder: Study folder; created if missing.
         storage: URL of a database for SQLAlchemy, or a file (Optuna's journal), which may be on a network file system; None for
             ``study.db`` in the folder.
-        about: Everything that the study depends on, as JSON types.
+        config: Configuration of the trainings.
+        **more: Further entries, in JSON's types, that the study depends on.
 
     Raises:
         ValueError: If an existing study has another configuration, or the storage cannot be used.
     """
-    about = {**about, "config": {name: value for name, value in about["config"].items() if name != "device"}}  # any resumes it
+    settings = {name: value for name, value in config.settings().items() if name != "device"}  # any device resumes it
+    about = {"config": settings, "hyperparameters": dict(config.hyper), **more}
     folder.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
@@ -154,10 +154,10 @@ def finished_trials(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
 
 
-def save_best(study: optuna.Study, folder: Path, config: TrainingConfig, base: Mapping[str, Any]) -> None:
+def save_best(study: optuna.Study, folder: Path, config: TrainingConfig) -> None:
     """Write ``best.yaml`` as soon as there is a best trial."""
     if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
-        hyperparameters.save(folder / "best.yaml", config.env, with_parameters(base, study.best_params))
+        hyperparameters.save(folder / "best.yaml", config.env, with_parameters(config, study.best_params).hyper)
 
 
 class Sampler(optuna.samplers.TPESampler):
@@ -191,9 +191,9 @@ def suggest(trial: optuna.Trial, space: Mapping[str, BaseDistribution]) -> dict[
     return trial.params
 
 
-def with_parameters(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return hyper-parameters with those of a trial inserted."""
-    hyper = deepcopy(dict(base))
+def with_parameters(config: TrainingConfig, parameters: Mapping[str, Any]) -> TrainingConfig:
+    """Return a configuration with a trial's parameters inserted into its hyper-parameters."""
+    hyper = deepcopy(dict(config.hyper))
     for name, value in parameters.items():
         *path, key = name.split(".")
         place = hyper
@@ -201,15 +201,15 @@ def with_parameters(base: Mapping[str, Any], parameters: Mapping[str, Any]) -> d
             place = place.setdefault(part, {})
         if key == "net_arch":
             value = json.loads(value)
-        elif key == "learning_rate" and str(base.get(key, "")).startswith("lin_"):
+        elif key == "learning_rate" and str(hyper.get(key, "")).startswith("lin_"):
             value = f"lin_{value:.6g}"
         place[key] = value
-    return hyper
+    return replace(config, config=hyper)
 
 
 def starting_point(space: Mapping[str, BaseDistribution], base: Mapping[str, Any]) -> dict[str, Any]:
     """Return the hyper-parameters that are in the search space, in the form of a trial."""
-    found: dict[str, Any] = {}
+    start: dict[str, Any] = {}
     for name, distribution in space.items():
         value: Any = base
         for key in name.split("."):
@@ -226,26 +226,21 @@ def starting_point(space: Mapping[str, BaseDistribution], base: Mapping[str, Any
         else:
             raise TypeError(f"{name}: only categorical and float distributions are searched.")
         if inside:
-            found[name] = value
-    return found
+            start[name] = value
+    return start
 
 
-def run_trial(trial: optuna.Trial, config: TrainingConfig, hyper: dict[str, Any]) -> tuple[float | None, TrialState]:
-    """Return a trial's value, and whether it was pruned."""
-    total = config.steps or hyper["n_timesteps"]
+def run_trial(trial: optuna.Trial, config: TrainingConfig) -> tuple[float | None, TrialState]:
+    """Train, and return a trial's value, and whether it was pruned."""
 
     def go_on(figures: dict[str, float]) -> bool:
         # Evaluations are numbered, since rollouts of different lengths end at different steps.
         trial.report(figures["return"], len(judge.history))
         return not trial.should_prune()
 
-    envs, judges = config.make(hyper["n_envs"], randomize=config.randomize), config.make(config.episodes)
-    judge = EvaluationCallback(judges, every=max(1, total // config.evaluations), go_on=go_on)
-    try:
-        learn(make_model(config, hyper, envs, tensorboard=None), total, [judge], threads=config.threads)
-    finally:
-        envs.close()
-        judges.close()
+    with closing(config.make_training()) as envs, closing(config.make(config.episodes)) as judges:
+        judge = EvaluationCallback(judges, every=config.between_evaluations, go_on=go_on)
+        learn(config, envs, [judge])
     trial.set_user_attr("history", judge.history)
     if judge.stopped:
         return None, TrialState.PRUNED

@@ -14,7 +14,6 @@ from turtlebot_gym_agents.watch.server import Server
 
 SHARE = 20.0
 """Inverse of the largest share of the time that episodes may take."""
-_OPTIONS = ("robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar")
 
 
 class WatchCallback(BaseCallback):
@@ -28,7 +27,6 @@ class WatchCallback(BaseCallback):
 
     def __init__(self, config: TrainingConfig, *, seconds: float = 5.0, port: int = 5006) -> None:
         super().__init__()
-        self._options = {name: value for name in _OPTIONS if (value := getattr(config, name)) is not None}
         self._config, self._seconds, self._port = config, seconds, port
         self._due = 0.0
         self.server: Server | None = None
@@ -36,15 +34,15 @@ class WatchCallback(BaseCallback):
 
     def _on_training_start(self) -> None:
         self.drive = Growing(self._record())
-        title = f"{self._config.env.partition('/')[2]}, {self._config.algo}, seed {self._config.seed}"
-        self.server = Server([self.drive], title=title, live=True, port=self._port)
+        self.server = Server([self.drive], title=self._config.title, live=True, port=self._port)
         self.server.__enter__()
         print(f"{self.server.url} shows the current policy", flush=True)
 
     def _record(self) -> Drive:
         begun = time.monotonic()
         label = f"after {self.num_timesteps:,} steps"
-        drive = record_episode(policy_of(self.model), env=self._config.env, seed=EVALUATION_SEED, label=label, **self._options)
+        config = self._config
+        drive = record_episode(policy_of(self.model), env=config.env, seed=EVALUATION_SEED, label=label, **config.options)
         ended = time.monotonic()
         self._due = ended + max(self._seconds, SHARE * (ended - begun))
         return drive

@@ -1,6 +1,7 @@
 """A unit that writes down when it begins and when it ends; workers import it by its name."""
 
 import os
+import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,22 @@ class Logged:
         log = os.open(Path(self.folder) / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         os.write(log, f"{what} {self.number} {os.getpid()}\n".encode())  # in one piece
         os.close(log)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deadly:
+    """A unit that kills the process in which it runs."""
+
+    folder: str
+    memory = 0
+    size = 1
+
+    def about(self):
+        return {"deadly": True}
+
+    def run(self):
+        Logged(number=0, folder=self.folder)._say("begin")
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def read(folder):

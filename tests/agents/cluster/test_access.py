@@ -1,6 +1,5 @@
-"""Where the work is done: what is refused before Ray is asked, and that nothing of Ray is needed without a cluster."""
+"""Where the work is done: what is refused before it starts, and that nothing of Ray is needed without a cluster."""
 
-import json
 import socket
 import subprocess
 import sys
@@ -10,10 +9,19 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_agents.cluster import access, origin, ray_workers
+from turtlebot_gym_agents.cluster import workers as module
+from turtlebot_gym_agents.cluster.drives import drives
+from turtlebot_gym_agents.cluster.origin import origin
 from turtlebot_gym_agents.commands.cli import main
 
 SHORT = ["evaluate", "--policy", "bearing", "--episodes", "20"]
+
+
+def refused(*options, capsys):
+    """Return the line in which a command says that it cannot be done."""
+    assert main([*SHORT, *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
 
 
 @pytest.mark.parametrize(
@@ -24,23 +32,21 @@ SHORT = ["evaluate", "--policy", "bearing", "--episodes", "20"]
         (["--cluster", "local", "--workers", "0"], "workers must be positive, got 0."),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(options, message, capsys):
-    assert main([*SHORT, *options]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+def test_options_that_contradict_each_other_are_refused_in_one_line(options, message, capsys):
+    assert message in refused(*options, capsys=capsys)
 
 
-def test_without_ray_the_command_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr(ray_workers, "find_spec", lambda name: None)
-    assert main([*SHORT, "--cluster", "local"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line == "turtlebot-gym: Clusters need Ray: pip install 'turtlebot-gym[cluster]'."
+@pytest.mark.parametrize(("cluster", "library", "extra"), [("local", "joblib", "agents"), ("auto", "ray", "cluster")])
+def test_without_its_library_the_command_says_what_to_install(cluster, library, extra, monkeypatch, capsys):
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    expected = f"turtlebot-gym: The cluster '{cluster}' needs {library}: pip install 'turtlebot-gym[{extra}]'."
+    assert refused("--cluster", cluster, capsys=capsys) == expected
 
 
 def test_nothing_of_ray_is_imported_without_a_cluster(tmp_path):
     script = (
-        "import sys; from turtlebot_gym_agents.commands.cli import main; import turtlebot_gym_agents.cluster.ray_workers;"
-        f"main({[*SHORT, '--store', str(tmp_path)]!r}); sys.exit('ray' in sys.modules)"
+        "import sys; from turtlebot_gym_agents.commands.cli import main; import turtlebot_gym_agents.cluster.workers;"
+        f"main({[*SHORT, '--store', str(tmp_path)]!r}); sys.exit('ray' in sys.modules or 'joblib' in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
 
@@ -52,12 +58,6 @@ def test_a_store_alone_changes_no_file(tmp_path):
         assert main([*SHORT, "--store", str(tmp_path / "store"), "--json", str(path)]) == 0
     assert paths[0].read_bytes() == paths[1].read_bytes() == paths[2].read_bytes()
     assert len([*(tmp_path / "store").iterdir()]) == 1
-
-
-@pytest.mark.parametrize("address", ["everywhere", ":6379", "host:", "ray://10.0.0.1:10001", "host:port"])
-def test_what_is_no_address_is_refused(address):
-    with pytest.raises(ValueError, match=r"cluster must be 'local', 'auto' or HOST:PORT"):
-        access.probe(address)
 
 
 def answering(answer):
@@ -74,62 +74,50 @@ def answering(answer):
     return f"127.0.0.1:{server.getsockname()[1]}"
 
 
-def test_what_is_no_ray_is_noticed_before_ray_is_asked():
+@pytest.mark.parametrize("address", ["everywhere", ":6379", "host:", "ray://10.0.0.1:10001", "host:port"])
+def test_what_is_not_an_address_is_refused(address):
+    with pytest.raises(ValueError, match=r"cluster must be 'local', 'auto' or HOST:PORT"):
+        module._address_of(address)
+
+
+def test_other_programs_are_noticed_before_ray_is_asked():
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(OSError, match=f"There is no cluster at 127.0.0.1:{port}: "):
-        access.probe(f"127.0.0.1:{port}")
+        module._address_of(f"127.0.0.1:{port}")
     with pytest.raises(OSError, match="the program that listens there is not Ray"):
-        access.probe(answering(b"HTTP/1.1 400 Bad Request"))
+        module._address_of(answering(b"HTTP/1.1 400 Bad Request"))
 
 
-def test_what_speaks_as_ray_but_cannot_be_asked_is_told(monkeypatch):
-    settings = bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
-    monkeypatch.setattr(access.script, "__file__", "-c")  # Python takes the address for its program
-    with pytest.raises(OSError, match=r"The cluster '127.0.0.1:\d+' cannot be used: SyntaxError: "):
-        access.probe(answering(settings))
-
-
-def told(monkeypatch, **node):
-    """Let the probe tell of a node."""
-    here = {"host": "there", "cpus": 1, "memory": 1e9, "origin": origin.origin()}
-    answer = json.dumps({"address": "10.0.0.1:6379", "nodes": [{**here, **node}]})
-    monkeypatch.setattr(access, "_require_ray", lambda address: None)
-    monkeypatch.setattr(access.script, "__file__", "-c")
-    return lambda: access.probe(f"print({answer!r})")
-
-
-def test_a_node_that_would_come_to_other_results_is_told(monkeypatch):
-    here = origin.origin()
-    address, (node,) = told(monkeypatch)()
-    assert address == "10.0.0.1:6379"
-    assert node["memory"] == 1e9
-    other = {**here["libraries"], "numpy": "1.0"}
-    for change, message in (
-        ({"origin": None}, "The node there of the cluster does not answer."),
-        ({"origin": {"missing": "turtlebot_gym_agents"}}, "lacks the module turtlebot_gym_agents: install turtlebot-gym"),
-        ({"origin": {**here, "version": "9"}}, "has turtlebot_gym 9, here it is"),
-        ({"origin": {**here, "libraries": other}}, "has numpy 1.0, here it is"),
-        ({"origin": {**here, "libraries": {}}}, "has no python, here it is"),
-        ({"origin": {**here, "code": "0"}}, "has turtlebot_gym with other code than here: results could differ."),
-    ):
-        with pytest.raises(OSError, match=message):
-            told(monkeypatch, **change)()
+def test_a_cluster_that_cannot_be_asked_is_refused_in_one_line(monkeypatch):
+    monkeypatch.setattr(module.sys, "executable", "false")
+    with pytest.raises(OSError, match=r"The cluster '127.0.0.1:\d+' cannot be used: Ray ended without a message\."):
+        module._address_of(answering(bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))))
 
 
 @pytest.mark.parametrize(
-    ("text", "cluster", "reason"),
+    ("text", "cluster", "otherwise", "reason"),
     [
-        ("[x] W gcs_client.cc Unauthenticated: InvalidAuthToken\nConnectionError: no", "a:1", "it asks for a token"),
-        ("Traceback:\n  File x\nConnectionError: Could not find any", "auto", "Ray is not running on this machine"),
-        ("Traceback:\n  File x\nRuntimeError: Version mismatch\nmore", "a:1", "RuntimeError: Version mismatch"),
-        ("", "a:1", "Ray ended without a message."),
+        ("[x] W gcs_client.cc Unauthenticated: InvalidAuthToken\nConnectionError: no", "a:1", "", "it asks for a token"),
+        ("Traceback:\n  File x\nConnectionError: Could not find any", "auto", "", "Ray is not running on this machine"),
+        ("Traceback:\n  File x\nRuntimeError: Version mismatch\nmore", "a:1", "", "RuntimeError: Version mismatch"),
+        ("", "a:1", "", "Ray ended without a message."),
+        ("[x] W: waiting", "a:1", "it does not answer", "it does not answer"),
     ],
 )
-def test_the_reason_is_one_line(text, cluster, reason):
-    assert access._reason(text, cluster).startswith(reason)
+def test_the_reason_is_one_line(text, cluster, otherwise, reason):
+    assert module._reason(text, cluster, otherwise).startswith(reason)
 
 
-def test_too_little_memory_is_told():
-    with pytest.raises(OSError, match="a worker needs 524 MB, and its largest node gives 100 MB"):
-        ray_workers._require_memory("local", 1e8, 500 * 2**20)
+def test_a_node_that_would_compute_other_results_is_refused():
+    (unit,) = drives("bearing", env="turtlebot_gym/TurtleBotNav-v0", episodes=2, seed=0)
+    here = origin()
+    assert module._same_origin(unit, here).facts
+    for change, message in (
+        ({"version": "9"}, "has turtlebot_gym .*, here it is 9: results could differ"),
+        ({"libraries": {**here["libraries"], "numpy": "1.0"}}, "has numpy .*, here it is 1.0"),
+        ({"libraries": {**here["libraries"], "other": "1.0"}}, "has no other, here it is 1.0"),
+        ({"code": "0"}, "has turtlebot_gym with other code than here: results could differ."),
+    ):
+        with pytest.raises(OSError, match=message):
+            module._same_origin(unit, here | change)

@@ -17,6 +17,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 from turtlebot_gym_agents.cluster import search as module
 from turtlebot_gym_agents.cluster.search import Trial, search
 from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.trainings import Training
 from turtlebot_gym_agents.cluster.units import run
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.training import hyperparameters
@@ -36,10 +37,11 @@ TINY = {
 }
 
 
-@pytest.fixture
-def config(tmp_path):
-    hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
-    return TrainingConfig(steps=512, evaluations=1, episodes=8, config=tmp_path / "tiny.yaml")
+config = TrainingConfig(steps=512, evaluations=1, episodes=8, config=TINY)
+
+
+def rate_of(unit):
+    return unit.training.config.hyper["learning_rate"]
 
 
 class Imagined:
@@ -49,12 +51,12 @@ class Imagined:
         self.seen, self._backwards, self._limit = [], backwards, limit
 
     def __call__(self, units):
-        for name, unit in sorted(units, key=lambda one: one[1].hyper["learning_rate"], reverse=self._backwards):
+        for name, unit in sorted(units, key=lambda item: rate_of(item[1]), reverse=self._backwards):
             if len(self.seen) == self._limit:
                 raise KeyboardInterrupt
             self.seen.append(unit)
-            value = -abs(unit.hyper["learning_rate"] - 0.003)
-            state = "PRUNED" if unit.hyper["learning_rate"] > 0.009 else "COMPLETE"
+            value = -abs(rate_of(unit) - 0.003)
+            state = "PRUNED" if rate_of(unit) > 0.009 else "COMPLETE"
             told = {"state": state, "value": value if state == "COMPLETE" else None, "on_the_way": [value], "history": []}
             yield name, Result(told, {}, {}, {})
 
@@ -63,7 +65,7 @@ def told(study):
     return [(trial.number, trial.state.name, trial.value, trial.params) for trial in study.trials]
 
 
-def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(config, tmp_path):
+def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(tmp_path):
     common = {"trials": 14, "generation": 4}
     expected = search(config, tmp_path / "one", **common, workers=Imagined())
     assert [trial.number for trial in expected.trials] == list(range(14))
@@ -82,16 +84,16 @@ def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption
     assert content["learning_rate"] == expected.best_params["learning_rate"]
 
 
-def test_the_size_of_a_generation_belongs_to_the_study(config, tmp_path):
+def test_the_size_of_a_generation_belongs_to_the_study(tmp_path):
     search(config, tmp_path, trials=2, generation=2, workers=Imagined())
     with pytest.raises(ValueError, match="another configuration"):
         search(config, tmp_path, trials=4, generation=4, workers=Imagined())
-    with pytest.raises(ValueError, match="generation must be positive"):
+    with pytest.raises(ValueError, match="generation must be a whole number from 1"):
         search(config, tmp_path, trials=4, generation=0)
 
 
-def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones(config):
-    trial = Trial(config=replace(config, evaluations=2, steps=1024), hyper=TINY)
+def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones():
+    trial = Trial(training=Training.of(replace(config, evaluations=2, steps=1024)))
     alone = run(trial).facts
     assert alone["state"] == "COMPLETE"
     assert alone["value"] == alone["on_the_way"][-1] == alone["history"][-1]["return"]
@@ -104,10 +106,10 @@ def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones(config):
     assert run(replace(trial, earlier=(better,) * 4)).facts == alone  # too few to tell
 
 
-def test_processes_that_share_a_journal_draw_other_parameters(config, tmp_path, monkeypatch):
+def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "turtlebot_gym_agents.training.tuning.run_trial",
-        lambda trial, config, hyper: (hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
+        lambda trial, config: (config.hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
     )
     journal = str(tmp_path / "deep" / "study.journal")
     first = told(tune(config, tmp_path / "one", trials=3, storage=journal))
@@ -120,19 +122,11 @@ def test_processes_that_share_a_journal_draw_other_parameters(config, tmp_path, 
         tune(config, tmp_path / "one", trials=1, storage="nothing://at/all")
 
 
-def test_the_command_says_what_it_drew_at_once(config, tmp_path, monkeypatch, capsys):
+def test_the_command_says_what_it_drew_at_once(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(module, "complete", lambda units, **rest: [one for _, one in Imagined()((str(u), u) for u in units)])
-    arguments = [
-        "--config",
-        str(config.config),
-        "--trials",
-        "2",
-        "--out",
-        str(tmp_path),
-        "--json",
-        str(tmp_path / "out.json"),
-        "--force",
-    ]
+    hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
+    arguments = ["--config", str(tmp_path / "tiny.yaml"), "--trials", "2", "--out", str(tmp_path)]
+    arguments += ["--json", str(tmp_path / "out.json"), "--force"]
     assert main(["tune", *arguments, "--generation", "2"]) == 0
     content = json.loads((tmp_path / "out.json").read_text())
     assert content["config"]["generation"] == 2
@@ -143,7 +137,7 @@ def test_the_command_says_what_it_drew_at_once(config, tmp_path, monkeypatch, ca
 
 
 @pytest.mark.slow
-def test_two_jobs_of_the_script_share_a_journal(config, tmp_path):
+def test_two_jobs_of_the_script_share_a_journal(tmp_path):
     """The job script, with the array's number faked: each job takes trials until the study has four of them."""
     path = f"{tmp_path}:{os.environ['PATH']}"
     command = tmp_path / "turtlebot-gym"
@@ -151,7 +145,8 @@ def test_two_jobs_of_the_script_share_a_journal(config, tmp_path):
     command.chmod(0o755)
     variables = {**os.environ, "PATH": path, "SHARED": str(tmp_path / "shared"), "TRIALS": "4", "STEPS": "512"}
     variables["NUMBA_CACHE_DIR"] = os.environ.get("NUMBA_CACHE_DIR", "")  # the package's own
-    script = ["bash", str(ROOT / "agents" / "configs" / "slurm.sh"), "--config", str(config.config)]
+    hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
+    script = ["bash", str(ROOT / "agents" / "configs" / "slurm.sh"), "--config", str(tmp_path / "tiny.yaml")]
     jobs = [subprocess.Popen(script, env={**variables, "SLURM_ARRAY_TASK_ID": str(job)}, cwd=tmp_path) for job in range(2)]
     assert [job.wait() for job in jobs] == [0, 0]
     storage = JournalStorage(JournalFileBackend(str(tmp_path / "shared" / "study.journal")))

@@ -11,11 +11,13 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import units as module
 from turtlebot_gym_agents.cluster.attachments import attach, placed, unpacked
-from turtlebot_gym_agents.cluster.units import Drive, columns, drives, episodes_of, key, run
-from turtlebot_gym_agents.cluster.work import evaluate_all
+from turtlebot_gym_agents.cluster.drives import Drive, columns, drives, evaluate_all, evaluation
+from turtlebot_gym_agents.cluster.trainings import Training
+from turtlebot_gym_agents.cluster.units import key, run
 from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
 from turtlebot_gym_agents.provenance import plain
 from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.hyperparameters import configs_folder
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 
@@ -40,7 +42,7 @@ def text(evaluation):
 @pytest.mark.parametrize("chunk", [1000, 25, 2])
 def test_an_evaluation_does_not_depend_on_how_it_is_cut(asked, chunk, monkeypatch):
     expected = text(evaluate(**asked))
-    monkeypatch.setattr(module.drives, "__kwdefaults__", {**module.drives.__kwdefaults__, "chunk": chunk})
+    monkeypatch.setattr(drives, "__kwdefaults__", {**drives.__kwdefaults__, "chunk": chunk})
     (cut,) = evaluate_all([asked])
     assert text(cut) == expected
 
@@ -59,7 +61,7 @@ def test_a_unit_can_be_pickled_and_is_the_same_again():
     assert key(again) == key(unit)
     for one, other in zip(run(unit).arrays.values(), run(again).arrays.values(), strict=True):
         np.testing.assert_array_equal(one, other)
-    config = module.training(TrainingConfig(steps=64))
+    config = Training.of(TrainingConfig(steps=64))
     assert key(pickle.loads(pickle.dumps(config))) == key(config)
 
 
@@ -92,19 +94,15 @@ def test_a_key_depends_on_code_and_libraries(monkeypatch):
 
 
 def test_a_key_of_a_training_has_its_hyperparameters_and_no_path(tmp_path):
-    shipped = module.training(TrainingConfig(steps=64))
-    same = replace(shipped, config=replace(shipped.config, config=tmp_path / "same.yaml", checkpoint_seconds=1.0))
-    assert key(same) == key(shipped)
-    assert shipped.size == 1  # progress counts trainings
-    assert key(replace(shipped, hyper={**shipped.hyper, "gamma": 0.5})) != key(shipped)
-    assert key(replace(shipped, config=replace(shipped.config, seed=1))) != key(shipped)
+    shipped = TrainingConfig(steps=64)
+    (tmp_path / "same.yaml").write_text((configs_folder() / "ppo.yaml").read_text())
 
+    def key_of(**changes):
+        return key(Training.of(replace(shipped, **changes)))
 
-def test_a_training_compiles_for_its_environments_and_for_those_that_judge_it(monkeypatch):
-    compiled = {}
-    monkeypatch.setattr(module, "_compile", lambda system, make: compiled.update({system: make().num_envs}))
-    module.compile_training(TrainingConfig(episodes=3), {"n_envs": 2})
-    assert sorted(compiled.values()) == [2, 3]  # under two names
+    assert key_of(config=tmp_path / "same.yaml", checkpoint_seconds=1.0) == key_of(config=shipped.hyper) == key_of()
+    assert len({key_of(), key_of(config={**shipped.hyper, "gamma": 0.5}), key_of(seed=1)}) == 3
+    assert Training.of(shipped).size == 1  # progress counts trainings
 
 
 def test_files_that_options_name_travel_with_the_unit(tmp_path, monkeypatch):
@@ -118,8 +116,8 @@ def test_files_that_options_name_travel_with_the_unit(tmp_path, monkeypatch):
     (changed,) = drives(**asked)
     assert key(changed) != before
     noise.unlink()
-    np.testing.assert_array_equal(episodes_of(run(unit).arrays).path, expected.path)
-    assert (episodes_of(run(changed).arrays).path != expected.path).all()
+    np.testing.assert_array_equal(evaluation([run(unit)], {}).episodes.path, expected.path)
+    assert (evaluation([run(changed)], {}).episodes.path != expected.path).all()
 
 
 def test_a_map_travels_with_its_image_and_a_policy_of_ones_own_as_its_source(tmp_path, monkeypatch):

@@ -1,0 +1,219 @@
+"""Models of Stable-Baselines3: made for the configuration of a training, saved and restored.
+
+A saved model is a zip file. Besides the weights it holds pickled objects, which could run any code. A training makes its model
+anew from its configuration, and reads only the weights, the optimizer's state and the counters from such a file.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from copy import deepcopy
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+
+import numpy as np
+import stable_baselines3
+import torch
+from gymnasium.vector import VectorEnv
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
+
+from turtlebot_gym import Parameters
+from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure
+from turtlebot_gym_agents.training.optimizer import EPS, Adam, Linear
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+    name: getattr(stable_baselines3, name.upper()) for name in ("a2c", "ddpg", "ppo", "sac", "td3")
+}
+"""The algorithms of Stable-Baselines3 by their names in lower case."""
+NORMALIZATION_SEED = 2**41
+TRAINING_SEED = 2**42
+"""Environments of a run have seeds from (1 + its seed) times this, separate from other runs and from the evaluation."""
+_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
+_COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+
+
+def choose_device(device: str, algo: str) -> str:
+    """Return "cpu" or "cuda".
+
+    Args:
+        device: Either of them, or "auto": the CPU for on-policy algorithms, whose rollouts pass each observation through a
+            small network by itself; a GPU, if there is one, for off-policy ones, which spend their time on batches.
+        algo: A name in `ALGORITHMS`.
+
+    Raises:
+        ValueError: If ``device`` is "cuda" and torch finds no GPU.
+
+    References:
+        Stable-Baselines3 2.9, documentation of PPO: "meant to be run primarily on the CPU" unless the policy is a CNN.
+    """
+    there = torch.cuda.is_available()
+    if device == "cuda" and not there:
+        raise ValueError(f"device 'cuda' is not available: torch {torch.__version__} finds no GPU; use --device cpu.")
+    if device == "auto":
+        return "cuda" if there and issubclass(ALGORITHMS[algo], OffPolicyAlgorithm) else "cpu"
+    return device
+
+
+def make_model(
+    config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | None = None, checkpoint: Path | None = None
+) -> BaseAlgorithm:
+    """Return a new model, or one that continues from a checkpoint.
+
+    Args:
+        config: Configuration of the training.
+        envs: Environments to train in.
+        tensorboard: Folder of the logs.
+        checkpoint: A file by `save_checkpoint`.
+
+    Raises:
+        ValueError: If the checkpoint is not one of this configuration.
+    """
+    parameters = parameters_of(envs)
+    bearing = make_policy("bearing", robot=parameters.robot, dt=parameters.dt)
+    mean, std = measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
+    normalization = {
+        "features_extractor_class": NormalizedObservation,
+        "features_extractor_kwargs": {"mean": mean, "std": std},
+    }
+    keywords = arguments(config.hyper)
+    if config.algo == "ppo":
+        normalization |= {"optimizer_class": Adam, "optimizer_kwargs": {"eps": EPS}}
+    adapter = Sb3VecEnv(envs)
+    model = ALGORITHMS[config.algo](
+        config.hyper["policy"],
+        adapter,
+        seed=config.seed,
+        device=choose_device(config.device, config.algo),
+        tensorboard_log=None if tensorboard is None else str(tensorboard),
+        **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
+    )
+    if checkpoint is not None:
+        restore(model, checkpoint)
+    # Making the model has set the model's own seed there. A resumed training must not repeat its first episodes.
+    adapter.seed((1 + config.seed) * TRAINING_SEED + model.num_timesteps)
+    if isinstance(model, OnPolicyAlgorithm):
+        adapter.bootstrap_with(model)
+    return model
+
+
+def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keyword arguments of an algorithm: schedules, activations and exploration noise made from their names.
+
+    Args:
+        hyper: Hyper-parameters by `hyperparameters.load`.
+    """
+    made: dict[str, Any] = {key: _made(value) for key, value in hyper.items() if key not in ("n_envs", "n_timesteps", "policy")}
+    network = dict(hyper["policy_kwargs"])
+    if "activation_fn" in network:
+        network["activation_fn"] = getattr(torch.nn, network["activation_fn"])
+    if made.pop("noise_type", None) is not None:
+        made["action_noise"] = NormalActionNoise(np.zeros(2), np.full(2, made.pop("noise_std")))
+    return {**made, "policy_kwargs": network}
+
+
+def _made(value: Any) -> Any:
+    if isinstance(value, str) and value.startswith("lin_"):
+        return Linear(float(value.removeprefix("lin_")))
+    return tuple(value) if isinstance(value, list) else value
+
+
+def parameters_of(envs: VectorEnv) -> Parameters:
+    """Return the environments' parameters; those of the first one if they differ."""
+    parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    return parameters if isinstance(parameters, Parameters) else parameters[0]
+
+
+def save_model(model: BaseAlgorithm, path: Path) -> None:
+    """Save a model atomically: at any moment the file is the complete old or the complete new one."""
+    with replacing(path) as beside, beside.open("wb") as file:
+        model.save(file)
+
+
+def save_checkpoint(model: BaseAlgorithm, path: Path) -> None:
+    """Save a model with its replay buffer, if it has one, so that `restore` continues from them."""
+    if isinstance(model, OffPolicyAlgorithm):
+        assert isinstance(model.replay_buffer, ReplayBuffer)
+        _write_buffer(model.replay_buffer, replay_path(path))
+    save_model(model, path)
+
+
+def restore(model: BaseAlgorithm, path: Path) -> None:
+    """Bring a new model into the state of a checkpoint by `save_checkpoint`; nothing pickled in it is run.
+
+    Raises:
+        ValueError: If the file is not a checkpoint of such a model, or its replay buffer is missing.
+    """
+    counters, parameters, variables = _read(path, model)
+    try:
+        model.set_parameters(parameters, device=model.device)
+        for name, value in variables.items():
+            recursive_setattr(model, f"{name}.data", value.data)
+    except (ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} is the checkpoint of another network: {' '.join(str(error).split())}") from error
+    vars(model).update(counters)
+    if isinstance(model, OffPolicyAlgorithm):
+        assert isinstance(model.replay_buffer, ReplayBuffer)
+        _read_buffer(model.replay_buffer, replay_path(path))
+
+
+@contextmanager
+def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
+    """Give a model's policy the weights of a saved model, and its number of steps, within this block.
+
+    Raises:
+        ValueError: If the file is not a saved model.
+    """
+    own, steps = deepcopy(model.policy.state_dict()), model.num_timesteps
+    counters, parameters, _ = _read(path, model)
+    model.policy.load_state_dict(parameters["policy"])
+    model.num_timesteps = counters["num_timesteps"]
+    try:
+        yield
+    finally:
+        model.policy.load_state_dict(own)
+        model.num_timesteps = steps
+
+
+def _read(path: Path, model: BaseAlgorithm) -> tuple[dict[str, int], Any, Any]:
+    """Return the counters, the state of the networks and optimizers, and further tensors in a saved model."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            data = json.loads(archive.read("data"))
+        counters = {name: int(data[name]) for name in _COUNTERS}
+        _, parameters, variables = load_from_zip_file(path, load_data=False, device=model.device)
+    except (zipfile.BadZipFile, UnpicklingError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
+    return counters, parameters, variables or {}
+
+
+def replay_path(checkpoint: Path) -> Path:
+    """Return the path of a checkpoint's replay buffer, a ``.npz`` file."""
+    return checkpoint.with_suffix(".replay.npz")
+
+
+def _write_buffer(buffer: ReplayBuffer, path: Path) -> None:
+    columns: dict[str, Any] = {name: getattr(buffer, name)[: buffer.size()] for name in _COLUMNS}
+    with replacing(path) as beside, beside.open("wb") as file:
+        np.savez(file, position=buffer.pos, full=buffer.full, **columns)
+
+
+def _read_buffer(buffer: ReplayBuffer, path: Path) -> None:
+    if not path.is_file():
+        raise ValueError(f"{path} is missing, without which the run cannot be resumed: train again in another folder.")
+    with np.load(path, allow_pickle=False) as content:
+        for name in _COLUMNS:
+            getattr(buffer, name)[: len(content[name])] = content[name]
+        buffer.pos, buffer.full = int(content["position"]), bool(content["full"])

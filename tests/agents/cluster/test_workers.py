@@ -1,0 +1,176 @@
+"""Workers of this machine: the same files with any number of them, and nothing lost or repeated when they are killed."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import uuid
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # helpers, which workers import as well
+import killed
+import processes
+
+from turtlebot_gym_agents import provenance
+from turtlebot_gym_agents.cluster.drives import drives
+from turtlebot_gym_agents.cluster.store import Store
+from turtlebot_gym_agents.cluster.units import complete, key
+from turtlebot_gym_agents.cluster.workers import workers_on
+from turtlebot_gym_agents.commands.cli import main
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+KILLS = int(os.environ.get("TURTLEBOT_GYM_KILLS", "3"))
+YAML = """default:
+  n_envs: 32
+  n_timesteps: 1024
+  policy: MlpPolicy
+  n_steps: 16
+  batch_size: 512
+  learning_rate: 0.001
+  policy_kwargs: {net_arch: [32, 32]}
+"""
+STUDY = """
+episodes: 40
+seed: 1000
+grid: {noise: [clean, rough]}
+policies: [bearing, proportional]
+trainings:
+  tiny: {seeds: 2, steps: 1024, evaluations: 1, episodes: 8, config: tiny.yaml}
+"""
+COMMANDS = {
+    "evaluate": ["evaluate", "--policy", "bearing", "ppo-nav", "--noise", "tutorial", "rough", "--episodes", "600"],
+    "train": ["train", "--config", "tiny.yaml", "--steps", "1024", "--evaluations", "1", "--seeds", "2", "--out", "runs"],
+    "tune": ["tune", "--config", "tiny.yaml", "--steps", "512", "--trials", "3", "--generation", "2", "--out", "search"],
+    "study": ["study", "study.yaml", "--out", "study"],
+}
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch):
+    """Let workers find what this process finds, and return a mark by which they and their children are found."""
+    mark = f"MARK{uuid.uuid4().hex}"
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), *filter(None, sys.path)]))
+    return mark
+
+
+def written(command, folder, monkeypatch, *options):
+    """Return the file that a command writes, except its times."""
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(provenance, "_commit", lambda: "one")  # a commit in the middle of the test is no difference
+    (folder / "tiny.yaml").write_text(YAML)
+    (folder / "study.yaml").write_text(STUDY)
+    assert main([*COMMANDS[command], "--json", "out.json", *options]) == 0
+    content = json.loads((folder / "out.json").read_text())
+    content.pop("times", None)
+    return json.dumps(content, indent=1)
+
+
+@pytest.mark.parametrize("command", ["evaluate", *(pytest.param(name, marks=pytest.mark.slow) for name in COMMANDS)])
+def test_any_number_of_workers_writes_the_same_file_as_none(command, tmp_path, monkeypatch):
+    expected = written(command, tmp_path / "plain", monkeypatch)
+    for workers in (1, 2, 4):
+        found = written(command, tmp_path / str(workers), monkeypatch, "--cluster", "local", "--workers", str(workers))
+        assert found == expected, workers
+
+
+class Counting(Store):
+    """A store that counts what is put into it."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.counts = {}
+
+    def put(self, key, result):
+        self.counts[key] = self.counts.get(key, 0) + 1
+        super().put(key, result)
+
+
+def test_a_killed_worker_costs_running_units_alone(tmp_path):
+    """In each run a worker is killed in the middle of a unit; what the other one was running may be repeated, too."""
+    random.seed(7)
+    with workers_on("local", workers=2) as workers:
+        for number in range(KILLS):
+            folder = tmp_path / str(number)
+            store, killings = Counting(folder / "store"), []
+            units = [killed.Logged(number=unit, folder=str(folder), holds=unit == 7) for unit in range(8)]
+            after = random.randrange(1, 6)
+
+            def kill(done, folder=folder, killings=killings, after=after, store=store):
+                if done < after or killings:
+                    return
+                stored, running = set(store.counts), []
+                while not running:  # the last unit runs until a worker is killed
+                    log = killed.read(folder)
+                    ended = {unit for what, unit, _ in log if what == "end"}
+                    running = [(unit, process) for what, unit, process in log if what == "begin" and unit not in ended]
+                os.kill(running[0][1], signal.SIGKILL)
+                killings.append((running[0][0], stored))
+                (folder / "go").touch()
+
+            results = complete(units, workers=workers, store=store, progress=kill)
+            assert [result.facts["number"] for result in results] == list(range(8))  # nothing lost
+            assert list(store.counts.values()) == [1] * 8  # nothing stored twice
+            ((victim, stored),) = killings
+            begun = [unit for what, unit, _ in killed.read(folder) if what == "begin"]
+            again = {unit for unit in begun if begun.count(unit) > 1}
+            assert victim in again
+            assert not {key(units[unit]) for unit in again} & stored
+            assert len(begun) <= 8 + 2
+
+
+def test_workers_that_die_again_and_again_end_the_work(tmp_path):
+    with workers_on("local", workers=2) as workers, pytest.raises(OSError, match="Workers have died 4 times: "):
+        complete([killed.Deadly(folder=str(tmp_path))], workers=workers)
+    assert len(killed.read(tmp_path)) == 4
+
+
+def test_an_error_of_a_unit_is_that_of_the_command(capsys):
+    assert main(["evaluate", "--policy", "nobody", "--episodes", "20", "--cluster", "local", "--workers", "2"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "policy must be one of" in line
+
+
+@pytest.mark.parametrize("group", [False, True], ids=["this process", "its workers as well, as from a terminal"])
+def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, environment):
+    store, out = tmp_path / "store", tmp_path / "out.json"
+    asked = ["evaluate", "--policy", "bearing", "--episodes", "20000", "--json", str(out)]
+    command = [sys.executable, "-m", "turtlebot_gym_agents", *asked, "--cluster", "local", "--workers", "2"]
+    command += ["--store", str(store)]
+    variables = {**os.environ, "TURTLEBOT_GYM_TEST": environment}
+    process = subprocess.Popen(command, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    assert processes.wait_until(lambda: len([*store.glob("*.npz")]) >= 2)
+    (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert not err.strip()
+    assert processes.wait_until(lambda: not processes.marked(environment), 20.0), processes.marked(environment)
+    assert not out.exists()
+    before = {path: path.stat().st_mtime_ns for path in store.glob("[0-9a-f]*.npz")}
+    assert 2 <= len(before) < 80
+    done = subprocess.run(command, env=variables, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert all(path.stat().st_mtime_ns == changed for path, changed in before.items())  # none was done again
+    plain = tmp_path / "plain.json"
+    assert main([*asked[:-1], str(plain)]) == 0
+    assert plain.read_bytes() == out.read_bytes()
+
+
+def test_workers_listen_nowhere(environment, monkeypatch):
+    monkeypatch.setenv("TURTLEBOT_GYM_TEST", environment)
+    before = processes.addresses([os.getpid()])
+    with workers_on("local", workers=2) as workers:
+        for _ in workers(
+            [(str(seed), unit) for seed in range(2) for unit in drives("bearing", env=NAV, episodes=4, seed=seed)]
+        ):
+            family = processes.marked(environment)
+            assert len(family) >= 1
+            assert processes.addresses(family) == []
+            assert processes.addresses([os.getpid()]) == before
