@@ -78,13 +78,6 @@ def test_replay_prints_the_errors_of_each_file(tmp_path, drive, capsys):
     assert sorted(path.name for path in tmp_path.glob("*.png")) == ["drive-other.png", "drive-straight.png"]
 
 
-def test_replay_takes_other_names_of_columns(drive, capsys):
-    drive.write_text(drive.read_text().replace("t,vx,gyro", "stamp,speed,gyro", 1))
-    assert main(["replay", str(drive), "--seeds", "1"]) == 2
-    assert "column 't', 'vx' is missing" in capsys.readouterr().err
-    assert main(["replay", str(drive), "--seeds", "1", "--columns.time", "stamp", "--columns.v", "speed"]) == 0
-
-
 REFUSED = [
     (["evaluate", "--noise", "loud"], "noise must be one of 'clean', "),
     (["evaluate", "--observation", "lidar"], "observation must be one of 'ekf'"),

@@ -11,7 +11,7 @@ from turtlebot_gym import Robot, Task
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Record, concatenate, measure
-from turtlebot_gym_agents.evaluation.evaluate import BATCH, Evaluation, evaluate, paired
+from turtlebot_gym_agents.evaluation.evaluate import BATCH, evaluate, paired
 
 NAN = math.nan
 ROBOT = Robot(max_linear=0.5, max_angular=2.0, max_wheel=0.4)
@@ -223,14 +223,6 @@ def test_an_evaluation_says_what_was_evaluated():
 def test_an_evaluation_is_shown_in_a_line():
     shown = repr(evaluate("proportional", episodes=2, noise="clean"))
     assert shown == "Evaluation(limit=30.0)"  # in a notebook, not pages of arrays
-
-
-def test_an_evaluation_cannot_be_changed():
-    result = evaluate("proportional", episodes=1, max_episode_steps=2)
-    with pytest.raises(AttributeError):
-        result.limit = 1.0  # type: ignore[misc]
-    with pytest.raises(TypeError):  # so many numbers need their names
-        Evaluation(result.config, 1.0, 0.22, result.episodes, result.trajectory)  # type: ignore[misc]
 
 
 def test_environments_are_closed(monkeypatch):

@@ -68,7 +68,7 @@ def _with_truth(drive: Drive, path: Path) -> Drive:
 def _with_headings(drive: Drive) -> Drive:
     """Return a drive whose truth has headings; of positions alone they are the directions in which the robot moves."""
     positions = np.isfinite(drive.truth[:, :2]).all(axis=1)
-    if not positions.any() or np.isfinite(drive.truth[:, 2]).any():
+    if positions.sum() < 2 or np.isfinite(drive.truth[:, 2]).any():
         return drive
     state = drive.true_state.copy()
     state[:, 2] = headings(drive.time, state[:, :2], drive.twist[:, 0])
