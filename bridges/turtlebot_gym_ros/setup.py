@@ -26,5 +26,5 @@ setup(
     ],
     install_requires=["setuptools"],
     zip_safe=False,
-    entry_points={"console_scripts": [f"{node} = {NAME}.executable:main" for node in NODES]},
+    entry_points={"console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in NODES]},
 )

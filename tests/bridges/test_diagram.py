@@ -40,6 +40,7 @@ def test_what_is_declared_is_what_is_connected(stamped):
         assert connected(expected) == expected
 
 
+@pytest.mark.nightly
 def test_a_guard_stands_between_and_recorder_and_display_change_nothing(launch, tmp_path):
     special = {
         "velocity_controller": "-r cmd_vel:=cmd_vel_in",

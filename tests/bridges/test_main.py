@@ -141,7 +141,7 @@ def world(peer, wait_for, tmp_path):
     return World(peer, wait_for)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
 def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, world, tmp_path, number):
     process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
     world.until(lambda: len(world.commands) > 5)

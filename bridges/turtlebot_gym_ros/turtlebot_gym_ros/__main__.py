@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from turtlebot_gym import __version__
 from turtlebot_gym_ros.base.discovery import prepare
@@ -59,6 +60,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(entry.__doc__)
         return 0
     return run(entry, entry.Params, rest)
+
+
+def run_as_program() -> int:
+    """Run the node with the name of this program: the entry point of ``ros2 run turtlebot_gym_ros NODE``."""
+    return main([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 if __name__ == "__main__":

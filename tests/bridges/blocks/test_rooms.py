@@ -68,8 +68,10 @@ def differences(loop, env, steps):
 @pytest.mark.parametrize(
     ("world", "lidar", "noise"),
     [
-        *((world, "lds01", "tutorial") for world in ROOMS),
-        *(("dense", lidar, "rough") for lidar in LIDARS),
+        ("office", "lds01", "tutorial"),
+        ("dense", "a1", "rough"),
+        *(pytest.param(world, "lds01", "tutorial", marks=pytest.mark.nightly) for world in ROOMS if world != "office"),
+        *(pytest.param("dense", lidar, "rough", marks=pytest.mark.nightly) for lidar in LIDARS if lidar != "a1"),
     ],
 )
 def test_they_are_the_environment_to_the_bit(world, lidar, noise):

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
@@ -60,6 +61,7 @@ class Drive:
     """Whether it publishes ``clock`` instead of following it."""
     limit = 0.0
     """Time that a step may take, s; 0 for no limit."""
+    _clock: Publisher
 
     def __init__(self, hands: Hands, messages: Messages | None = None, period: float = 0.0) -> None:
         self._hands, self._messages, self._period = hands, messages, period
@@ -285,11 +287,7 @@ class _AsPlant(Drive):
 
 
 def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
-    """Return the drive of a block.
-
-    Raises:
-        ValueError: If the block cannot run in lock-step, or only in lock-step.
-    """
+    """Return the drive of a block, or raise `ValueError` if the block cannot be driven that way."""
     trigger = block.trigger
     if not lock_step:
         return _ByClock(hands, trigger) if isinstance(trigger, Every) else _ByMessages(hands, trigger)
