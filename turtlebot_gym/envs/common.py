@@ -51,6 +51,9 @@ SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
 
+_FLOAT = np.dtype(np.float32)
+
+
 def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces.Space[NDArray[np.float32]]]:
     """Return new spaces of actions, which are shares of the robot's limits of speed and turning rate, and of observations."""
     low, high = np.array(system.low, np.float32), np.array(system.high, np.float32)
@@ -124,7 +127,7 @@ def read_actions(actions: Any) -> NDArray[np.float32]:
     Raises:
         InvalidAction: If they hold something else than real numbers.
     """
-    if type(actions) is np.ndarray and actions.dtype == np.float32:
+    if type(actions) is np.ndarray and actions.dtype is _FLOAT:  # the usual case, in a tenth of a microsecond
         return actions
     try:
         values = np.asarray(actions)
