@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.files import T, is_file, kind_of, read_parameters
+from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -23,7 +25,7 @@ from turtlebot_gym.parameters import (
     Slip,
 )
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.validation import choose, made
+from turtlebot_gym.validation import choose, made, refusal
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 """Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s. A filter
@@ -195,13 +197,30 @@ def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
     return resolve(FixNoise, fix, FIXES)
 
 
-def make_filter(tuning: str | Mapping[str, Any] | FilterTuning, noise: Noise, *, imu: Any = ()) -> FilterTuning:
-    """Return a filter tuning, given as such, or by a name in `FILTERS` for the noise in use.
+def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
+    """Return a filter tuning.
+
+    Args:
+        tuning: The tuning, or a mapping of its fields; a name in `FILTERS`, for the noise in use; a filter of one's own as a
+            class with ``predict`` and ``update`` (see `estimation.plain`), or a function of the noise that returns a tuning;
+            or "module:name" of any of these.
+        noise: The noise in use.
+        imu: Noise of the gyro, if there is one.
 
     Raises:
-        ValueError: If the name is unknown.
+        ValueError: If the name is unknown, or there is no such object.
     """
-    if isinstance(tuning, (FilterTuning, Mapping)):
-        return made(FilterTuning, tuning, "filter")
+    own: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
+    if hasattr(own, "predict") and hasattr(own, "update"):
+        return replace(matched(noise), kind=Plain(make=own, corrects=not noise.odometry.wheel))
+    if callable(own):
+        try:
+            own = own(noise)
+        except Exception as error:
+            raise failure(str(tuning), error) from error
+    if isinstance(own, (FilterTuning, Mapping)):
+        return made(FilterTuning, own, "filter")
+    if own is not tuning:
+        raise refusal("filter", "a tuning, or what makes one", own)
     preset = choose("filter", tuning, FILTERS)
     return gyro(noise, imu) if preset is gyro else preset(noise)

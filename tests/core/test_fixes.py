@@ -57,7 +57,7 @@ def by_hand(filter, tuning, fixes, steps=20):
     log = [filter.start(senses(0), tuning)]
     for k in range(1, steps + 1):
         now = filter.step(log[-1], senses(k - 1), senses(k), tuning, DT, 0.5)
-        log.append(filter.fix(now, fixes[k].pose, fixes[k].R) if k in fixes else now)
+        log.append(filter.fix(now, fixes[k].pose, fixes[k].R, tuning) if k in fixes else now)
     return log
 
 
@@ -137,7 +137,7 @@ def test_a_fix_is_the_joint_update_of_the_textbook(kind, noise, R):
     estimate = by_hand(filter, tuning, {}, 12)[-1]
     z = Pose(0.3, 0.05, 0.2)
     mean, P, _ = conditioned(estimate.belief, z, R)
-    fixed = filter.fix(estimate, z, R)
+    fixed = filter.fix(estimate, z, R, tuning)
     np.testing.assert_allclose(fixed.belief.mean, mean, atol=1e-12)
     np.testing.assert_allclose(matrix(fixed.belief.covariance), P, atol=1e-12)
     assert fixed.nis == estimate.nis  # the odometry's
@@ -158,7 +158,7 @@ def test_a_fix_weighs_the_hypotheses_by_how_likely_each_makes_it(kind, R):
 
     expected = [(weight * conditioned(belief, z, R)[2], conditioned(belief, z, R)) for belief, weight in parts(estimate)]
     total = sum(weight for weight, _ in expected)
-    for (belief, weight), (likely, (mean, P, _)) in zip(parts(filter.fix(estimate, z, R)), expected, strict=True):
+    for (belief, weight), (likely, (mean, P, _)) in zip(parts(filter.fix(estimate, z, R, tuning)), expected, strict=True):
         assert weight == pytest.approx(likely / total, abs=1e-10)
         np.testing.assert_allclose(belief.mean, mean, atol=1e-12)
         np.testing.assert_allclose(matrix(belief.covariance), P, atol=1e-12)
@@ -168,7 +168,7 @@ def test_a_heading_is_fixed_across_pi():
     tuning = make_filter("matched", make_noise("wheel"))
     filter = filter_of(tuning)
     start = filter.start(Senses(Odometry(Pose(0.0, 0.0, 3.1), STOP, True)), tuning)
-    fixed = filter.fix(start, Pose(0.0, 0.0, -3.1), (1.0, 1.0, 1e-12))
+    fixed = filter.fix(start, Pose(0.0, 0.0, -3.1), (1.0, 1.0, 1e-12), tuning)
     assert fixed.belief.mean.theta == pytest.approx(-3.1, abs=1e-3)
 
 

@@ -73,7 +73,7 @@ def test_a_fix_corrects_pose_and_bias():
     estimate = filter.start(senses, tuning)
     for _ in range(20):
         estimate = filter.step(estimate, senses, senses, tuning, DT, 0.0)
-    fixed = filter.fix(estimate, Pose(*estimate.belief.mean[:2], estimate.belief.mean.theta - 0.1), (1.0, 1.0, 1e-6))
+    fixed = filter.fix(estimate, Pose(*estimate.belief.mean[:2], estimate.belief.mean.theta - 0.1), (1.0, 1.0, 1e-6), tuning)
     assert fixed.belief.mean.theta == pytest.approx(estimate.belief.mean.theta - 0.1, abs=1e-3)
     assert fixed.bias.mean > estimate.bias.mean  # it turned less than measured
     assert fixed.nis == estimate.nis

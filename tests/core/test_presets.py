@@ -162,7 +162,7 @@ def test_names_and_values_make_the_same():
         (lambda: make_noise("loud"), "noise must be one of 'clean', 'tutorial', 'documented', 'wheel', 'rough', got 'loud'"),
         (
             lambda: make_filter("best", Noise()),
-            "filter must be one of 'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale', got 'best'",
+            "filter must be one of 'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale', 'gyro', got 'best'",
         ),
     ],
 )

@@ -34,7 +34,7 @@ def maker(request):
 NAMES = {
     "robot": "'burger', 'waffle', 'turtlebot4', 'tutorial'",
     "noise": "'clean', 'tutorial', 'documented', 'wheel', 'rough'",
-    "filter": "'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale'",
+    "filter": "'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale', 'gyro'",
     "integrator": "'euler', 'midpoint'",
     "observation": "'ekf', 'odometry', 'truth'",
     "arrival": "'truth', 'belief'",

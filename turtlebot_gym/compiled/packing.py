@@ -21,15 +21,21 @@ TILE = 32
 
 
 @cache
+def _numbers_of(dataclass_type: type) -> tuple[str, ...]:
+    """Return the names of a dataclass's fields that hold numbers; others are marked, and no kernel may read them."""
+    return tuple(item.name for item in dataclasses.fields(dataclass_type) if item.metadata.get("number", True))
+
+
+@cache
 def _tuple_type(dataclass_type: type) -> type:
     """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses."""
-    return namedtuple(dataclass_type.__name__, [item.name for item in dataclasses.fields(dataclass_type)])  # type: ignore[return-value]  # noqa: PYI024
+    return namedtuple(dataclass_type.__name__, _numbers_of(dataclass_type))  # type: ignore[return-value]  # noqa: PYI024
 
 
 def as_tuple(value: Any) -> Any:
     """Return a parameter dataclass, or a tuple of them, as NamedTuples with the same attributes."""
     if dataclasses.is_dataclass(value):
-        return _tuple_type(type(value))(*(as_tuple(getattr(value, item.name)) for item in dataclasses.fields(value)))
+        return _tuple_type(type(value))(*(as_tuple(getattr(value, name)) for name in _numbers_of(type(value))))
     if isinstance(value, tuple):
         items = [as_tuple(item) for item in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)

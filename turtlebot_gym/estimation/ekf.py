@@ -194,7 +194,7 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
 
 
 @kernel
-def fix(estimate: Estimate, z: Pose, R: Variances) -> Estimate:
+def fix(estimate: Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> Estimate:
     """Condition the belief on an external pose measurement; see `interface.Filter`."""
     belief, _, _ = correct_pose(estimate.belief, z, R, wrap(z.theta - estimate.belief.mean.theta))
     return Estimate(belief, estimate.nis, estimate.rejections)

@@ -108,17 +108,17 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         filter: Any filter.
         depth: Number of stored steps.
     """
-    begin, step, fix_in, reads, kind = filter
+    begin, step, fix_in, reads, _, _ = filter
     Read, values_of = senses_of(reads), _values_of(reads)  # only these are stored, for as many steps as a fix may be late
     fill, put, last = filled(depth + 1), _put(depth + 1), depth
 
     @kernel
-    def fixed(estimate, told):
-        return fix_in(estimate, told.fix.pose, told.fix.R) if told.fix.arrived else estimate
+    def fixed(estimate, told, tuning):
+        return fix_in(estimate, told.fix.pose, told.fix.R, tuning) if told.fix.arrived else estimate
 
     @kernel
     def advance(estimate, before, now, tuning, middle):
-        return step(fixed(estimate, before), before.senses, now.senses, tuning, now.dt, middle)
+        return step(fixed(estimate, before, tuning), before.senses, now.senses, tuning, now.dt, middle)
 
     @kernel
     def start(senses, tuning):
@@ -141,7 +141,7 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
             newest = oldest
             for ago in range(int(count), 0, -1):
                 newest = advance(newest, told[ago], told[ago - 1], tuning, middle)
-            newest = fixed(newest, told[0])
+            newest = fixed(newest, told[0], tuning)
         return Remembered(newest.belief, newest.nis, newest, oldest, told, count)
 
-    return Filter(start, step_on, fix_in, (*reads, "fix"), kind)
+    return filter._replace(start=start, step=step_on, reads=(*reads, "fix"))

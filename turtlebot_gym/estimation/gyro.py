@@ -86,7 +86,7 @@ def step(estimate: GyroEstimate, before: Any, senses: Any, tuning: FilterTuning,
 
 
 @kernel
-def fix(estimate: GyroEstimate, z: Pose, R: Variances) -> GyroEstimate:
+def fix(estimate: GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> GyroEstimate:
     """Condition on an external pose measurement; see `interface.Filter`."""
     belief, bias, _ = correct_both(estimate.belief, estimate.bias, z, R, wrap(z.theta - estimate.belief.mean.theta))
     return GyroEstimate(belief, estimate.nis, bias)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation import dead_reckoning, ekf, gated, mixture, scale, slip
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
 
 
@@ -23,8 +23,8 @@ class Filter(NamedTuple):
     ``before`` and ``senses`` are the sensors' values at the start and at the end of the interval, `values.Senses`; ``middle``
     is the integrator, a value of `models.unicycle.INTEGRATORS`.
     """
-    fix: Callable[[Any, Pose, tuple[float, ...]], Any]
-    """``fix(estimate, z, R)`` returns the estimate after an external pose measurement of the same time.
+    fix: Callable[[Any, Pose, tuple[float, ...], FilterTuning], Any]
+    """``fix(estimate, z, R, tuning)`` returns the estimate after an external pose measurement of the same time.
 
     R holds the variances of x, y and heading; m^2, m^2, rad^2; infinite for a heading that was not measured.
     """
@@ -32,6 +32,8 @@ class Filter(NamedTuple):
     """Names of the sensors that ``step`` reads."""
     kind: Any = Kalman()
     """Example of its own numbers, `FilterTuning.kind`; their class chooses the filter."""
+    compiled: bool = True
+    """Whether the functions are kernels; if not, the step runs as plain Python."""
 
 
 EXTENDED_KALMAN = Filter(ekf.start, ekf.step, ekf.fix)
@@ -59,5 +61,8 @@ def filter_of(tuning: FilterTuning) -> Filter:
     Raises:
         ValueError: If its kind belongs to no filter.
     """
-    own = getattr(type(tuning.kind), "filter", None)
-    return own if isinstance(own, Filter) else choose("FilterTuning.kind", type(tuning.kind), FILTERS)
+    own = getattr(tuning.kind, "filter", None)
+    if not isinstance(own, Filter) and type(tuning.kind) not in FILTERS:
+        known = ", ".join(kind.__name__ for kind in FILTERS)
+        raise refusal("FilterTuning.kind", f"one of {known}, or have a Filter as its attribute 'filter'", tuning.kind)
+    return own if isinstance(own, Filter) else FILTERS[type(tuning.kind)]

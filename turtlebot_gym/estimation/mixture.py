@@ -248,7 +248,7 @@ def step(
 
 
 @kernel
-def fix(estimate: MixtureEstimate, z: Pose, R: Variances) -> MixtureEstimate:
+def fix(estimate: MixtureEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> MixtureEstimate:
     """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
     tracks = fix_all(estimate.hypotheses, z, R)
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))

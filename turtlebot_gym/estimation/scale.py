@@ -68,7 +68,7 @@ def step(
 
 
 @kernel
-def fix(estimate: ScaleEstimate, z: Pose, R: Variances) -> ScaleEstimate:
+def fix(estimate: ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> ScaleEstimate:
     """Condition on an external pose measurement; see `interface.Filter`."""
     turn = wrap(z.theta - estimate.belief.mean.theta)
     belief, scale, _ = correct_both(estimate.belief, estimate.scale, z, R, turn)

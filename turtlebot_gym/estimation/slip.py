@@ -95,7 +95,7 @@ def _weigh(estimate: SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Th
 
 
 @kernel
-def fix(estimate: SlipEstimate, z: Pose, R: Variances) -> SlipEstimate:
+def fix(estimate: SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> SlipEstimate:
     """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
     gripped, slipped = fix_all(estimate.gripping, z, R), fix_all(estimate.slipping, z, R)
     grip, slip = _weigh(estimate, gripped, slipped)

@@ -152,4 +152,5 @@ def open_ground(filter: Filter) -> System:
         low=OBSERVATION_LOW,
         high=OBSERVATION_HIGH,
         example=p._replace(tuning=replace(p.tuning, kind=filter.kind)),
+        compiled=filter.compiled,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -55,9 +55,9 @@ class Options:
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python also a
     `turtlebot_gym.Noise` or a mapping of its fields."""
-    filter: str | Mapping[str, Any] | FilterTuning = "matched"
-    """Filter: matched, tutorial, gated, mixture, slip, scale, or with an `imu` gyro; in Python also a
-    `turtlebot_gym.FilterTuning` or a mapping of its fields."""
+    filter: str | Mapping[str, Any] | FilterTuning | Callable[..., Any] = "matched"
+    """Filter: matched, tutorial, gated, mixture, slip, scale, with an `imu` gyro, or one of your own (MODULE:NAME); in Python
+    also a `turtlebot_gym.FilterTuning`, a mapping of its fields, or a class, see `turtlebot_gym.estimation.plain`."""
     observation: str = "ekf"
     """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
