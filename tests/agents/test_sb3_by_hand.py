@@ -1,4 +1,4 @@
-"""The adapter to Stable-Baselines3 over a scripted environment, so that all that it tells is written down by hand."""
+"""The adapter to Stable-Baselines3 over a scripted environment, with everything it reports written down; its bootstrapping."""
 
 import time
 
@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
-from stable_baselines3 import PPO
+from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecNormalize
 
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
+NAV = "turtlebot_gym/TurtleBotNav-v0"
 torch.set_num_threads(1)
 
 
 class Scripted(gym.vector.VectorEnv):
-    """Three environments that play a script, whose numbers are all different.
+    """Three environments with scripted numbers, all different.
 
     Every third step the first one ends in success and the second times out; the third never ends.
     """
@@ -143,7 +145,7 @@ def test_rows_with_options_of_their_own_are_first_reset_together():
     ]  # fmt: skip
 
 
-def test_what_is_asked_of_some_rows_is_answered_for_those():
+def test_rows_that_share_their_attributes_answer_together():
     env = Sb3VecEnv(Scripted())
     assert env.get_attr("at") == [0, 0, 0]
     assert env.get_attr("at", 1) == [0]
@@ -162,17 +164,13 @@ def test_what_is_asked_of_some_rows_is_answered_for_those():
     assert env.env_is_wrapped(Monitor, [0]) == [True]
     assert env.env_is_wrapped(gym.Wrapper, [0, 1]) == [False, False]
     assert [image.max() for image in env.get_images()] == [0, 1, 2]
+    env.envs.render = lambda: None
+    assert env.get_images() == [None, None, None]
     env.close()
     assert env.envs.closed_by_user
 
 
-def test_without_pictures_there_are_none():
-    env = Sb3VecEnv(Scripted())
-    env.envs.render = lambda: None
-    assert env.get_images() == [None, None, None]
-
-
-def test_bootstrapping_adds_the_discounted_value_where_time_ran_out_and_nowhere_else():
+def test_bootstrapping_adds_the_discounted_value_of_timed_out_episodes_alone():
     env = Sb3VecEnv(Scripted())
     model = PPO("MlpPolicy", env, device="cpu", gamma=0.9, seed=0)
     env.bootstrap_with(model)
@@ -188,7 +186,7 @@ def test_bootstrapping_adds_the_discounted_value_where_time_ran_out_and_nowhere_
     assert infos[1]["episode"]["r"] == 0.37037  # the return is the environment's
 
 
-def test_other_autoreset_modes_are_named():
+def test_other_autoreset_modes_are_refused():
     envs = Scripted()
     envs.metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}
     with pytest.raises(ValueError, match=r"resets within the step, got .*NEXT_STEP: make it with autoreset_mode"):
@@ -196,3 +194,46 @@ def test_other_autoreset_modes_are_named():
     envs.metadata = {}
     with pytest.raises(ValueError, match="got None"):
         Sb3VecEnv(envs)
+
+
+def native(n, **options):
+    return Sb3VecEnv(gym.make_vec(NAV, num_envs=n, autoreset_mode=AutoresetMode.SAME_STEP, **options))
+
+
+@pytest.mark.parametrize("algorithm", [PPO, A2C])
+def test_batched_bootstrap_equals_sb3s_own(algorithm):
+    def rollout(bootstrap: bool) -> torch.Tensor:
+        env = native(64, noise="rough")
+        options = {"n_steps": 310, "gamma": 0.97, "seed": 3, "device": "cpu"}
+        model = algorithm("MlpPolicy", env, **options, **({"batch_size": 64 * 310} if algorithm is PPO else {}))
+        if bootstrap:
+            env.bootstrap_with(model)
+        _, callback = model._setup_learn(64 * 310)
+        callback.on_training_start(locals(), globals())
+        assert model.collect_rollouts(model.env, callback, model.rollout_buffer, n_rollout_steps=310)
+        return model.rollout_buffer
+
+    ours, theirs = rollout(True), rollout(False)
+    np.testing.assert_array_equal(ours.observations, theirs.observations)
+    np.testing.assert_allclose(ours.rewards, theirs.rewards, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(ours.advantages, theirs.advantages, rtol=0, atol=1e-4)
+
+
+class Remembers(PPO):
+    """An on-policy algorithm whose policy values an observation together with a memory, as sb3-contrib's RecurrentPPO."""
+
+    def _setup_model(self):
+        super()._setup_model()
+        plain = self.policy.predict_values
+        self.policy.predict_values = lambda obs, lstm_states, episode_starts: plain(obs)
+
+
+def test_bootstrap_refuses_models_that_it_would_be_wrong_for():
+    env = native(2)
+    for model, message in (
+        (SAC("MlpPolicy", env, buffer_size=10, device="cpu"), "on-policy"),
+        (PPO("MlpPolicy", VecNormalize(env), device="cpu"), "whose env is this adapter"),
+        (Remembers("MlpPolicy", env, device="cpu"), "needs lstm_states and episode_starts, which only its rollouts know"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            env.bootstrap_with(model)

@@ -1,4 +1,6 @@
-"""The adapter to Stable-Baselines3: equal to SB3's own vector environment over the scalar one, and fit for SB3's wrappers."""
+"""The adapter to Stable-Baselines3 beside SB3's own vector environment, row by row, and under SB3's wrappers."""
+
+from __future__ import annotations
 
 import copy
 
@@ -6,135 +8,263 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from stable_baselines3 import A2C, PPO, SAC
-from stable_baselines3.common.evaluation import evaluate_policy
+from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3.common.envs import BitFlippingEnv
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecMonitor, VecNormalize, VecVideoRecorder
 
 import turtlebot_gym  # noqa: F401  # registers its environments
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-NAV = "turtlebot_gym/TurtleBotNav-v0"
-N = 6
 SAME_STEP = AutoresetMode.SAME_STEP
+NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
+N = 6
 torch.set_num_threads(1)  # on a busy machine, threads that wait for each other make small networks many times slower
+SPACES = {
+    "box": spaces.Box(-1.0, 1.0, (2, 2), np.float32),
+    "discrete": spaces.Discrete(9),
+    "binary": spaces.MultiBinary(3),
+    "choices": spaces.MultiDiscrete([3, 4]),
+    "dict": spaces.Dict({"far": spaces.Box(-1.0, 1.0, (2,), np.float32), "near": spaces.Discrete(5)}),
+    "tuple": spaces.Tuple((spaces.Discrete(5), spaces.Box(-1.0, 1.0, (2,), np.float32))),
+}
 
 
-def nav(n: int = N, **options) -> Sb3VecEnv:
-    return Sb3VecEnv(gym.make_vec(NAV, num_envs=n, autoreset_mode=SAME_STEP, **options))
+class Noted(gym.Env):
+    """Notes with what it was reset, and ends after as many steps as it is told."""
+
+    def __init__(self, name: int, space: spaces.Space, steps: int = 3):
+        self.name, self.steps, self.observation_space = name, steps, space
+        self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.resets, self.at = [], 0
+
+    def _sample(self):
+        self.observation_space.seed(1000 * self.name + self.at)
+        return self.observation_space.sample()
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.resets.append((seed, options))
+        self.at = 0
+        return self._sample(), {"seed": -1 if seed is None else seed}
+
+    def step(self, action):
+        self.at += 1
+        return self._sample(), float(action[0]) + self.name, self.at >= self.steps and self.name != 1, self.at >= self.steps, {}
+
+    def shout(self, times, *, end="!"):
+        return f"{self.name}" * times + end
 
 
-def cartpole(n: int = N) -> Sb3VecEnv:
-    return Sb3VecEnv(SyncVectorEnv([lambda: gym.make("CartPole-v1", max_episode_steps=20)] * n, autoreset_mode=SAME_STEP))
+def ours(space="box", n=3, **options):
+    return Sb3VecEnv(SyncVectorEnv([row(i, space) for i in range(n)], autoreset_mode=SAME_STEP, **options))
 
 
-def actions_for(space: gym.Space, steps: int, n: int) -> np.ndarray:
-    random = np.random.default_rng(7)
-    if isinstance(space, gym.spaces.Discrete):
-        return random.integers(space.n, size=(steps, n))
-    forward = np.full((steps, n), 0.5)  # in circles, so that some arrive, while others time out
-    return np.stack([forward, random.uniform(0.0, 0.1, (steps, n))], axis=-1).astype(np.float32)
+def theirs(space="box", n=3):
+    return DummyVecEnv([row(i, space) for i in range(n)])
+
+
+def row(i, space):
+    return lambda: Monitor(Noted(i, SPACES[space]))
+
+
+both = pytest.mark.parametrize("make", [ours, theirs], ids=["ours", "theirs"])
+
+
+@both
+def test_rows_are_addressed_one_by_one(make):
+    env = make()
+    assert env.get_attr("name") == [0, 1, 2]
+    assert env.get_attr("name", 1) == [1]
+    assert env.get_attr("name", [2, 0]) == [2, 0]
+    assert env.env_method("shout", 2) == ["00!", "11!", "22!"]
+    assert env.env_method("shout", 1, indices=[1], end="?") == ["1?"]
+    assert env.env_method("shout", times=3, indices=2) == ["222!"]
+    env.set_attr("mark", "all")
+    env.set_attr("mark", "one", 1)
+    env.set_attr("mark", "two", [0])
+    assert env.get_attr("mark") == ["two", "one", "all"]
+    assert (env.has_attr("name"), env.has_attr("nothing")) == (True, False)
+    with pytest.raises(AttributeError, match="nothing"):
+        env.get_attr("nothing")
+    with pytest.raises(AttributeError, match="nothing"):
+        env.env_method("nothing")
+    assert env.env_is_wrapped(Monitor) == [True, True, True]
+    assert env.env_is_wrapped(gym.wrappers.TimeLimit, [0, 1]) == [False, False]
+
+
+def test_wrappers_of_rows_are_seen_and_an_attribute_is_set_behind_them():
+    made = [lambda: gym.wrappers.TimeLimit(Noted(0, SPACES["box"]), 5), lambda: Monitor(Noted(2, SPACES["box"]))]
+    env = Sb3VecEnv(SyncVectorEnv(made, autoreset_mode=SAME_STEP))
+    assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [True, False]
+    env.set_attr("steps", 1, 1)  # SB3's own would set it on the Monitor around, which nothing reads
+    env.reset()
+    assert env.step(np.zeros((2, 1), np.float32))[2].tolist() == [False, True]
+
+
+@both
+def test_seeds_and_options_are_those_of_each_row_and_count_once(make):
+    env = make()
+    env.seed(7)
+    env.reset()
+    assert [info["seed"] for info in env.reset_infos] == [7, 8, 9]
+    for _ in range(2):
+        env.reset()
+    assert [info["seed"] for info in env.reset_infos] == [-1, -1, -1]
+    env.seed(20)
+    env.set_options([{"a": 1}, {"a": 2}, {}])
+    env.reset()
+    env.reset()
+    last_two = [[(seed, options or {}) for seed, options in resets[-2:]] for resets in env.get_attr("resets")]
+    assert last_two == [[(20 + name, options), (None, {})] for name, options in enumerate(({"a": 1}, {"a": 2}, {}))]
+
+
+def same(value, other):
+    if isinstance(value, (dict, tuple)):
+        keys = value if isinstance(value, dict) else range(len(value))
+        assert isinstance(value, dict) == isinstance(other, dict)
+        assert len(value) == len(other)
+        assert all(same(value[key], other[key]) for key in keys)
+        return True
+    np.testing.assert_array_equal(value, other)
+    return True
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_every_kind_of_space_is_as_with_sb3s_own(space):
+    assert compared(ours(space), theirs(space), [np.full((3, 1), 0.1 * step, np.float32) for step in range(8)])[0] == 6
+
+
+@pytest.mark.parametrize("wrapper", [lambda env: VecFrameStack(env, 3), VecNormalize], ids=["stacked", "normalized"])
+def test_wrappers_of_sb3_see_what_they_see_around_its_own(wrapper):
+    compared(wrapper(ours()), wrapper(theirs()), [np.ones((3, 1), np.float32)] * 7)
+
+
+def cartpole():
+    return gym.make("CartPole-v1", max_episode_steps=20)
 
 
 @pytest.mark.parametrize(
-    ("make", "make_row", "steps"),
+    ("make", "make_row", "n", "steps"),
     [
-        (lambda: nav(20), lambda: gym.make(NAV), 650),
-        (cartpole, lambda: gym.make("CartPole-v1", max_episode_steps=20), 100),
+        (lambda: native(NAV, 20), lambda: gym.make(NAV), 20, 650),
+        (
+            lambda: Sb3VecEnv(
+                SyncVectorEnv([lambda: gym.make("CartPole-v1", max_episode_steps=20)] * 6, autoreset_mode=SAME_STEP)
+            ),
+            lambda: gym.make("CartPole-v1", max_episode_steps=20),
+            6,
+            100,
+        ),
     ],
     ids=["native", "sync"],
 )
-def test_equals_sb3s_own_vector_environment(make, make_row, steps):
-    ours = make()
-    theirs = DummyVecEnv([lambda: Monitor(make_row())] * ours.num_envs)
-    assert ours.seed(40) == theirs.seed(40)
-    np.testing.assert_array_equal(ours.reset(), theirs.reset())
-    ends, timeouts = 0, 0
-    for actions in actions_for(ours.action_space, steps, ours.num_envs):
-        observations, rewards, dones, infos = ours.step(actions)
-        expected, expected_rewards, expected_dones, expected_infos = copy.deepcopy(theirs.step(actions))
-        np.testing.assert_array_equal(observations, expected)
-        np.testing.assert_array_equal(rewards, expected_rewards)
-        np.testing.assert_array_equal(dones, expected_dones)
-        assert (observations.dtype, rewards.dtype, dones.dtype) == (expected.dtype, expected_rewards.dtype, np.bool_)
-        for row in np.flatnonzero(dones):
-            info, other = infos[row], expected_infos[row]
-            np.testing.assert_array_equal(info["terminal_observation"], other["terminal_observation"])
-            assert info["TimeLimit.truncated"] == other["TimeLimit.truncated"]
-            assert info["episode"]["r"] == other["episode"]["r"]
-            assert info["episode"]["l"] == other["episode"]["l"]
-            assert info.get("is_success") == other.get("is_success")
-            ends += 1
-            timeouts += info["TimeLimit.truncated"]
+def test_episodes_are_those_of_sb3s_own_vector_environment(make, make_row, n, steps):
+    random, mine = np.random.default_rng(7), make()
+    if isinstance(mine.action_space, spaces.Discrete):
+        actions = random.integers(mine.action_space.n, size=(steps, n))
+    else:  # in circles, so that some arrive, while others time out
+        actions = np.stack([np.full((steps, n), 0.5), random.uniform(0.0, 0.1, (steps, n))], axis=-1).astype(np.float32)
+    ends, timeouts = compared(mine, DummyVecEnv([lambda: Monitor(make_row())] * n), actions)
     assert 0 < timeouts < ends  # else half of this was not tested
 
 
-def test_infos_of_running_episodes_are_empty():
-    env = nav()
+def compared(mine, other, steps):
+    """Drive two environments by the same actions, which must answer alike; return how many episodes ended and timed out."""
+    assert (mine.observation_space, mine.action_space) == (other.observation_space, other.action_space)
+    assert mine.seed(40) == other.seed(40)
+    assert same(mine.reset(), other.reset())
+    ends, timeouts = 0, 0
+    for actions in steps:
+        observations, rewards, dones, infos = mine.step(actions)
+        expected, expected_rewards, expected_dones, expected_infos = copy.deepcopy(other.step(actions))
+        assert same(observations, expected)
+        np.testing.assert_array_equal(rewards, expected_rewards)
+        np.testing.assert_array_equal(dones, expected_dones)
+        assert (rewards.dtype, dones.dtype) == (expected_rewards.dtype, np.bool_)
+        for info, other_info in zip(infos, expected_infos, strict=True):
+            assert ("terminal_observation" in info) == ("terminal_observation" in other_info)
+            if info:
+                ends, timeouts = ends + 1, timeouts + info["TimeLimit.truncated"]
+                assert same(info["terminal_observation"], other_info["terminal_observation"])
+                assert info["TimeLimit.truncated"] == other_info["TimeLimit.truncated"]
+                assert all(info["episode"][name] == other_info["episode"][name] for name in ("r", "l"))
+                assert info.get("is_success") == other_info.get("is_success")
+    return ends, timeouts
+
+
+def test_hindsight_asks_a_row_for_its_reward():
+    made = [lambda: BitFlippingEnv(n_bits=3, continuous=True, max_steps=3)] * 2
+    env = Sb3VecEnv(SyncVectorEnv(made, autoreset_mode=SAME_STEP))
+    options = {"learning_starts": 20, "buffer_size": 100, "device": "cpu", "seed": 0, "policy_kwargs": {"net_arch": [8]}}
+    model = SAC("MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, **options)
+    model.learn(60)
+    assert model.replay_buffer.size() > 0
+
+
+def test_what_is_behind_wrappers_is_reached():
+    env = Sb3VecEnv(RecordEpisodeStatistics(gym.make_vec(NAV, num_envs=2, autoreset_mode=SAME_STEP), stats_key="statistics"))
+    (parameters, _) = env.get_attr("parameters")
+    env.env_method("set_parameters", parameters)
+    env.set_attr("mark", 1)
+    assert env.get_attr("mark") == [1, 1]
+    with pytest.raises(AttributeError, match="nothing"):
+        env.get_attr("nothing")
+    rows = Sb3VecEnv(RecordEpisodeStatistics(SyncVectorEnv([row(0, "box"), row(1, "box")], autoreset_mode=SAME_STEP)))
+    assert rows.get_attr("name", 1) == [1]
+
+
+def test_rows_in_other_processes_answer_together():
+    env = Sb3VecEnv(AsyncVectorEnv([lambda: gym.make("Pendulum-v1")] * 2, autoreset_mode=SAME_STEP))
+    try:
+        env.seed(5)
+        env.reset()
+        assert env.get_attr("max_torque", 1) == [2.0]
+        env.set_attr("g", 9.0)
+        assert env.get_attr("g") == [9.0, 9.0]
+        with pytest.raises(ValueError, match="The rows of AsyncVectorEnv share their attributes: set it for all of them"):
+            env.set_attr("g", 8.0, 0)
+        with pytest.raises(ValueError, match="The rows of AsyncVectorEnv share their methods: call it for all of them"):
+            env.env_method("has_wrapper_attr", "g", indices=[0])
+        assert env.env_method("has_wrapper_attr", "g") == [True, True]
+    finally:
+        env.close()
+
+
+def native(id, n, **options):
+    return Sb3VecEnv(gym.make_vec(id, num_envs=n, autoreset_mode=SAME_STEP, **options))
+
+
+@pytest.mark.parametrize(("id", "n"), [(NAV, 2), (ROOMS, 6)])
+def test_sb3_records_videos_of_the_first_rows(id, n, tmp_path, monkeypatch):
+    pytest.importorskip("moviepy")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = VecVideoRecorder(native(id, n, render_mode="rgb_array"), str(tmp_path), lambda step: step == 0, video_length=4)
+    assert env.frames_per_sec == 10
     env.reset()
-    *_, infos = env.step(np.zeros((N, 2), np.float32))
-    assert infos == [{}] * N
-    assert all("distance" in info for info in env.reset_infos)
+    for _ in range(6):
+        env.step(np.zeros((n, 2), np.float32))
+    env.close()
+    (film,) = tmp_path.glob("*.mp4")
+    assert film.stat().st_size > 1000
 
 
-def test_refuses_another_autoreset_mode():
-    with pytest.raises(ValueError, match="SAME_STEP"):
-        Sb3VecEnv(gym.make_vec("CartPole-v1", num_envs=2, vectorization_mode="vector_entry_point"))
-
-
-@pytest.mark.parametrize("algorithm", [PPO, A2C])
-def test_batched_bootstrap_equals_sb3s_own(algorithm):
-    def rollout(bootstrap: bool) -> torch.Tensor:
-        env = nav(64, noise="rough")
-        options = {"n_steps": 310, "gamma": 0.97, "seed": 3, "device": "cpu"}
-        model = algorithm("MlpPolicy", env, **options, **({"batch_size": 64 * 310} if algorithm is PPO else {}))
-        if bootstrap:
-            env.bootstrap_with(model)
-        _, callback = model._setup_learn(64 * 310)
-        callback.on_training_start(locals(), globals())
-        assert model.collect_rollouts(model.env, callback, model.rollout_buffer, n_rollout_steps=310)
-        return model.rollout_buffer
-
-    ours, theirs = rollout(True), rollout(False)
-    np.testing.assert_array_equal(ours.observations, theirs.observations)
-    np.testing.assert_allclose(ours.rewards, theirs.rewards, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(ours.advantages, theirs.advantages, rtol=0, atol=1e-4)
-
-
-def test_bootstrap_changes_the_rewards_of_timeouts_alone():
-    env, plain = nav(16), nav(16)
-    model = PPO("MlpPolicy", env, device="cpu")
-    env.bootstrap_with(model)
-    for one in (env, plain):
-        one.seed(0)
-        one.reset()
-    stay = np.zeros((16, 2), np.float32)
-    for step in range(300):
-        _, rewards, dones, infos = env.step(stay)
-        _, expected, _, others = plain.step(stay)
-        if step < 299:
-            np.testing.assert_array_equal(rewards, expected)
-    assert dones.all()
-    last = np.array([info["terminal_observation"] for info in infos])
-    values = model.policy.predict_values(torch.as_tensor(last)).detach().numpy().ravel()
-    np.testing.assert_allclose(rewards, expected + model.gamma * values, atol=1e-5)
-    assert not any(info["TimeLimit.truncated"] for info in infos)
-    assert all(info["TimeLimit.truncated"] for info in others)
-    assert [info["episode"]["r"] for info in infos] == [info["episode"]["r"] for info in others]
-
-
-def test_bootstrap_refuses_models_that_it_would_be_wrong_for():
-    env = nav()
-    with pytest.raises(ValueError, match="on-policy"):
-        env.bootstrap_with(SAC("MlpPolicy", env, buffer_size=10, device="cpu"))
-    with pytest.raises(ValueError, match="whose env is this adapter"):
-        env.bootstrap_with(PPO("MlpPolicy", VecNormalize(env), device="cpu"))
+def test_pictures_are_tiles():
+    env = native(NAV, 3, render_mode="rgb_array", render_rows=2)
+    env.reset()
+    upper, lower = env.get_images()
+    np.testing.assert_array_equal(env.render(), np.concatenate([upper, lower]))
+    assert env.render_mode == "rgb_array"
+    with pytest.warns(UserWarning, match="render_mode"):
+        native(NAV, 3).render()
 
 
 def test_sb3s_wrappers_work_on_top():
     with pytest.warns(UserWarning, match="overwritten by the `VecMonitor` ones"):  # which they may well be
-        monitored = VecMonitor(nav(8))
+        monitored = VecMonitor(native(NAV, 8))
     env = VecCheckNan(VecNormalize(VecFrameStack(monitored, 2)), raise_exception=True)
     model = PPO("MlpPolicy", env, n_steps=320, batch_size=512, n_epochs=1, device="cpu", seed=0)
     model.learn(8 * 320)
@@ -143,35 +273,8 @@ def test_sb3s_wrappers_work_on_top():
     assert env.get_attr("num_envs") == [8] * 8
 
 
-def test_evaluates_without_the_warning_that_a_monitor_is_missing():
-    model = PPO("MlpPolicy", nav(), device="cpu", seed=0)
-    returns, lengths = evaluate_policy(model, nav(), n_eval_episodes=N, return_episode_rewards=True)
-    assert len(returns) == len(lengths) == N
-
-
-def test_off_policy_algorithms_train_and_see_timeouts():
-    model = SAC(
-        "MlpPolicy", nav(4), learning_starts=1200, buffer_size=4000, device="cpu", seed=0, policy_kwargs={"net_arch": [8]}
-    )
-    model.learn(1240)
-    assert model.replay_buffer.timeouts.any()
-
-
-def test_attributes_are_those_of_the_vector_environment():
-    env = nav()
-    assert env.get_attr("parameters", [0, 1]) == [env.envs.parameters] * 2
-    env.set_attr("mark", 3)
-    assert env.get_attr("mark", 0) == [3]
-    with pytest.raises(ValueError, match="all"):
-        env.set_attr("mark", 4, 0)
-    with pytest.raises(AttributeError):
-        env.get_attr("nothing_of_that_name")
-    env.env_method("set_parameters", env.envs.parameters)
-    env.close()
-
-
 def test_options_reach_the_rows_that_they_are_for():
-    env = nav()
+    env = native(NAV, N)
     before = env.reset()
     env.set_options({"reset_mask": np.arange(N) < 2})
     changed = (env.reset() != before).any(axis=1)
@@ -186,7 +289,7 @@ def test_options_reach_the_rows_that_they_are_for():
 
 
 def test_a_reset_of_some_goes_on_with_the_returns_of_the_others():
-    env = nav(2, max_episode_steps=4)
+    env = native(NAV, 2, max_episode_steps=4)
     env.reset()
     still = np.zeros((2, 2), np.float32)
     env.step(still)
