@@ -268,7 +268,7 @@ def rules(kind: type) -> dict[str, Rule]:
     """Return the rules that are declared beside the fields of a parameter class, by the fields' names."""
     hints = get_type_hints(kind, include_extras=True)
     marks = {name: getattr(hints[name], "__metadata__", ()) for name in (item.name for item in fields(kind))}
-    checks = {name: next((mark for mark in found if hasattr(mark, "check")), None) for name, found in marks.items()}
+    checks = {name: next((mark for mark in marks_of if hasattr(mark, "check")), None) for name, marks_of in marks.items()}
     return {name: rule for name, rule in checks.items() if rule is not None}
 
 

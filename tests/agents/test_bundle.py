@@ -108,15 +108,6 @@ def test_refuses_every_damaged_byte(bundle):
             BundlePolicy(bundle)
 
 
-@pytest.mark.parametrize(
-    "change", [lambda b: b[:-1], lambda b: b[: len(b) // 2], lambda b: b + b, lambda b: b + b"\0", lambda b: b""]
-)
-def test_refuses_what_was_cut_or_grew(bundle, change):
-    bundle.write_bytes(change(bundle.read_bytes()))
-    with pytest.raises(ValueError, match=r"damaged|not a policy bundle"):
-        BundlePolicy(bundle)
-
-
 def test_refuses_onnx_models_that_are_not_bundles(tmp_path):
     onnx.save(linear_model(), tmp_path / "foreign.onnx")
     with pytest.raises(ValueError, match="not a policy bundle"):
@@ -242,11 +233,6 @@ def test_periods_are_the_same_up_to_rounding(bundle, dt, same):
     else:
         with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 10 Hz burger"):
             BundlePolicy(bundle, dt=dt)
-
-
-def test_a_card_cannot_be_changed():
-    with pytest.raises(AttributeError):
-        CARD.dt = 0.2  # type: ignore[misc]
 
 
 def test_a_missing_onnxruntime_is_named_with_the_remedy(bundle, monkeypatch):

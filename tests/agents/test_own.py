@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of
@@ -38,7 +39,7 @@ class Unmade:
 class Memory:
     layout = 2
     def __init__(self, robot, dt):
-        self.asked = []
+        self.asked, self.robot, self.dt = [], robot, dt
     def reset(self, mask):
         self.asked.append(mask)
     def __call__(self, observations):
@@ -65,7 +66,8 @@ def test_one_that_answers_drives():
 
 
 def test_what_it_has_besides_is_kept():
-    policy = make_policy("drivers:Memory")
+    policy = make_policy("drivers:Memory", robot="waffle", dt=0.05)
+    assert (policy.robot, policy.dt) == (ROBOTS["waffle"], 0.05)
     assert isinstance(policy, PolicyWithMemory)
     assert layout_of(policy) == 2
     policy.reset(np.ones(3, np.bool_))

@@ -9,7 +9,7 @@ import pytest
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym.tasks import Observation, observe
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy, make_policy
+from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import CornerPolicy, PolarPolicy, RotateDriveRotatePolicy
 
@@ -192,54 +192,6 @@ def test_the_tutorials_law_does_not_reach_them():
     # The bound of the test before can be missed.
     summary = evaluate("proportional", episodes=1000, robot="tutorial").summary()
     assert summary["success"].high < 0.1
-
-
-def test_a_policy_may_be_ones_own(tmp_path, monkeypatch):
-    (tmp_path / "own_policies.py").write_text(
-        "import numpy as np\n"
-        "def still(observations):\n    return np.zeros((*observations.shape[:-1], 2), np.float32)\n"
-        "class Made:\n"
-        "    def __init__(self, *, robot, dt):\n        self.robot, self.dt = robot, dt\n"
-        "    def __call__(self, observations):\n        return observations[..., :2]\n"
-        "number = 3\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    assert make_policy("own_policies:still")(np.ones((5, 13), np.float32)).shape == (5, 2)
-    made = make_policy("own_policies:Made", robot="waffle", dt=0.05)
-    assert (made.robot, made.dt) == (ROBOTS["waffle"], 0.05)
-    for wrong in ("own_policies:number", "own_policies:missing", "no_such_module:f"):
-        with pytest.raises(ValueError, match=r"'proportional', 'bearing', .* or 'module:callable'"):
-            make_policy(wrong)
-
-
-@pytest.mark.parametrize("name", ["", "unknown", ":f", "module:"])
-def test_unknown_policies_are_refused_with_the_known_names(name):
-    with pytest.raises(ValueError, match=r"'proportional', 'bearing', .* or 'module:callable', got"):
-        make_policy(name)
-
-
-@pytest.mark.parametrize(
-    ("make", "word"),
-    [
-        (lambda: ProportionalPolicy(kv=0.0), "kv"),
-        (lambda: ProportionalPolicy(komega=float("nan")), "komega"),
-        (lambda: ProportionalPolicy("no robot"), "robot"),
-        (lambda: BearingPolicy(dt=-0.1), "dt"),
-        (lambda: BearingPolicy(gain=float("inf")), "gain"),
-        (lambda: BearingPolicy(focus=-1.0), "focus"),
-        (lambda: BearingPolicy(tolerance=-1.0), "tolerance"),
-        (lambda: BearingPolicy(slow=0.0), "slow"),
-        (lambda: CornerPolicy(cut=0.0), "cut"),
-        (lambda: CornerPolicy(depth=1.0), "depth"),
-        (lambda: CornerPolicy(depth=float("nan")), "depth"),
-        (lambda: CornerPolicy(gain=-1.0), "gain"),
-        (lambda: RotateDriveRotatePolicy(focus=-1.0), "focus"),
-        (lambda: BearingPolicy()(np.zeros((3, 12))), "observations"),
-    ],
-)
-def test_bad_arguments_are_named(make, word):
-    with pytest.raises(ValueError, match=word):
-        make()
 
 
 def test_policies_need_neither_gymnasium_nor_numba_nor_torch():

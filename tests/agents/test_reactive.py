@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from turtlebot_gym import ROBOTS
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.tasks import observe
-from turtlebot_gym.validation import Range
+from turtlebot_gym.validation import Range, rules
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import POLICIES, make_policy
@@ -221,12 +222,15 @@ def test_every_tunable_number_changes_what_a_policy_does(name):
         assert max(told) > 0.01, number
 
 
-@pytest.mark.parametrize("name", IN_ROOMS)
-def test_numbers_out_of_range_are_named(name):
-    for number in POLICIES[name].ranges():
-        if number not in ("ahead", "last", "alpha", "field"):
-            with pytest.raises(ValueError, match=number):
-                POLICIES[name](**{number: -1.0})
+@pytest.mark.parametrize("name", POLICIES)
+def test_a_number_that_breaks_its_rule_is_refused_by_name(name):
+    for number, rule in rules(POLICIES[name]).items():
+        with pytest.raises(ValueError, match=f"^{number} must be {re.escape(str(rule))}, got nan"):
+            POLICIES[name](**{number: np.nan})
+    with pytest.raises(ValueError, match="robot must be one of"):
+        POLICIES[name]("no robot")
+    with pytest.raises(ValueError, match="observations must have shape"):
+        POLICIES[name]()(np.zeros((3, 12)))
 
 
 class Constant:

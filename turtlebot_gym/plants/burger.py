@@ -110,9 +110,9 @@ def make_plant(
     """
     options = {"friction": friction, "caster_friction": caster_friction}
     given = {name: value for name, value in options.items() if value is not None}
-    found = plant if isinstance(plant, MujocoBurger) else choose("plant", plant, PLANTS)
+    model = plant if isinstance(plant, MujocoBurger) else choose("plant", plant, PLANTS)
     if not given:
-        return found
-    if not isinstance(found, MujocoBurger):
+        return model
+    if not isinstance(model, MujocoBurger):
         raise ValueError(f"friction and caster_friction are for the plant 'mujoco', not for {plant!r}.")
-    return replace(found, **given)
+    return replace(model, **given)

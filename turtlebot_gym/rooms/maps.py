@@ -47,21 +47,21 @@ def read_grid(path: str | Path) -> GridMap:
         ValueError: If a file cannot be read, or says what cannot be.
     """
     path = Path(path)
-    said = _read_yaml(path)
-    missing = [name for name in _NEEDED if name not in said]
+    content = _read_yaml(path)
+    missing = [name for name in _NEEDED if name not in content]
     if missing:
         raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
     what = f"of the map {str(path)!r}"
-    free, occupied = (PROBABILITY.check(f"{name} {what}", said[name]) for name in ("free_thresh", "occupied_thresh"))
+    free, occupied = (PROBABILITY.check(f"{name} {what}", content[name]) for name in ("free_thresh", "occupied_thresh"))
     if not free <= occupied:
         raise ValueError(f"free_thresh {what} must be at most occupied_thresh, got {free:g} and {occupied:g}.")
-    if said["negate"] not in (0, 1):
-        raise refusal(f"negate {what}", "0 or 1", said["negate"])
-    mode = choose(f"mode {what}", said.get("mode", "trinary"), _MODES)
-    resolution = POSITIVE.check(f"resolution {what}", said["resolution"])
-    pose = Pose(*Numbers(FINITE, 3).check(f"origin {what}", said["origin"]))
-    shade, opaque = _read_image(path.parent / str(said["image"]), blended=mode == "trinary")
-    cells = _occupancy(shade, opaque, mode, negate=bool(said["negate"]), occupied=occupied, free=free)
+    if content["negate"] not in (0, 1):
+        raise refusal(f"negate {what}", "0 or 1", content["negate"])
+    mode = choose(f"mode {what}", content.get("mode", "trinary"), _MODES)
+    resolution = POSITIVE.check(f"resolution {what}", content["resolution"])
+    pose = Pose(*Numbers(FINITE, 3).check(f"origin {what}", content["origin"]))
+    shade, opaque = _read_image(path.parent / str(content["image"]), blended=mode == "trinary")
+    cells = _occupancy(shade, opaque, mode, negate=bool(content["negate"]), occupied=occupied, free=free)
     try:
         return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
@@ -71,14 +71,14 @@ def read_grid(path: str | Path) -> GridMap:
 def _read_yaml(path: Path) -> dict[str, Any]:
     """Return the contents of a YAML file."""
     try:
-        said = load(path)
+        content = load(path)
     except OSError as error:
         raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
     except ValueError as error:
         raise ValueError(f"{str(path)!r} is not a map: {error}") from error
-    if not isinstance(said, dict):
+    if not isinstance(content, dict):
         raise ValueError(f"{str(path)!r} is not a map: it must state {', '.join(_NEEDED)}.")
-    return said
+    return content
 
 
 def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -59,8 +59,8 @@ class Spread(NamedTuple):
         if not self.margin(1.0 - _LEAST_P) > abs(self.value):
             return _LEAST_P
         bracket = (np.log(_LEAST_P), 0.0)
-        found = optimize.root_scalar(lambda log: self.margin(1.0 - np.exp(log)) - abs(self.value), bracket=bracket)
-        return float(np.exp(found.root))
+        root = optimize.root_scalar(lambda log: self.margin(1.0 - np.exp(log)) - abs(self.value), bracket=bracket)
+        return float(np.exp(root.root))
 
 
 def spread(table: ArrayLike) -> Spread:
@@ -89,11 +89,11 @@ def share(table: ArrayLike) -> Interval:
     Args:
         table: Booleans, shape (k, n), as in `spread`.
     """
-    told = spread(table)
-    n, error = told.shape[1], told.error()
+    result = spread(table)
+    n, error = result.shape[1], result.error()
     if error == 0.0:
         return metrics.share(np.asarray(table, np.bool_)[0])  # all trainings and all episodes agree
-    return metrics.wilson(told.value, min(told.value * (1.0 - told.value) / error**2, n), told.margin() / error)
+    return metrics.wilson(result.value, min(result.value * (1.0 - result.value) / error**2, n), result.margin() / error)
 
 
 def compare(learned: Sequence[Evaluation], baseline: Evaluation) -> dict[str, Any]:
@@ -106,13 +106,13 @@ def compare(learned: Sequence[Evaluation], baseline: Evaluation) -> dict[str, An
     Raises:
         ValueError: If the seeds are not the same.
     """
-    if not all(np.array_equal(one.episodes.seed, baseline.episodes.seed) for one in learned):
+    if not all(np.array_equal(evaluation.episodes.seed, baseline.episodes.seed) for evaluation in learned):
         raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")
 
     def table(name: str) -> NDArray[Any]:
-        return np.array([getattr(one.episodes, name) for one in learned])
+        return np.array([getattr(evaluation.episodes, name) for evaluation in learned])
 
-    times = np.array([one.times() for one in learned])
+    times = np.array([evaluation.times() for evaluation in learned])
     difference = spread(times - baseline.times())
     shares = {name: share(table(name)) for name in ("success", "false_arrival")}
     base = {name: metrics.share(getattr(baseline.episodes, name)) for name in shares}

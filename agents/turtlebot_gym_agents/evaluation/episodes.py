@@ -105,7 +105,7 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     there = _at(truth, due, running, task, arrived)
     seen_there = _at(_observed(record, p), due, running, task, believed_to_arrive)
     legs = [leg == number for number in range(int(leg.max()) + 1)]
-    first_seen = np.any([_first(seen_there & one) for one in legs], axis=0)
+    first_seen = np.any([_first(seen_there & leg) for leg in legs], axis=0)
     effort = ((record.command[1:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
     sides = _distance(record.reference[1:], due)
 
@@ -118,7 +118,7 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
         ideal=(straight - task.radius) / top_speed,
         path=np.sum(_distance(truth, record.true_state[:-1]), axis=0, where=running),
         effort=_mean(effort, running),
-        reached=np.sum([(there & one).any(axis=0) for one in legs], axis=0),
+        reached=np.sum([(there & leg).any(axis=0) for leg in legs], axis=0),
         miss=_mean(away, done_with),
         false_arrival=np.any(first_seen & ~there, axis=0),
         arrival_distance=_mean(away, first_seen),

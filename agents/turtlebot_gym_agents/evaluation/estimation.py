@@ -128,7 +128,7 @@ def estimate(
     tunings = dict(filters) if isinstance(filters, Mapping) else {name: make_filter(name, model) for name in filters}
     truly, middle = true_tuning(model), choose("integrator", integrator, INTEGRATORS)
     options = {"robot": make_robot(robot), "noise": model, "dt": dt, "integrator": integrator}
-    told: dict[str, list[tuple[NDArray[np.float64], ...]]] = {name: [] for name in tunings}
+    measures: dict[str, list[tuple[NDArray[np.float64], ...]]] = {name: [] for name in tunings}
     bounds, done = [], 0
     for first in range(0, runs, BATCH):
         count = min(BATCH, runs - first)
@@ -144,13 +144,13 @@ def estimate(
             outside = (np.abs(error) > 3.0 * deviations).any(axis=2).mean(axis=1)
             last = nees(drives.estimate[:, -1], drives.truth[:, -1], drives.covariance[:, -1], components=3)
             white = innovations(drives, dt, middle) if first < WHITE else np.zeros((0, steps, 3))
-            told[name].append((error, last, drives.nis[:, -1], outside, white))
+            measures[name].append((error, last, drives.nis[:, -1], outside, white))
             done += count
             progress(done // len(tunings))
     bound = np.sqrt(np.sum(bounds, axis=0) / runs)
     results = {}
     for name in tunings:
-        error, last, nis, outside, white = (np.concatenate(parts) for parts in zip(*told[name], strict=True))
+        error, last, nis, outside, white = (np.concatenate(parts) for parts in zip(*measures[name], strict=True))
         squared = error**2
         results[name] = FilterResult(
             rmse=np.sqrt(squared.mean(axis=0)),

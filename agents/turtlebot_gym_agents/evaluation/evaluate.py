@@ -94,15 +94,15 @@ class Evaluation:
         }
 
 
-def paired(one: Evaluation, other: Evaluation) -> Interval:
+def paired(first: Evaluation, second: Evaluation) -> Interval:
     """Return the mean paired difference of times of two evaluations with the same seeds, s; a failure counts as the limit.
 
     Raises:
         ValueError: If their seeds are not the same.
     """
-    if not np.array_equal(one.episodes.seed, other.episodes.seed):
+    if not np.array_equal(first.episodes.seed, second.episodes.seed):
         raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")
-    return metrics.mean(one.times() - other.times())
+    return metrics.mean(first.times() - second.times())
 
 
 def evaluate(
@@ -134,8 +134,8 @@ def evaluate(
     runs = []
     for start, size in batches(episodes, BATCH):
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
-        told = lambda ended, start=start: progress(start + ended)  # noqa: E731
-        runs.append(drive(envs, policy, seed + start, told, allow_mismatch=allow_mismatch))
+        so_far = lambda ended, start=start: progress(start + ended)  # noqa: E731
+        runs.append(drive(envs, policy, seed + start, so_far, allow_mismatch=allow_mismatch))
         envs.close()
     parts, trajectories, parameters = zip(*runs, strict=True)
     p: Parameters = parameters[0]
@@ -183,11 +183,11 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
         return Oracle(envs)
     parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
-    found = make_policy(policy, robot=p.robot, dt=p.dt)
+    driver = make_policy(policy, robot=p.robot, dt=p.dt)
     if not allow_mismatch and envs.spec is not None:
         shown = next(name for name, code in OBSERVED.items() if code == p.observed)
-        require_task(found, policy, envs.spec.id, shown)
-    return found
+        require_task(driver, policy, envs.spec.id, shown)
+    return driver
 
 
 def drive(
@@ -235,6 +235,6 @@ def _row(info: dict[str, Any], running: NDArray[np.bool_]) -> Record:
     """Return a row of the record."""
     nothing = np.full(running.shape, np.nan)
     open_ground = {"collision": np.zeros_like(running), "clearance": nothing, "way_left": nothing}
-    found = open_ground | info
-    told = {name: found[name] for name in Record._fields if name not in ("running", "covariance")}
-    return Record(**told, running=running, covariance=info["covariance"][0])
+    numbers = open_ground | info
+    shown = {name: numbers[name] for name in Record._fields if name not in ("running", "covariance")}
+    return Record(**shown, running=running, covariance=info["covariance"][0])

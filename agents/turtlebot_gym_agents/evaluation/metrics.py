@@ -88,11 +88,11 @@ def wilson(p: float, n: float, z: float) -> Interval:
     return Interval(p, float(low) if p > 0.0 else 0.0, float(high) if p < 1.0 else 1.0)
 
 
-def share_difference(one: Interval, other: Interval, correlation: float = 0.0) -> Interval:
+def share_difference(share: Interval, other: Interval, correlation: float = 0.0) -> Interval:
     """Return the difference of two shares with Newcombe's interval, computed from the shares' intervals.
 
     Args:
-        one: A share with its interval.
+        share: A share with its interval.
         other: The share that is subtracted.
         correlation: Correlation of the two; 0 if they come from different episodes.
 
@@ -103,23 +103,23 @@ def share_difference(one: Interval, other: Interval, correlation: float = 0.0) -
     def margin(down: float, up: float) -> float:
         return float(np.sqrt(max(down * down - 2.0 * correlation * down * up + up * up, 0.0)))
 
-    difference = one.value - other.value
-    low = difference - margin(one.value - one.low, other.high - other.value)
-    return Interval(difference, low, difference + margin(other.value - other.low, one.high - one.value))
+    difference = share.value - other.value
+    low = difference - margin(share.value - share.low, other.high - other.value)
+    return Interval(difference, low, difference + margin(other.value - other.low, share.high - share.value))
 
 
-def paired_share_difference(one: ArrayLike, other: ArrayLike) -> Interval:
+def paired_share_difference(events: ArrayLike, other: ArrayLike) -> Interval:
     """Return the difference of the shares of two events in the same episodes, with Newcombe's interval for pairs.
 
     Args:
-        one: Booleans, shape (n,).
+        events: Booleans, shape (n,).
         other: Booleans of the same episodes.
 
     References:
         Newcombe, "Improved confidence intervals for the difference between binomial proportions based on paired data" (1998),
         method 10.
     """
-    first, second = np.asarray(one, np.bool_), np.asarray(other, np.bool_)
+    first, second = np.asarray(events, np.bool_), np.asarray(other, np.bool_)
     both, neither = int(np.sum(first & second)), int(np.sum(~first & ~second))
     first_only, second_only = int(np.sum(first & ~second)), int(np.sum(~first & second))
     excess = both * neither - first_only * second_only

@@ -93,15 +93,15 @@ def tune_baseline(
         driven = evaluate(driver, env=env, episodes=episodes, seed=first, **options)
         done.append(Try(numbers=numbers, time=float(driven.times().mean()), success=float(driven.episodes.success.mean())))
         content = {**made, "numbers": best_of(done).numbers, "config": config, **provenance()}
-        told = [{"numbers": one.numbers, "time": one.time, "success": one.success} for one in done]
-        replace_json(path, plain({**content, "tries": told}))
+        tried = [{"numbers": attempt.numbers, "time": attempt.time, "success": attempt.success} for attempt in done]
+        replace_json(path, plain({**content, "tries": tried}))
     progress(len(done))
     return done
 
 
 def best_of(tries: list[Try]) -> Try:
     """Return the fastest try, or the first of equal ones."""
-    return min(tries, key=lambda one: one.time)
+    return min(tries, key=lambda attempt: attempt.time)
 
 
 def _read(path: Path, wanted: Mapping[str, Any]) -> list[Try]:
@@ -115,7 +115,7 @@ def _read(path: Path, wanted: Mapping[str, Any]) -> list[Try]:
     try:
         content = load(path)
         same = all(content[name] == value for name, value in wanted.items())
-        tries = [Try(**one) for one in content["tries"]]
+        tries = [Try(**attempt) for attempt in content["tries"]]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path} exists and is not a tuned baseline: choose another file.") from error
     if not same:

@@ -61,7 +61,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
     """
     try:
         content: Any = load(path)
-        found = {"format": content["format"], "layout": content["layout"]}
+        made_as = {"format": content["format"], "layout": content["layout"]}
         made_for, made_dt, name, numbers = dict(content["robot"]), content["dt"], content["policy"], dict(content["numbers"])
         kind = choose("policy", name, POLICIES)
         limits: dict[str, Any] = {key: math.inf if limit is None else limit for key, limit in made_for.items() if key != "name"}
@@ -72,7 +72,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # also if the file is not JSON or not text
         raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
     ours = {"format": FORMAT, "layout": layout_of_baseline(name)}
-    if found != ours:
-        raise ValueError(f"{path}: made as {found}, but this version reads {ours}.")
+    if made_as != ours:
+        raise ValueError(f"{path}: made as {made_as}, but this version reads {ours}.")
     require_fit(path, made_for, made_dt, robot, dt)
     return policy

@@ -120,10 +120,10 @@ class BundlePolicy:
         options.log_severity_level = 4
         try:
             self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-            told: Any = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
+            card: Any = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
         except Exception as error:  # onnxruntime has no common base class for its errors
             raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
-        self.card = _read_card(path, told)
+        self.card = _read_card(path, card)
         """Card of the policy."""
         self.layout: int = self.card.layout
         """Layout of its observations."""
@@ -134,8 +134,8 @@ class BundlePolicy:
     def _require_shapes(self) -> None:
         """Refuse a model that does not map any number of observations to as many finite actions."""
         inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), SIZES[self.layout]
-        found = [(one.type, one.shape[1:]) for one in (*inputs, *outputs)]
-        if found != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
+        ends = [(end.type, end.shape[1:]) for end in (*inputs, *outputs)]
+        if ends != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
             raise ValueError(
                 f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2), it is from "
                 f"{[(one.type, one.shape) for one in inputs]} to {[(one.type, one.shape) for one in outputs]}."
@@ -165,7 +165,7 @@ class BundlePolicy:
         return np.asarray(actions).reshape(*rows.shape[:-1], 2)
 
 
-def _read_card(path: str | Path, told: Any) -> Card:
+def _read_card(path: str | Path, content: Any) -> Card:
     """Return the card in a bundle's metadata, without fields that this version does not know.
 
     A version that changes the meaning of other fields has another `FORMAT`, `ACTION` or layout, and is refused.
@@ -173,25 +173,25 @@ def _read_card(path: str | Path, told: Any) -> Card:
     Raises:
         ValueError: If the format differs, or a field is missing, of another type or out of its range.
     """
-    if not isinstance(told, Mapping):
-        raise ValueError(f"{path}: its card must be a mapping, got {shown(told)}.")
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{path}: its card must be a mapping, got {shown(content)}.")
     ours = {"format": FORMAT, "layout": sorted(SIZES), "action": ACTION}
-    theirs = {name: told.get(name) for name in ours}
+    theirs = {name: content.get(name) for name in ours}
     if theirs | {"layout": ours["layout"]} != ours or theirs["layout"] not in list(SIZES):
         raise ValueError(f"{path}: made as {shown(theirs)}, but this version reads {ours}.")
     texts = ("env", "noise", "filter", "observation")
-    missing = [name for name in (*texts, "robot", "dt") if name not in told]
+    missing = [name for name in (*texts, "robot", "dt") if name not in content]
     if missing:
         raise ValueError(f"{path}: its card has no {', '.join(missing)}.")
     for name in texts:
-        if not isinstance(told[name], str):
-            raise ValueError(f"{path}: {name} on its card must be text, got {shown(told[name])}.")
-    choose(f"{path}: observation on its card", told["observation"], OBSERVED)
+        if not isinstance(content[name], str):
+            raise ValueError(f"{path}: {name} on its card must be text, got {shown(content[name])}.")
+    choose(f"{path}: observation on its card", content["observation"], OBSERVED)
     for name in ("robot", "training"):
-        if not isinstance(told.get(name, {}), Mapping):
-            raise ValueError(f"{path}: {name} on its card must be a mapping, got {shown(told[name])}.")
-    DT.check(f"{path}: dt on its card", told["dt"])
-    return Card(**{item.name: told[item.name] for item in fields(Card) if item.name in told})
+        if not isinstance(content.get(name, {}), Mapping):
+            raise ValueError(f"{path}: {name} on its card must be a mapping, got {shown(content[name])}.")
+    DT.check(f"{path}: dt on its card", content["dt"])
+    return Card(**{item.name: content[item.name] for item in fields(Card) if item.name in content})
 
 
 def _verified_hash(path: str | Path, content: bytes) -> str:
@@ -200,12 +200,12 @@ def _verified_hash(path: str | Path, content: bytes) -> str:
     Raises:
         ValueError: If the bundle does not contain one, or another one than its own.
     """
-    found = _HASH.search(content)
-    if found is None:
+    match = _HASH.search(content)
+    if match is None:
         raise ValueError(f"{path} is not a policy bundle, or not a whole one: make one with `turtlebot-gym export`.")
-    if hashlib.sha256(_with_hash(content, _NO_HASH)).hexdigest().encode() != found[0]:
+    if hashlib.sha256(_with_hash(content, _NO_HASH)).hexdigest().encode() != match[0]:
         raise ValueError(f"{path} is damaged: its hash is not the one it was written with.")
-    return found[0].decode()
+    return match[0].decode()
 
 
 def _with_hash(content: bytes, digest: str) -> bytes:
