@@ -31,11 +31,7 @@ class Rule(Protocol):
     """What a value may be; its text completes "must be"."""
 
     def check(self, name: str, value: Any) -> Any:
-        """Return the value in the type that it stands for.
-
-        Raises:
-            ValueError: If it breaks the rule; the message gives the name, the rule and the value.
-        """
+        """Return the value in the type that it stands for, or raise the `refusal` of one that breaks the rule."""
         ...
 
 
@@ -72,7 +68,7 @@ class Range:
 
     def check(self, name: str, value: Any) -> Any:
         """Return a number of Python or NumPy as a float, or as an int if it must be whole."""
-        number = _int(value) if self.whole else _real(value)
+        number = _real(value, whole=self.whole)
         if number is None or not self._holds(number):
             raise refusal(name, self, value)
         if not self.whole and 0.0 < abs(number) < TINIEST:
@@ -84,10 +80,9 @@ class Range:
         return replace(self, unit=unit)
 
     def _holds(self, number: float) -> bool:
-        inside = (number > self.low if self.open_low else number >= self.low) and (
-            number < self.high if self.open_high else number <= self.high
-        )
-        return inside or (self.infinite and number == math.inf)
+        if number in (self.low, self.high):
+            return not (self.open_low if number == self.low else self.open_high)
+        return self.low < number < self.high or (self.infinite and number == math.inf)
 
     def __str__(self) -> str:
         """Return the rule in words, such as "a number above 0 and at most 0.5 s"."""
@@ -175,19 +170,13 @@ def _item(value: Any) -> Any:
     return value.item() if hasattr(value, "item") and getattr(value, "shape", None) == () else value
 
 
-def _int(value: Any) -> int | None:
-    """Return a whole number of Python or NumPy as an int; None for anything else."""
+def _real(value: Any, *, whole: bool = False) -> Any:
+    """Return a real number as a float, or a whole one as an int; None for anything else, and for one beyond all floats."""
     value = _item(value)
-    return value if isinstance(value, int) and not isinstance(value, bool) else None
-
-
-def _real(value: Any) -> float | None:
-    """Return a real number of Python or NumPy as a float; None for anything else, and for one that no float can hold."""
-    value = _item(value)
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if isinstance(value, bool) or not isinstance(value, int if whole else Real):
         return None
     try:
-        return float(value)
+        return value if whole else float(value)
     except OverflowError:
         return None
 
@@ -267,9 +256,9 @@ def typed(owner: Any, prefix: str | None = None) -> None:
 def rules(kind: type) -> dict[str, Rule]:
     """Return the rules that are declared beside the fields of a parameter class, by the fields' names."""
     hints = get_type_hints(kind, include_extras=True)
-    marks = {name: getattr(hints[name], "__metadata__", ()) for name in (item.name for item in fields(kind))}
-    checks = {name: next((mark for mark in marks_of if hasattr(mark, "check")), None) for name, marks_of in marks.items()}
-    return {name: rule for name, rule in checks.items() if rule is not None}
+    marks = {item.name: getattr(hints[item.name], "__metadata__", ()) for item in fields(kind)}
+    declared = {name: [mark for mark in beside if hasattr(mark, "check")] for name, beside in marks.items()}
+    return {name: beside[0] for name, beside in declared.items() if beside}
 
 
 def made(kind: type[T], value: Any, name: str) -> T:
@@ -288,9 +277,8 @@ def made(kind: type[T], value: Any, name: str) -> T:
     if unknown:
         meant = did_you_mean(unknown[0], known)
         raise ValueError(f"{name}: {kind.__name__} has no {', '.join(unknown)}; it has {', '.join(known)}.{meant}")
-    needed = [key for key, item in known.items() if item.default is MISSING and item.default_factory is MISSING]
-    missing = [key for key in needed if key not in value]
-    if missing:
+    needed = (key for key, item in known.items() if item.default is MISSING and item.default_factory is MISSING)
+    if missing := [key for key in needed if key not in value]:
         raise ValueError(f"{name}: {kind.__name__} needs {', '.join(missing)}.")
     return kind(**value)
 
@@ -304,11 +292,9 @@ def _checks(kind: type) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
 
 
 def _check(hint: Any, rule: Rule | None) -> Callable[[str, Any], Any] | None:
-    if rule is not None and NoneType in get_args(hint):
-        return lambda name, value: None if value is None else rule.check(name, value)
     if rule is not None:
-        return rule.check
+        optional = NoneType in get_args(hint)
+        return lambda name, value: None if optional and value is None else rule.check(name, value)
     if isinstance(hint, type) and is_dataclass(hint):
         return lambda name, value: made(hint, value, name)
-    checks = {float: _number, int: whole, bool: flag, tuple[float, ...]: Numbers().check}
-    return checks.get(hint)
+    return {float: _number, int: whole, bool: flag, tuple[float, ...]: Numbers().check}.get(hint)
