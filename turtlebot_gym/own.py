@@ -14,7 +14,7 @@ def load_object(name: str) -> Any:
         name: "module:name"; the module is searched for as by ``import``.
 
     Raises:
-        ValueError: If there is none of that name, or importing its module fails; the message is one line.
+        ValueError: If the name is unknown, or importing its module fails; the message is one line.
     """
     module, _, attribute = name.partition(":")
     if not (module and attribute):

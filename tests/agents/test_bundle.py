@@ -333,7 +333,7 @@ def test_a_malformed_card_is_refused_in_one_line(bundle, name):
 
 
 @pytest.mark.parametrize("card", [None, [], "x", 3, {}])
-def test_a_card_that_is_none_is_refused(bundle, card):
+def test_an_invalid_card_is_refused(bundle, card):
     with pytest.raises(ValueError, match=re.escape(str(bundle))):
         BundlePolicy(rewritten(bundle, card=lambda _: card))
 

@@ -1,4 +1,4 @@
-"""Filters beside the bound: it is reached where it can be, and a filter that is wrong is told from one that is right."""
+"""Filters beside the bound: good filters reach it, and the comparison distinguishes a wrong filter from a right one."""
 
 from __future__ import annotations
 

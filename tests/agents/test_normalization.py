@@ -16,7 +16,7 @@ from turtlebot_gym_agents.training.randomization import randomized
 
 
 class Still:
-    """Environments that show which step it is and what they were told."""
+    """Environments that show which step it is and the reset options that they received."""
 
     num_envs = 500
 

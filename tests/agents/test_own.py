@@ -102,7 +102,7 @@ ANSWERS = [
 
 
 @pytest.mark.parametrize(("name", "told"), ANSWERS)
-def test_one_that_fails_is_told_with_its_place(name, told):
+def test_a_failing_policy_is_reported_with_its_place(name, told):
     with pytest.raises(ValueError, match=told) as caught:
         make_policy(f"drivers:{name}")(np.zeros((5, 13), np.float32))
     assert "\n" not in str(caught.value)

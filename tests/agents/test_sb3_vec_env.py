@@ -34,7 +34,7 @@ SPACES = {
 
 
 class Noted(gym.Env):
-    """Notes with what it was reset, and ends after as many steps as it is told."""
+    """Notes the options of its resets, and ends after a given number of steps."""
 
     def __init__(self, name: int, space: spaces.Space, steps: int = 3):
         self.name, self.steps, self.observation_space = name, steps, space

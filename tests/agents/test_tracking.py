@@ -23,7 +23,7 @@ BLOCK = 32768
 
 
 class Run:
-    """A run that remembers what it is told."""
+    """A run that keeps what it receives."""
 
     def __init__(self):
         self.options, self.metrics, self.logged, self.finished = {}, {}, [], False
@@ -106,7 +106,7 @@ def test_a_resumed_training_resumes_its_run(tmp_path, runs):
     ],
     ids=["two projects", "in units of work", "not installed"],
 )
-def test_what_cannot_be_tracked_is_told_before_the_training(tmp_path, monkeypatch, capsys, words, said):
+def test_what_cannot_be_tracked_is_refused_before_the_training(tmp_path, monkeypatch, capsys, words, said):
     monkeypatch.chdir(tmp_path)
     assert main(["train", *words]) == 2
     assert said in capsys.readouterr().err

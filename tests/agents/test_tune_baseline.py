@@ -189,7 +189,7 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
         (["evaluate", "--delay", "-1"], "delay"),
     ],
 )
-def test_what_is_not_possible_is_told_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+def test_impossible_options_are_refused_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     told = capsys.readouterr()

@@ -39,7 +39,7 @@ def test_a_ratio_of_errors_is_of_the_same_drives():
     assert low < 1.0 < high
 
 
-def test_a_filter_that_is_told_the_truth_is_not_off():
+def test_a_filter_that_measures_the_truth_has_no_error():
     """A straight drive at 0.1 m/s, told without noise; an error of NEES 0 would mean a belief of no width."""
     truth = np.array([[0.01 * k, 1.0, 0.0, 0.1, 0.0] for k in range(40)])
     senses = [Senses(Odometry(Pose(0.01 * k, 1.0, 0.0), Command(0.1, 0.0), True)) for k in range(40)]

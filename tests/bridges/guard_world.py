@@ -2,7 +2,7 @@
 
 The world is a schedule played in true time: senders, buttons, a network that delays, a process that is suspended while messages
 wait, a system clock that is set. It calls the guard's parts as the node does. The judge knows nothing of them: it reads the log
-of what was *truly* sent, pressed and allowed, and what the wheels were told, and holds the law with literal numbers.
+of what was *truly* sent, pressed and allowed, and what the wheels received, and holds the law with literal numbers.
 """
 
 import math
@@ -58,7 +58,7 @@ class Log:
 
 
 class World:
-    """Plays a schedule: a list of (kind, a, b) with a in 0..7 and b in 0..9."""
+    """Plays a schedule: a list of (kind, a, b), where ``a`` is 0 to 7 and ``b`` 0 to 9."""
 
     def __init__(self, schedule, start=1234.5, **parameters):
         self.t, self.offset, self.jumped = start, 1.7e9, False

@@ -81,7 +81,7 @@ class Probe:
         )
 
     def until_told(self, what):
-        """Wait until the wheels are told a command for which a condition holds, and return it."""
+        """Wait until the wheels receive a command for which a condition holds, and return it."""
         self.heard.clear()
         return self.until(lambda: next((each for each in list(self.heard) if what(each)), None))
 
@@ -105,7 +105,7 @@ class Probe:
         return status
 
     def stopped(self):
-        """Return what the wheels were told after they last moved."""
+        """Return what the wheels received after they last moved."""
         return self.heard[max((k for k, command in enumerate(self.heard) if command != STOP), default=-1) + 1 :]
 
     def enable(self, on):

@@ -468,7 +468,7 @@ def test_ages_count_with_their_end():
     assert arbiter.state == "stopped"
 
 
-def test_half_a_meter_is_a_fence():
+def test_half_a_metre_is_a_fence():
     arbiter = new(geofence=0.5)
     arbiter.locate(0.3, 0.41, T)
     assert arbiter.outside(T)

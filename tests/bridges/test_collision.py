@@ -392,7 +392,7 @@ def test_an_older_scan_does_not_take_the_place_of_a_newer_one():
 
 
 def drive(arbiter, command, seconds, *, start=0.0, source="teleop", seen=lambda t: scan([2.0] * 8)):
-    """Tick at 50 Hz, with commands at 10 Hz and scans at 5 Hz; return what the wheels were told last at each tick."""
+    """Tick at 50 Hz, with commands at 10 Hz and scans at 5 Hz; return what the wheels received last at each tick."""
     held, last = [], arbiter._last
     for k in range(round(start / 0.02), round((start + seconds) / 0.02)):
         now = T + 0.02 * k
@@ -416,7 +416,7 @@ def test_a_command_that_is_held_is_judged_anew_while_the_robot_comes_nearer(sour
     arbiter = Arbiter(Parameters(collision_monitor=True), T)
     x = []
 
-    def seen(t):  # the wall stands still, the robot is where it was told to be
+    def seen(t):  # the wall stands still, the robot is where its commands lead
         return wall(0.6 - (sum(v for v, _ in x) * 0.02))
 
     for k in range(600):

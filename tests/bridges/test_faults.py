@@ -146,7 +146,7 @@ class Repeats:
     [lambda message: None, *(pytest.param(each, marks=pytest.mark.nightly) for each in (bad_position, Repeats(1)))],
     ids=["stops", "nan", "out of order"],
 )
-def test_odometry_that_is_none_stops_the_robot(robot, spoil):
+def test_invalid_odometry_stops_the_robot(robot, spoil):
     robot.drive()
     robot.spoil = spoil
     try:

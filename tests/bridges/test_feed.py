@@ -156,7 +156,7 @@ def test_an_aged_value_comes_with_the_difference_of_the_stamps():
     assert feed.take(100.5625, 2_300_000_000) is None  # old by the steady clock, whatever the stamps say
 
 
-def test_a_value_belongs_to_the_step_of_its_stamp_and_of_a_rare_one_that_is_told():
+def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_that_names_it():
     feed, _ = make()
     feed.accept("here", 0.0, 7)
     assert feed.step == 7

@@ -178,7 +178,7 @@ def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, p
             assert status.level == DiagnosticStatus.WARN
             assert "/cmd_vel_teleop" in status.message
             assert set(probe.heard) <= {STOP}
-        else:  # a stamp of another epoch is none: DDS's own time counts
+        else:  # a stamp of another epoch does not count: DDS's own time does
             probe.until(lambda: Command(0.1, 0.0) in probe.heard)
         probe.node.destroy_timer(timer)
 

@@ -1,4 +1,4 @@
-"""Parameters of all nodes: what they are by default, what is refused with which words, and what ROS is told of them."""
+"""Parameters of all nodes: what they are by default, what is refused with which words, and what ROS shows of them."""
 
 import math
 import re

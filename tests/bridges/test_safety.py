@@ -201,7 +201,7 @@ def test_an_emergency_stop_that_falls_silent_is_a_stop():
     assert safety.enable(now=10.0, buttons=0) == "the emergency stop is silent"
 
 
-def test_silence_is_told_by_what_was_sent():
+def test_silence_is_judged_by_what_was_sent():
     safety = active(now=7.0)
     safety.hear_emergency(False, now=7.4, sent=7.0)
     assert not safety.tick(now=7.499)

@@ -110,7 +110,7 @@ def test_a_scan_that_cannot_be_stops_it_and_is_named(runner, peer, wait_for):
 
 
 @pytest.mark.nightly
-def test_a_scan_of_other_beams_than_it_was_told_is_a_fault(runner, peer, wait_for):
+def test_a_scan_with_an_unexpected_number_of_beams_is_a_fault(runner, peer, wait_for):
     robot = Robot(runner, peer, wait_for, lidar_beams=360)
     robot.drives()
     wait_for(lambda: robot.send(a_scan(269)) or robot.speed == 0.0)
@@ -161,7 +161,7 @@ def test_the_simulators_scans_are_a_sensors(runner, peer, wait_for):
 
 @pytest.mark.nightly
 def test_contact_is_reported_once_and_ends_the_episode(capfd):
-    """Who drives straight to the goal, in a room where something is in its way."""
+    """A driver straight to the goal, in a room with an obstacle on the way."""
     with Graph(world="dense", policy="bearing", seed=CONTACT, goal_tolerance=0.0, speed=20.0) as graph:
         graph.wait_until(lambda graph: any("contact after 2.1 s" in text for _, text in graph.reports.values()))
         graph.wait_until(lambda graph: graph.time > 4.0)

@@ -115,7 +115,7 @@ def test_sectors_are_those_of_the_beams_directions(beams, yaw, first):
     assert abs(off) <= math.pi / SECTORS + 1e-6
 
 
-def test_another_number_of_beams_than_was_told_is_refused():
+def test_an_unexpected_number_of_beams_is_refused():
     scan = WAY.read(a_message(180))
     assert len(Pooling()(scan)) == len(Pooling(beams=180)(scan)) == SECTORS
     with pytest.raises(ValueError, match="the scan has 180 beams, but lidar_beams says 360"):

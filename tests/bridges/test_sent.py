@@ -52,7 +52,7 @@ def test_stamps_near_zero_are_no_stamps():
     assert found[:2] == (pytest.approx(0.1, abs=1e-5), True)
 
 
-def test_a_clock_that_is_ahead_is_told():
+def test_a_clock_that_is_ahead_is_reported():
     assert age(clock(), source=105.0).ahead == pytest.approx(5.0, abs=1e-5)
     assert age(clock(), source=105.0, header=99.0).ahead == 0.0
     assert age(clock(), source=99.9).ahead == 0.0

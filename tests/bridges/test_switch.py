@@ -82,7 +82,7 @@ def fakes(monkeypatch):
     return fakes
 
 
-def test_enabling_begins_anew_and_is_told_at_once(fakes):
+def test_enabling_begins_anew_and_is_reported_at_once(fakes):
     fakes.make(enabled=False)
     assert fakes.states == ["silent: not enabled"]
     warned = "enabled. It sees no obstacles: watch the robot while it is enabled."

@@ -146,7 +146,7 @@ def test_quadratic_forms_by_hand():
 
 
 def test_heading_information_by_hand():
-    # Spikes of half a standard deviation a at either side, and nothing in between: of p = (N(a) + N(-a)) / 2 the score is
+    # Spikes at a distance `a` on either side, and nothing in between: of p = (N(a) + N(-a)) / 2 the score is
     # a tanh(a x) - x, so the information is 1 - a^2 E[1 / cosh(a x)^2], here by Simpson's rule.
     a, x = 0.5, np.linspace(-12.0, 12.0, 200_001)
     p = (np.exp(-0.5 * (x - a) ** 2) + np.exp(-0.5 * (x + a) ** 2)) / (2.0 * math.sqrt(2.0 * math.pi))

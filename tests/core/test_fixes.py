@@ -42,7 +42,7 @@ def fix_at(k, R=POSE):
 
 
 def told(filter, tuning, fixes, steps=20):
-    """Drive a filter that is told fixes in some steps; return its estimates."""
+    """Drive a filter that receives fixes in some steps; return its estimates."""
     before = SENSES(*senses(0), no_fix())
     log = [filter.start(before, tuning)]
     for k in range(1, steps + 1):

@@ -185,6 +185,6 @@ def test_environments_take_gyros_by_name_file_and_value(tmp_path):
         ({"filter": make_filter("gyro", NOISE, imu=GYRO)}, "The filter reads the sensor 'imu': choose one with imu="),
     ],
 )
-def test_a_gyro_that_there_is_not_is_refused(options, message):
+def test_an_unknown_gyro_is_refused(options, message):
     with pytest.raises(ValueError, match=message):
         gym.make("turtlebot_gym/TurtleBotNav-v0", **options)

@@ -67,7 +67,7 @@ def test_the_checker_depends_on_gymnasium_and_numpy_only():
 
 
 def targets():
-    """Return what each target of the Makefile says of itself."""
+    """Return the explanation of each target of the Makefile."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     return dict(re.findall(r"^([a-z-]+):.*?## (.*)$", text, re.MULTILINE)), {*re.findall(r"^([a-z-]+):", text, re.MULTILINE)}
 
@@ -76,7 +76,7 @@ def test_make_explains_each_target_in_80_columns():
     told, every = targets()
     assert set(told) == every
     for words in ([], ["help"]):
-        command = ["make", "--no-print-directory", *words]  # which make says of itself below another make
+        command = ["make", "--no-print-directory", *words]  # which make prints below another make
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0
         listed = done.stdout.splitlines()

@@ -41,8 +41,7 @@ class Rule(NamedTuple):
     write: str
     """What stands there instead."""
     at: str
-    """Where it counts: in ``pages`` only, at the ``start`` of a sentence only, or, if empty, everywhere; ``warn`` is only
-    printed."""
+    """Where it counts: in ``pages`` only, at the ``start`` of a sentence only, or, if empty, everywhere."""
     sample: str
     """A sentence in which it is found."""
     allow: str
@@ -64,16 +63,10 @@ class Finding(NamedTuple):
     path: Path
     line: int
     found: str
-    rule: Rule
+    write: str
 
     def __str__(self) -> str:
-        warning = "warning: " if self.warning else ""
-        return f"{warning}{self.path}:{self.line}: {self.found!r}: write {self.rule.write!r}"
-
-    @property
-    def warning(self) -> bool:
-        """Whether it is only printed."""
-        return "warn" in self.rule.at or "tests" in self.path.parts
+        return f"{self.path}:{self.line}: {self.found!r}: write {self.write!r}"
 
 
 def read_rules() -> list[Rule]:
@@ -120,6 +113,8 @@ def of_python(text: str) -> Iterator[Passage]:
         if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
             yield Passage(node.name.replace("_", " "), node.lineno, in_page=False)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and len(node.value.split()) >= MESSAGE:
+            if re.search(r"^(from|import) ", node.value, re.MULTILINE):
+                continue  # a program
             line = node.lineno
             for paragraph in re.split(r"(\n\s*\n|\n(?=\s*[*-] ))", node.value):
                 if paragraph.strip():
@@ -128,7 +123,8 @@ def of_python(text: str) -> Iterator[Passage]:
     last, said = -1, ""
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type == tokenize.COMMENT:
-            if token.start[0] != last + 1 and said:
+            alone = token.line.lstrip().startswith("#")
+            if said and not (alone and token.start[0] == last + 1):
                 yield Passage(_without_code(said), last - said.count("\n"), in_page=False)
                 said = ""
             said += ("\n" if said else "") + token.string.lstrip("#: ")
@@ -153,14 +149,14 @@ def of_launch_file(text: str) -> Iterator[Passage]:
 READERS = {".md": of_markdown, ".ipynb": of_notebook, ".py": of_python, ".yaml": of_yaml, ".xml": of_launch_file}
 
 
-def check(passage: Passage, rules: Iterable[Rule]) -> Iterator[tuple[int, str, Rule]]:
-    """Return line, phrase and rule of all that the rules find in a passage."""
+def check(passage: Passage, rules: Iterable[Rule]) -> Iterator[tuple[int, str, str]]:
+    """Return line, phrase and remedy of all that the rules find in a passage."""
     for rule in rules:
         if "pages" in rule.at and not passage.in_page:
             continue
         for match in rule.pattern.finditer(passage.text):
             line = passage.line + passage.text[: match.start()].count("\n")
-            yield line, " ".join(match[0].split())[:60], rule
+            yield line, " ".join(match[0].split())[:60], rule.write
 
 
 def findings(paths: Iterable[Path], rules: Iterable[Rule]) -> Iterator[Finding]:
@@ -178,7 +174,7 @@ def main() -> int:
     every = list(findings(paths, read_rules()))
     for finding in every:
         print(finding)
-    return int(any(not finding.warning for finding in every))
+    return int(bool(every))
 
 
 if __name__ == "__main__":

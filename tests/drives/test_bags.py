@@ -237,7 +237,7 @@ def test_the_bag_of_a_graph_holds_all_that_was_said(tmp_path, namespace, plugin)
     np.testing.assert_allclose(drive.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-6)
     np.testing.assert_allclose(drive.true_state[:, 0], [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-6)
     np.testing.assert_allclose(drive.true_state[:, 3], 0.9)
-    np.testing.assert_allclose(drive.odometry[:, 0], [0.03, 0.13, np.nan, 0.33, 0.43])  # a lost measurement is none
+    np.testing.assert_allclose(drive.odometry[:, 0], [0.03, 0.13, np.nan, 0.33, 0.43])  # a lost measurement is missing
     np.testing.assert_allclose(drive.estimate[:, 0], [0.01, 0.11, 0.21, 0.31, 0.41])
     np.testing.assert_allclose(drive.covariance[:, [0, 1, 2], [0, 1, 2]], [[0.04, 0.09, 0.01]] * 5)
     np.testing.assert_allclose(drive.reference, [[2.0, 1.0, 0.5]] * 5)

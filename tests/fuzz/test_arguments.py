@@ -131,7 +131,7 @@ def driven(kind, id, arguments):
 
 
 def with_one_wrong(draw, arguments):
-    """Return arguments with one value, anywhere in them, that is none."""
+    """Return arguments with one invalid value, anywhere in them."""
     if not arguments:
         return arguments
     name = draw(st.sampled_from(sorted(arguments)))

@@ -162,7 +162,7 @@ def test_an_unknown_lidar_and_one_that_is_too_fast_are_refused():
         gym.make("turtlebot_gym/TurtleBotRooms-v0", lidar="ideal", dt=0.2)
 
 
-def test_what_stands_in_a_scene_is_told_from_above():
+def test_the_obstacles_of_a_scene_are_seen_from_above():
     plan = FloorPlan(
         walls=(1.0, 2.0, 3.0, 4.0),
         circles=((0.0, 1.0, 0.5),),

@@ -171,7 +171,7 @@ def _aligned(
             drive = into_measured_frame(drive, frame)
             remarks.append(
                 f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
-                f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be told from that"
+                f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be distinguished from that"
             )
         late = truth_delay(drive)
         if late.is_sure:

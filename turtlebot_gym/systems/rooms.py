@@ -170,7 +170,7 @@ def system_of(parameters: Parameters) -> System:
     """Return the system for some parameters: rooms or open ground, with their sensors, filter and plant.
 
     Raises:
-        ValueError: If the filter reads a sensor that there is not.
+        ValueError: If the filter reads a sensor that the system does not have.
         ImportError: If the plant needs an engine that is not installed.
     """
     filter, fix = filter_of(parameters.tuning), parameters.fix

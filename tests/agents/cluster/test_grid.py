@@ -45,14 +45,14 @@ def test_cells_are_all_combinations():
         ("policies: [", "study.yaml( is not YAML)?: "),
     ],
 )
-def test_what_no_study_can_be_told_is_refused_with_the_files_name(text, message, tmp_path):
+def test_an_invalid_study_is_refused_with_the_files_name(text, message, tmp_path):
     (tmp_path / "study.yaml").write_text(text)
     with pytest.raises(ValueError, match=message) as refusal:
         read_grid(tmp_path / "study.yaml")
     assert str(tmp_path / "study.yaml") in str(refusal.value)
 
 
-def test_a_training_cannot_be_told_anything():
+def test_unknown_options_of_a_training_are_refused():
     grid = Grid(policies=("bearing",), trainings={"ppo": {"colour": "red"}})
     with pytest.raises(ValueError, match="training 'ppo' has no fields colour; known fields are algo, "):
         study(grid)

@@ -42,7 +42,7 @@ def test_what_is_there_stays(tmp_path):
     same(store.get("a"), RESULT)
 
 
-def test_a_write_that_fails_leaves_nothing_and_damage_is_told(tmp_path):
+def test_a_failed_write_leaves_nothing_and_damage_is_reported(tmp_path):
     with pytest.raises(TypeError):
         Store(tmp_path).put("a", RESULT._replace(facts={"value": object()}))
     assert not [*tmp_path.iterdir()]

@@ -1,4 +1,4 @@
-"""The parts of conversions: planar poses and twists in messages, which raise a ``ValueError`` if they are none."""
+"""The parts of conversions: planar poses and twists in messages, which raise a ``ValueError`` for other messages."""
 
 from __future__ import annotations
 
