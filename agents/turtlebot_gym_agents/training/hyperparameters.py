@@ -1,16 +1,7 @@
-"""Hyper-parameters: YAML in the form of rl-baselines3-zoo, and what each of them may be.
-
-The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and as it is to the algorithm where it is a mapping; a
-mapping cannot name an activation function. So the files hold ``policy_kwargs: dict(net_arch=[64, 64], activation_fn=nn.ReLU)``.
-Here that text is parsed, and refused if it is anything but a call of ``dict`` with literals and names of ``nn``.
-
-References:
-    rl-baselines3-zoo 2.9.2, ``rl_zoo3/exp_manager.py``, ``_preprocess_hyperparams``.
-"""
+"""Hyper-parameters: YAML in the form of rl-baselines3-zoo, and what each of them may be."""
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -22,6 +13,7 @@ import yaml
 from turtlebot_gym import files
 from turtlebot_gym.validation import Range, Rule, choose, did_you_mean, flag, refusal, shown
 from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.training.zoo import read_keywords, write_keywords
 
 ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish")
 """Modules of torch.nn between the layers of a network."""
@@ -74,8 +66,9 @@ def _either(rule: _Reading, *others: Any) -> _Reading:
     return _Reading(f"{rule.text}, or {' or '.join('null' if other is None else repr(other) for other in others)}", read)
 
 
-def _after(prefix: str, rule: _Reading, number: _Reading, meaning: str) -> _Reading:
-    """Return the rule that allows text of a prefix and a number, too."""
+def _after(prefix: str, rule: _Reading, high: float, meaning: str) -> _Reading:
+    """Return the rule that allows text of a prefix and a positive number, too."""
+    number = _real(0.0, high, above=True)
 
     def read(value: Any) -> Any:
         if isinstance(value, str) and value.startswith(prefix):
@@ -87,8 +80,7 @@ def _after(prefix: str, rule: _Reading, number: _Reading, meaning: str) -> _Read
 
 
 def _rate(high: float) -> _Reading:
-    number = _real(0.0, high, above=True)
-    return _after("lin_", number, number, "such a number, from which it falls to 0")
+    return _after("lin_", _real(0.0, high, above=True), high, "such a number, from which it falls to 0")
 
 
 def _one_of(*names: str) -> _Reading:
@@ -128,9 +120,9 @@ def _layers(critic: str) -> _Reading:
     sizes = _list(_whole(1, 8192), "a list of at most 16 sizes of layers, each from 1 to 8192", most=16)
 
     def read(value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            return sizes.read(value)
-        return {name: sizes.read(value[name]) for name in ("pi", critic)} if len(value) == 2 else {}["pi"]
+        if isinstance(value, Mapping) and set(value) == {"pi", critic}:
+            return {name: sizes.read(layers) for name, layers in value.items()}
+        return sizes.read(value)
 
     return _Reading(f"{sizes.text}, or a mapping of pi and {critic} to such lists", read)
 
@@ -157,7 +149,7 @@ _NETWORK: dict[str, Rule] = {
         "policy_kwargs.optimizer_kwargs.",
     ),
 }
-_EXPLORING: dict[str, Rule] = {"log_std_init": _real(-20.0, 5.0), "use_expln": _FLAG}
+_EXPLORING = {"log_std_init": _real(-20.0, 5.0), "use_expln": _FLAG}
 _ON_POLICY_NETWORK = _NETWORK | _EXPLORING | {"net_arch": _layers("vf"), "ortho_init": _FLAG, "full_std": _FLAG}
 _OFF_POLICY_NETWORK = _NETWORK | {"net_arch": _layers("qf"), "n_critics": _whole(1, 16)}
 _ANY: dict[str, Rule] = {
@@ -168,11 +160,7 @@ _ANY: dict[str, Rule] = {
     "gamma": _SHARE,
     "verbose": _whole(0, 2),
 }
-_SAMPLING: dict[str, Rule] = {
-    "use_sde": _FLAG,
-    "sde_sample_freq": _whole(-1, 1_000_000),
-    "stats_window_size": _UPDATES,
-}
+_SAMPLING = {"use_sde": _FLAG, "sde_sample_freq": _whole(-1, 1_000_000), "stats_window_size": _UPDATES}
 _ON_POLICY = _ANY | _SAMPLING | {
     "n_steps": _UPDATES,
     "gae_lambda": _SHARE,
@@ -211,9 +199,7 @@ RULES = {
         _OFF_POLICY
         | _SAMPLING
         | {
-            "ent_coef": _after(
-                "auto_", _either(_real(0.0, 100.0), "auto"), _real(0.0, 100.0, above=True), "the number to begin with"
-            ),
+            "ent_coef": _after("auto_", _either(_real(0.0, 100.0), "auto"), 100.0, "the number to begin with"),
             "use_sde_at_warmup": _FLAG,
             "target_update_interval": _UPDATES,
             "target_entropy": _either(_real(-1000.0, 1000.0), "auto"),
@@ -271,9 +257,8 @@ def configs_folder() -> Path:
 def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
     """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
     content = dict(hyper)
-    if isinstance(network := content.get("policy_kwargs"), dict):
-        written = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in network.items())
-        content["policy_kwargs"] = f"dict({', '.join(written)})"
+    if isinstance(content.get("policy_kwargs"), dict):
+        content["policy_kwargs"] = write_keywords(content["policy_kwargs"])
     with replacing(path) as beside:
         beside.write_text(yaml.safe_dump({env: content}, sort_keys=False, width=128), encoding="utf-8")
 
@@ -285,7 +270,7 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
     if missing := [key for key in ("n_envs", "n_timesteps", "policy") if key not in given]:
         raise ValueError(f"{', '.join(missing)} must be given.")
     network = given.get("policy_kwargs") or {}
-    network = _keywords(network) if isinstance(network, str) else network
+    network = read_keywords(network) if isinstance(network, str) else network
     hyper = rules.check(algo, {**given, "policy_kwargs": network})
     if ("noise_type" in hyper) != ("noise_std" in hyper):
         raise ValueError("noise_type and noise_std must be given together.")
@@ -299,25 +284,3 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
     elif hyper["n_envs"] > 1 and "episode" in str(hyper.get("train_freq")):
         raise ValueError(f"train_freq must be in steps where n_envs is more than 1, got {hyper['train_freq']!r}.")
     return hyper
-
-
-def _keywords(text: str) -> dict[str, Any]:
-    """Return what ``dict(name=literal, activation_fn=nn.Name)`` says, with the name as text, without running it."""
-    try:
-        call = ast.parse(text.strip(), mode="eval").body
-        value = _value(call) if isinstance(call, ast.Call) else None
-    except (SyntaxError, ValueError, RecursionError):
-        value = None
-    if value is None:
-        allowed = "a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)'"
-        raise refusal("policy_kwargs", allowed, text)
-    return value
-
-
-def _value(node: ast.expr) -> Any:
-    match node:
-        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords) if all(keyword.arg for keyword in keywords):
-            return {str(keyword.arg): _value(keyword.value) for keyword in keywords}
-        case ast.Attribute(value=ast.Name(id="nn"), attr=name):
-            return name
-    return ast.literal_eval(node)
