@@ -66,7 +66,7 @@ test-slow: $(READY)  ## the tests that take minutes
 fuzz: $(READY)  ## more than 20,000 inputs of all kinds: each ends in success or in one line (part of test-slow; 10 minutes)
 	$(RUN)python -m pytest -m slow tests/fuzz
 
-test-cluster: $(READY)  ## Ray, which it installs: the same results with any number of workers, kills, errors (10 minutes)
+test-cluster: $(READY)  ## Ray, which it installs: the same results on a cluster, kills, errors (5 minutes)
 	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cluster]'
 	$(RUN)python -m pytest -m cluster tests/agents/cluster
 

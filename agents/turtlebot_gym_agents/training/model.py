@@ -101,7 +101,7 @@ def make_model(
         **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
     )
     if checkpoint is not None:
-        restore(model, checkpoint)
+        _restore(model, checkpoint)
     # Making the model has set the model's own seed there. A resumed training must not repeat its first episodes.
     adapter.seed((1 + config.seed) * TRAINING_SEED + model.num_timesteps)
     if isinstance(model, OnPolicyAlgorithm):
@@ -143,14 +143,14 @@ def save_model(model: BaseAlgorithm, path: Path) -> None:
 
 
 def save_checkpoint(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model with its replay buffer, if it has one, so that `restore` continues from them."""
+    """Save a model with its replay buffer, if it has one, so that `make_model` continues from them."""
     if isinstance(model, OffPolicyAlgorithm):
         assert isinstance(model.replay_buffer, ReplayBuffer)
         _write_buffer(model.replay_buffer, replay_path(path))
     save_model(model, path)
 
 
-def restore(model: BaseAlgorithm, path: Path) -> None:
+def _restore(model: BaseAlgorithm, path: Path) -> None:
     """Bring a new model into the state of a checkpoint by `save_checkpoint`; nothing pickled in it is run.
 
     Raises:
@@ -166,7 +166,7 @@ def restore(model: BaseAlgorithm, path: Path) -> None:
     vars(model).update(counters)
     if isinstance(model, OffPolicyAlgorithm):
         assert isinstance(model.replay_buffer, ReplayBuffer)
-        _read_buffer(model.replay_buffer, replay_path(path))
+        _load_buffer(model.replay_buffer, replay_path(path))
 
 
 @contextmanager
@@ -210,7 +210,7 @@ def _write_buffer(buffer: ReplayBuffer, path: Path) -> None:
         np.savez(file, position=buffer.pos, full=buffer.full, **columns)
 
 
-def _read_buffer(buffer: ReplayBuffer, path: Path) -> None:
+def _load_buffer(buffer: ReplayBuffer, path: Path) -> None:
     if not path.is_file():
         raise ValueError(f"{path} is missing, without which the run cannot be resumed: train again in another folder.")
     with np.load(path, allow_pickle=False) as content:
