@@ -63,7 +63,7 @@ IDS = {
 
 def plain_episode(*, limit, seed, **options):
     """Return the case as an environment in plain Python: no arrays, no compiled code."""
-    parameters, waypoints, _ = Options(**options).setup()
+    parameters, waypoints, *_ = Options(**options).setup()
     return Episode(parameters._replace(task=replace(parameters.task, max_steps=limit)), waypoints, seed=seed)
 
 

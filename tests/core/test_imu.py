@@ -132,7 +132,7 @@ SETTINGS = {
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_gyro_and_fixes_are_the_same_compiled_and_in_plain_python(name):
-    parameters, waypoints, _ = Options.of({"task": "square", "noise": "rough", **SETTINGS[name]}).setup()
+    parameters, waypoints, *_ = Options.of({"task": "square", "noise": "rough", **SETTINGS[name]}).setup()
     batch = Batch(35, parameters, waypoints)
     batch.seeds[:] = np.arange(35)
     observations, outcomes = batch.empty()

@@ -16,6 +16,7 @@ import turtlebot_gym
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -31,11 +32,11 @@ from turtlebot_gym.parameters import (
 )
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import Episode, Options, Parameters
+from turtlebot_gym.systems import Body, Episode, Options, Parameters, system_of
 from turtlebot_gym.systems.imu import ImuNoise
 from turtlebot_gym.systems.parameters import SENSORS
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import Pose, State
 
 STEPS = 240
 
@@ -213,6 +214,15 @@ def test_the_same_parameters_give_the_same_rollout():
 
 # Keyword arguments, in scalar and vector environment.
 
+
+@kernel
+def slide(body, command, key, at, p):
+    """A sledge that moves sideways as well."""
+    s = body.true_state
+    truth = State(s.x + command.v * p.dt, s.y + command.omega * p.dt, s.theta, command.v, command.omega)
+    return Body(truth, command, body.asked, body.wheels, False)
+
+
 ARGUMENTS = {
     "task": ({}, {"task": "pose"}),
     "robot": ({}, {"robot": "waffle"}),
@@ -230,6 +240,7 @@ ARGUMENTS = {
     "fix": ({}, {"fix": "beacons"}),
     "imu": ({"filter": "gyro", "imu": "mpu9250"}, {"filter": "gyro", "imu": "calibrated"}),
     "plant": ({}, {"plant": "mujoco"}),
+    "system": ({}, {"system": lambda p: system_of(p)._replace(move=slide)}),
     "world": ({"task": "room"}, {"task": "room", "world": "office"}),
     "lidar": ({"task": "room"}, {"task": "room", "lidar": "a1"}),
     "max_episode_steps": ({}, {"max_episode_steps": 20}),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from turtlebot_gym.compiled.parallel import address_of, parallel_loop
 from turtlebot_gym.compiled.threads import Pace, Threads
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.systems import Parameters, Surroundings, System, World, system_of
+from turtlebot_gym.systems import Parameters, Surroundings, System, World, find_system, system_of
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
@@ -48,7 +48,7 @@ class Batch:
         num_envs: Number of environments.
         parameters: One for all environments, or one for each.
         waypoints: The poses to visit, the same for all; a goal that the task draws replaces the first.
-        system: The kernels of a step; None for the system that belongs to the parameters.
+        system: The kernels of a step, or what `find_system` takes; None for the system that belongs to the parameters.
         plan: The floor plan of a given room, the same for all.
     """
 
@@ -58,13 +58,13 @@ class Batch:
         parameters: Parameters | Sequence[Parameters],
         waypoints: Sequence[Pose],
         *,
-        system: System | None = None,
+        system: System | str | Callable[[Parameters], System] | None = None,
         plan: FloorPlan | None = None,
     ) -> None:
         n_tiles = -(-num_envs // TILE)
         first = parameters if isinstance(parameters, Parameters) else parameters[0]
-        self._by_parameters = system is None
-        self._use(system or system_of(first))
+        self._own, self._by_parameters = system, system is None
+        self._use(find_system(system, first))
         layout = self.layout
         self.num_envs = num_envs
         self.seeds = np.zeros(num_envs, np.int64)
@@ -91,14 +91,14 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without what follows from it: views, local functions, and their addresses."""
-        kernels = {"layout", "_around", "_loops", "_first", *({"system"} if self._by_parameters else ())}
+        kernels = {"system", "layout", "_around", "_loops", "_first"}
         return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_given": [], "_addresses": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         parameters = self.parameters
         first = parameters if isinstance(parameters, Parameters) else parameters[0]
-        self._use(system_of(first) if self._by_parameters else self.system)
+        self._use(find_system(self._own, first))
         assert self._special is not None
         self._loops, self._first = loops_of(self.system, self._special), self._tiles[0]
 

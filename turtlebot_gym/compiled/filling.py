@@ -34,7 +34,7 @@ each filter. Other numbers need no compilation, except for other delays of fixes
 def fill(name: str) -> float:
     """Compile the loops of a system unless the cache holds them, and return how long it took, s."""
     began = time.perf_counter()
-    parameters, waypoints, plan = Options(**SYSTEMS[name]).setup()
+    parameters, waypoints, plan, _ = Options(**SYSTEMS[name]).setup()
     for number in (1, ROOMS_PARALLEL_FROM if parameters.room else PARALLEL_FROM):
         batch = Batch(number, parameters, waypoints, plan=plan)
         batch.reset(np.ones(number, np.bool_), *batch.empty())

@@ -66,12 +66,12 @@ def make_batch(setup: Setup, num_envs: int) -> Batch:
     Raises:
         ValueError: If a given room has no path from start to goal.
     """
-    parameters, waypoints, plan = setup
+    parameters, waypoints, plan, system = setup
     if plan:
-        first = Batch(1, parameters, waypoints, plan=plan)
+        first = Batch(1, parameters, waypoints, system=system, plan=plan)
         first.reset(np.ones(1, np.bool_), *first.empty())
         require_a_way(plan, parameters.robot.radius, float(first.numbers("room.way")[0]))
-    return Batch(num_envs, parameters, waypoints, plan=plan)
+    return Batch(num_envs, parameters, waypoints, system=system, plan=plan)
 
 
 def with_limit(options: Options, steps: float | None) -> Setup:

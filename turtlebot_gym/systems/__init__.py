@@ -4,7 +4,7 @@ from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.options import Options, Setup, make_parameters
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, RoomParameters, make_room
-from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, rooms, system_of
+from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, find_system, rooms, system_of
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
 from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
 from turtlebot_gym.systems.world import Body, Course, Outcome, World
@@ -29,6 +29,7 @@ __all__ = [
     "Surroundings",
     "System",
     "World",
+    "find_system",
     "make_parameters",
     "make_room",
     "open_ground",

@@ -8,7 +8,7 @@ The ROS simulator runs it, tests compare the compiled loop with it, and it accep
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from turtlebot_gym.kernel import kernel
@@ -16,7 +16,7 @@ from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters
-from turtlebot_gym.systems.rooms import system_of
+from turtlebot_gym.systems.rooms import find_system
 from turtlebot_gym.systems.system import System, step_of
 from turtlebot_gym.systems.world import Outcome, World
 from turtlebot_gym.tasks import distance_to
@@ -30,7 +30,7 @@ class Episode:
         parameters: Parameters of a step.
         waypoints: The poses to visit; unused if the task draws its goal.
         seed: Seed of the noise and of the task's draws.
-        system: The kernels of a step; None for the system that belongs to the parameters.
+        system: The kernels of a step, or what `find_system` takes; None for the system that belongs to the parameters.
         plan: The floor plan of a given room.
     """
 
@@ -40,11 +40,11 @@ class Episode:
         waypoints: Sequence[Pose] = (),
         *,
         seed: int = 0,
-        system: System | None = None,
+        system: System | str | Callable[[Parameters], System] | None = None,
         plan: FloorPlan | None = None,
     ) -> None:
         self.parameters, self.seed, self.number = parameters, seed, -1
-        self.system = system or system_of(parameters)
+        self.system = find_system(system, parameters)
         self._step = step_of(self.system)
         self._given = tuple(waypoints)
         around = self.system.surroundings

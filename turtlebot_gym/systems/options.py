@@ -20,6 +20,7 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, OBSERVED, Parameters, make_room
+from turtlebot_gym.systems.system import System
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.validation import LARGEST, choose, did_you_mean, made, refusal, shown, whole
 from turtlebot_gym.values import Pose
@@ -36,6 +37,8 @@ class Setup(NamedTuple):
     """The poses to visit; a goal that the task draws replaces the first."""
     plan: FloorPlan | None
     """Floor plan of a given room."""
+    system: Any = None
+    """System of one's own, as `Options.system`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,6 +97,10 @@ class Options:
     """Model that moves the robot: unicycle, or on open ground mujoco, a Burger with wheels that creep and slip, which needs the
     extra [mujoco]; in Python also a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo contact physics replaces the noise of
     execution, odometry comes from the angles of the wheels, and a step takes a hundred times as long."""
+
+    system: str | System | Callable[[Parameters], System] | None = None
+    """Kernels of a step of your own (MODULE:NAME): a `turtlebot_gym.System`, or a function of the parameters that returns one.
+    None for those of the other options."""
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Options:
@@ -175,6 +182,7 @@ class Options:
             ),
             waypoints,
             plan,
+            self.system,
         )
 
     def _room(self, dt: float) -> tuple[Any, FloorPlan | None]:

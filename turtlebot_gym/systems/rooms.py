@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.fixes import depth_of, with_fixes
 from turtlebot_gym.estimation.interface import Filter, filter_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
+from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide
@@ -29,6 +30,7 @@ from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Outcome
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
+from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
 
 ROOM_LAYOUT = 2
@@ -184,3 +186,27 @@ def system_of(parameters: Parameters) -> System:
     if lacking:
         raise ValueError(f"The filter reads the sensor {lacking[0]!r}: choose one with {lacking[0]}=...")
     return system
+
+
+def find_system(system: System | str | Callable[[Parameters], System] | None, parameters: Parameters) -> System:
+    """Return a system of one's own, or that of the parameters.
+
+    Args:
+        system: The system; a function of the parameters that returns it; "module:name" of either; None for that of the
+            parameters.
+        parameters: Parameters of a step.
+
+    Raises:
+        ValueError: If there is no such system, or making it fails.
+    """
+    if system is None:
+        return system_of(parameters)
+    own: Any = load_object(system) if isinstance(system, str) else system
+    if callable(own):
+        try:
+            own = own(parameters)
+        except Exception as error:
+            raise failure(str(system), error) from error
+    if not isinstance(own, System):
+        raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", own)
+    return own

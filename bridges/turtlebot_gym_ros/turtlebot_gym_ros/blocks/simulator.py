@@ -132,7 +132,7 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
-        p, _, plan = Options(
+        p, _, plan, _ = Options(
             task=task,
             robot=params.robot,
             noise=params.noise,

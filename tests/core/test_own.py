@@ -1,8 +1,9 @@
-"""A filter as a plain class of arrays: by class or "module:name", in every environment, and refused with its place."""
+"""Filters and systems of one's own, by object or "module:name": in every environment, and refused with their place."""
 
 from __future__ import annotations
 
 import math
+import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +17,7 @@ from turtlebot_gym.values import State
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 OWN = """
 import math
+import pickle
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
@@ -140,3 +142,58 @@ def test_a_function_of_the_noise_may_return_any_tuning():
 def test_what_is_no_filter_is_refused_on_one_line(own, name, message):
     with pytest.raises(ValueError, match=message):
         gym.make(NAV, filter=name.format(own))
+
+
+SYSTEM = """
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.systems import Body, system_of
+from turtlebot_gym.values import State
+
+@kernel
+def slide(body, command, key, at, p):
+    s = body.true_state
+    truth = State(s.x + command.v * p.dt, s.y + command.omega * p.dt, s.theta, command.v, command.omega)
+    return Body(truth, command, body.asked, body.wheels, False)
+
+def sledge(p):
+    return system_of(p)._replace(move=slide)
+
+def broken(p):
+    raise KeyError("nothing")
+
+nothing = 3
+"""
+
+
+@pytest.fixture
+def own_systems(tmp_path, monkeypatch):
+    (tmp_path / "own_systems.py").write_text(SYSTEM)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "own_systems"
+
+
+def test_environments_take_a_system_by_name_and_pickle_with_it(own_systems):
+    env = gym.make(NAV, system=f"{own_systems}:sledge", noise="clean")
+    env.reset(seed=1)
+    env = pickle.loads(pickle.dumps(env))
+    start = env.unwrapped._batch.world(0).body.true_state
+    *_, info = env.step(np.array([0.0, 1.0], np.float32))
+    assert info["true_state"][:2] == pytest.approx((start.x, start.y + 0.1 * 2.635))
+    p = make_parameters(noise="clean")
+    episode = Episode(p, seed=1, system=f"{own_systems}:sledge")
+    episode.act((0.0, 1.0))
+    np.testing.assert_array_equal(info["true_state"], episode.world.body.true_state)
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("{}:missing", "has no attribute 'missing'"),
+        ("{}:nothing", "system must be a System, a function of the parameters that returns one, .* got 3"),
+        ("{}:broken", r"own_systems:broken: KeyError: 'nothing' \(.*own_systems.py, line \d+\)"),
+    ],
+)
+def test_what_is_no_system_is_refused_on_one_line(own_systems, name, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make(NAV, system=name.format(own_systems))
