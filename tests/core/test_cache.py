@@ -63,8 +63,8 @@ def test_it_reaches_through_closures_and_modules():
     def outer(inner):
         return lambda x: inner(x)
 
-    one, other = outer(with_source("def f(x):\n    return x\n")), outer(with_source("def f(x):\n    return -x\n"))
-    assert fingerprint(one) != fingerprint(other)
+    first, second = outer(with_source("def f(x):\n    return x\n")), outer(with_source("def f(x):\n    return -x\n"))
+    assert fingerprint(first) != fingerprint(second)
     through = with_source("def f(x):\n    return module.wrap(x)\n", module=module)
     before = fingerprint(through)
     wrap = module.wrap

@@ -69,7 +69,7 @@ def plain_episode(*, limit, seed, **options):
 
 def row_of(episode):
     """Return all that there is to compare of an episode, as numbers in a fixed order."""
-    w, come = episode.world, episode.outcome
+    w, outcome = episode.world, episode.outcome
     belief = w.estimate.belief
     parts = (
         *w.body.true_state,
@@ -80,8 +80,8 @@ def row_of(episode):
         *w.body.command,
     )
     observation = np.array(episode.observe(), np.float32)
-    told = (come.reward, come.terminated, come.truncated, come.is_success, come.distance)
-    return np.array([*observation, *told, *parts], np.float64)
+    judged = (outcome.reward, outcome.terminated, outcome.truncated, outcome.is_success, outcome.distance)
+    return np.array([*observation, *judged, *parts], np.float64)
 
 
 def begun(episode):
@@ -131,7 +131,7 @@ def record(case, mode, num_envs, watched, steps=STEPS):
         log.append(rows(observations, rewards, terminated, truncated, infos)[watched])
         actions[-1] = actions[-1][watched]
         if mode is SAME_STEP and "final_obs" in infos:
-            last = np.stack([observations[0] if one is None else one for one in infos["final_obs"]])
+            last = np.stack([observations[0] if row is None else row for row in infos["final_obs"]])
             last = rows(last, rewards, terminated, truncated, infos["final_info"])[watched]
             finals |= {(t, row): last[row] for row in np.flatnonzero(infos["_final_obs"][watched])}
         done = terminated | truncated

@@ -43,9 +43,9 @@ def test_what_type_checkers_read_is_what_is_found():
         for alias in node.names
         if node.module != "turtlebot_gym.lazy"
     }
-    found = {name: module for module, names in turtlebot_gym._HOMES.items() for name in names}
-    assert read == found
-    assert set(turtlebot_gym.__all__) == set(found)
+    homes = {name: module for module, names in turtlebot_gym._HOMES.items() for name in names}
+    assert read == homes
+    assert set(turtlebot_gym.__all__) == set(homes)
 
 
 def test_every_public_name_is_there():
@@ -53,21 +53,21 @@ def test_every_public_name_is_there():
     for name in turtlebot_gym.__all__:
         value = getattr(turtlebot_gym, name)
         assert value is not None
-        assert vars(turtlebot_gym)[name] is value  # found once
+        assert vars(turtlebot_gym)[name] is value  # looked up once
 
 
 @pytest.mark.parametrize(
     "statement",
     [
-        "from turtlebot_gym import *; found = Robot",
-        "from turtlebot_gym import Robot as found",
-        "import turtlebot_gym; found = turtlebot_gym.Robot",
-        "import turtlebot_gym; found = turtlebot_gym.robots.Robot",
-        "import pickle, turtlebot_gym; found = type(pickle.loads(pickle.dumps(turtlebot_gym.ROBOTS['burger'])))",
+        "from turtlebot_gym import *; robot = Robot",
+        "from turtlebot_gym import Robot as robot",
+        "import turtlebot_gym; robot = turtlebot_gym.Robot",
+        "import turtlebot_gym; robot = turtlebot_gym.robots.Robot",
+        "import pickle, turtlebot_gym; robot = type(pickle.loads(pickle.dumps(turtlebot_gym.ROBOTS['burger'])))",
     ],
 )
 def test_names_are_found_however_they_are_asked_for(statement):
-    assert run(f"import json\n{statement}\nprint(json.dumps(found.__name__))") == "Robot"
+    assert run(f"import json\n{statement}\nprint(json.dumps(robot.__name__))") == "Robot"
 
 
 def test_other_names_are_refused_as_by_any_module():

@@ -91,10 +91,10 @@ def test_what_the_last_step_returned_can_be_had_again(task):
     batch = started(TILE + 3, make_parameters(task))
     observations, outcomes = batch.step(np.full((TILE + 3, 2), 0.5, np.float32))
     worlds = [batch.world(i) for i in range(TILE + 3)]
-    again, told = batch.last()
+    again, outcomes_again = batch.last()
     assert again.tobytes() == observations.tobytes()
-    np.testing.assert_array_equal(told[1], outcomes[1])  # the distance; reward and end were the step's
-    assert not told[[0, 2, 3, 4, 5]].any()
+    np.testing.assert_array_equal(outcomes_again[1], outcomes[1])  # the distance; reward and end were the step's
+    assert not outcomes_again[[0, 2, 3, 4, 5]].any()
     assert [batch.world(i) for i in range(TILE + 3)] == worlds
 
 
@@ -109,7 +109,7 @@ def test_no_array_is_written_again_while_somebody_holds_it_or_a_part_of_it(num_e
             held += [observations[1:] if step % 2 else outcomes[2]]
             copies += [held[-1].copy()]
         del observations, outcomes
-    assert all((one == other).all() for one, other in zip(held, copies, strict=True))
+    assert all((array == copy).all() for array, copy in zip(held, copies, strict=True))
     assert len(places) < 12, "no array was used again"
 
 
@@ -303,16 +303,16 @@ from turtlebot_gym.kernel import HAS_NUMBA
 rng = np.random.default_rng(0)
 sums = []
 for name, options in (("Nav", {"noise": "rough"}), ("Square", {"noise": "documented", "integrator": "midpoint"})):
-    one = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=25, **options)
-    many = gym.make_vec(f"turtlebot_gym/TurtleBot{name}-v0", 3, max_episode_steps=25, info="full", **options)
-    sums.append(one.reset(seed=5)[0].tobytes().hex())
-    sums.append(many.reset(seed=5)[0].tobytes().hex())
+    scalar = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=25, **options)
+    vector = gym.make_vec(f"turtlebot_gym/TurtleBot{name}-v0", 3, max_episode_steps=25, info="full", **options)
+    sums.append(scalar.reset(seed=5)[0].tobytes().hex())
+    sums.append(vector.reset(seed=5)[0].tobytes().hex())
     for _ in range(60):
         actions = rng.uniform(-1.2, 1.2, (3, 2)).astype(np.float32)
-        observation, reward, terminated, truncated, info = one.step(actions[0])
-        observations, rewards, *_, infos = many.step(actions)
+        observation, reward, terminated, truncated, info = scalar.step(actions[0])
+        observations, rewards, *_, infos = vector.step(actions)
         if terminated or truncated:
-            one.reset()
+            scalar.reset()
     sums += [observation.tobytes().hex(), float(reward).hex(), info["covariance"].tobytes().hex()]
     sums += [observations.tobytes().hex(), rewards.tobytes().hex(), infos["covariance"].tobytes().hex()]
 print(json.dumps([HAS_NUMBA, sums]))

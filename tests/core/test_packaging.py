@@ -47,8 +47,8 @@ def test_classifiers_are_known_and_name_the_versions_that_are_tested():
         from trove_classifiers import classifiers
 
         assert set(PROJECT["classifiers"]) <= set(classifiers)
-    told = {match[1] for each in PROJECT["classifiers"] if (match := re.fullmatch(r".*Python :: (3\.\d+)", each))}
-    assert told == set(CI["jobs"]["test"]["strategy"]["matrix"]["python"])
+    versions = {match[1] for line in PROJECT["classifiers"] if (match := re.fullmatch(r".*Python :: (3\.\d+)", line))}
+    assert versions == set(CI["jobs"]["test"]["strategy"]["matrix"]["python"])
 
 
 def test_the_checker_depends_on_gymnasium_and_numpy_only():
@@ -73,15 +73,15 @@ def targets():
 
 
 def test_make_explains_each_target_in_80_columns():
-    told, every = targets()
-    assert set(told) == every
+    explained, every = targets()
+    assert set(explained) == every
     for words in ([], ["help"]):
         command = ["make", "--no-print-directory", *words]  # which make prints below another make
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0
         listed = done.stdout.splitlines()
         assert max(map(len, listed[:-1])) <= 80
-        for target, text in told.items():
+        for target, text in explained.items():
             assert re.search(rf"^  {target} .*{re.escape(text.split()[0])}", done.stdout, re.MULTILINE), target
         assert listed[-1].startswith("Variables: ")
 

@@ -69,7 +69,7 @@ def test_the_limit_ends_with_its_block():
     assert Threads.limit == before
 
 
-def told(value):
+def limit_in_a_process(value):
     script = "from turtlebot_gym.compiled.threads import Threads; print(Threads.limit)"
     return subprocess.run(
         [sys.executable, "-c", script], env={**os.environ, VARIABLE: value}, capture_output=True, text=True, timeout=100
@@ -78,12 +78,12 @@ def told(value):
 
 @pytest.mark.parametrize(("value", "limit"), [("", "None"), ("1", "1"), ("16", "16")])
 def test_the_environment_variable_sets_the_limit(value, limit):
-    assert told(value).stdout.strip() == limit
+    assert limit_in_a_process(value).stdout.strip() == limit
 
 
 @pytest.mark.parametrize("value", ["0", "two", "-1", "1.5"])
 def test_the_environment_variable_is_checked(value):
-    done = told(value)
+    done = limit_in_a_process(value)
     assert done.returncode != 0
     assert f"ValueError: {VARIABLE} must be" in done.stderr
 
@@ -94,7 +94,7 @@ def paced(pace, cost, steps):
     for _ in range(steps):
         made.append(pace.parallel)
         pace.tell(cost[pace.parallel])
-    return made, sum(cost[each] for each in made)
+    return made, sum(cost[parallel] for parallel in made)
 
 
 @pytest.mark.parametrize("slow", [1.2, 3.0, 20.0])
@@ -105,7 +105,7 @@ def test_the_faster_number_of_threads_is_found_and_trials_cost_little(best, slow
     made, spent = paced(pace, cost, 20_000)
     assert made.count(not best) <= 20 * TRIAL
     assert spent < 1.02 * 20_000 * 1e-4
-    assert max(len(run) for run in "".join("x" if each == best else "." for each in made).split(".")) <= LAST_TRIAL
+    assert max(len(run) for run in "".join("x" if parallel == best else "." for parallel in made).split(".")) <= LAST_TRIAL
 
 
 def test_a_change_of_the_machine_is_noticed():

@@ -217,8 +217,8 @@ class Batch:
         for observations, outcomes in self._given:
             if sys.getrefcount(observations) == _UNHELD == sys.getrefcount(outcomes):
                 return observations, outcomes
-        shape, told = self._shapes
-        fresh = np.empty(shape, np.float32), np.empty(told)
+        shape, shape_of_outcomes = self._shapes
+        fresh = np.empty(shape, np.float32), np.empty(shape_of_outcomes)
         self._given = [*self._given[-1:], fresh]
         return fresh
 

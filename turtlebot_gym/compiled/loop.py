@@ -225,9 +225,9 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
             for k in range(n_observation):
                 shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]
         for k in range(n_outcome):
-            told = outcomes[k][first : first + count]
+            column = outcomes[k][first : first + count]
             for lane in range(count):
-                told[lane] = scratch[at_outcome + k * TILE + lane]
+                column[lane] = scratch[at_outcome + k * TILE + lane]
 
     return step_tile
 

@@ -101,8 +101,9 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
             if name in known:
                 leaves.append(bool(known[name]) if isinstance(value, bool) else float(known[name]))
                 return repr(leaves[-1])
-            leaves.append(~(places[-1] * TILE) if name in same else places[-1] * TILE)  # inverted: not stored
-            place = f"buffer[at + {places[-1] * TILE}]"
+            offset = places[-1] * TILE
+            leaves.append(~offset if name in same else offset)  # inverted, even 0 says that it is read there, but not stored
+            place = f"buffer[at + {offset}]"
             if name not in same:
                 writes.append(f"    {place} = {path}")
             return f"({place} != 0.0)" if isinstance(value, bool) else place

@@ -138,7 +138,7 @@ def _checked(name: str, threads: int | None) -> int | None:
     return threads
 
 
-def _told() -> int | None:
+def _limit_given() -> int | None:
     """Return the limit set by the environment variable, if any."""
     text = os.environ.get(VARIABLE, "")
     if not text:
@@ -148,5 +148,5 @@ def _told() -> int | None:
     return _checked(VARIABLE, int(text))
 
 
-Threads.limit = _told()
+Threads.limit = _limit_given()
 os.register_at_fork(after_in_child=Threads.after_fork)
