@@ -11,7 +11,14 @@ from gymnasium.error import Error, InvalidAction, ResetNeeded
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, Options, ProcessNoise, Reward, Robot, make_parameters
 from turtlebot_gym.envs.navigation import NavigationEnv
+from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.plants import PLANTS
+from turtlebot_gym.presets import FILTERS, FIXES, NOISES
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.systems import OBSERVED
+from turtlebot_gym.systems.imu import IMUS
+from turtlebot_gym.tasks import TASKS
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 STRAIGHT = np.array([1.0, 0.0], np.float32)
@@ -32,22 +39,26 @@ def maker(request):
 
 
 NAMES = {
-    "robot": "'burger', 'waffle', 'turtlebot4', 'tutorial'",
-    "noise": "'clean', 'tutorial', 'documented', 'wheel', 'rough'",
-    "filter": "'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale', 'gyro'",
-    "integrator": "'euler', 'midpoint'",
-    "observation": "'ekf', 'odometry', 'truth'",
-    "arrival": "'truth', 'belief'",
-    "switch": "'arrival', 'time'",
-    "task": "'nav', 'pose', 'square', 'room'",
-    "plant": "'unicycle', 'mujoco'",
-    "fix": "'beacons', 'late', 'localization', 'markers', 'motion-capture'",
+    "robot": ROBOTS,
+    "noise": NOISES,
+    "filter": FILTERS,
+    "integrator": INTEGRATORS,
+    "observation": OBSERVED,
+    "arrival": ("truth", "belief"),
+    "switch": ("arrival", "time"),
+    "task": TASKS,
+    "plant": PLANTS,
+    "fix": FIXES,
+    "imu": IMUS,
 }
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_unknown_names_are_answered_with_the_known_ones(maker, name):
-    refused(lambda: maker(SQUARE, **{name: "nonsense"}), f"{name} must be one of {NAMES[name]}, got 'nonsense'")
+    refused(
+        lambda: maker(SQUARE, **{name: "nonsense"}),
+        f"{name} must be one of {', '.join(map(repr, NAMES[name]))}, got 'nonsense'",
+    )
 
 
 @pytest.mark.parametrize("name", [*NAMES, "reward", "world", "lidar"])
