@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import re
@@ -91,10 +92,10 @@ def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     assert fingerprint(loop._reset_lane_of(system)) not in prints
 
 
-# Processes that share a cache.
+# Files and processes.
 
 FUNCTION = """
-import sys, time
+import time
 import numpy as np
 from turtlebot_gym.compiled import cache, store
 from turtlebot_gym.kernel import kernel
@@ -106,79 +107,75 @@ def double(x):
 def function(x):
     return double(x) + 1.0
 
-began = time.perf_counter()
 loop = cache.compiled(function, "a function")
 result = loop(3.0)
 print(result, sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
 """
+LOADED, COMPILED = ["7.0", "1", "0"], ["7.0", "0", "1"]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch, capsys):
+    """Return a function that runs a program in this process, with a cache of its own, and returns what it prints."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+
+    def run(program=FUNCTION):
+        exec(program, {"__name__": __name__})
+        return capsys.readouterr().out.split()
+
+    return run
 
 
 def start(folder, program=FUNCTION, **options):
-    """Start a Python that runs a program with its cache in a folder."""
+    """Start a process that runs a program with its cache in a folder."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)} | options.pop("environment", {})
     return subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, env=environment, text=True, **options)
 
 
-def ran(folder, program=FUNCTION, **options):
-    """Run such a program and return what it prints."""
-    process = start(folder, program, **options)
-    printed, _ = process.communicate(timeout=300)
-    assert process.returncode == 0
-    return printed.split()
-
-
-LOADED, COMPILED = ["7.0", "1", "0"], ["7.0", "0", "1"]
-
-
-def test_the_second_process_loads_what_the_first_one_compiled(tmp_path):
-    assert ran(tmp_path) == COMPILED
-    assert ran(tmp_path, environment={"PYTHONHASHSEED": "5"}) == LOADED
+def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_terminal(tmp_path):
+    for expected, seed in ((COMPILED, "0"), (LOADED, "5")):
+        process = start(tmp_path, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
+        printed, said = process.communicate(timeout=300)
+        assert (printed.split(), said) == (expected, "")
     assert [path.suffix for path in (tmp_path / "turtlebot_gym").iterdir()] == [".bin"]  # no lock, no part of a file
 
 
-def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(tmp_path):
-    assert ran(tmp_path) == COMPILED
-    assert (
-        ran(tmp_path, "# one line more\n" + FUNCTION.replace("def double", "def unused(): pass\n@kernel\ndef double")) == LOADED
-    )
-    assert ran(tmp_path, FUNCTION.replace("2.0 * x", "x + x + 0.0")) == COMPILED
+def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
+    assert here() == COMPILED
+    assert here("# one line more\n" + FUNCTION.replace("def double", "def unused(): pass\n@kernel\ndef double")) == LOADED
+    assert here(FUNCTION.replace("2.0 * x", "x + x + 0.0")) == COMPILED
 
 
-def test_a_damaged_file_is_compiled_again(tmp_path):
-    ran(tmp_path)
+def test_a_damaged_file_is_compiled_again(here, tmp_path):
+    here()
     (path,) = (tmp_path / "turtlebot_gym").iterdir()
     path.write_bytes(path.read_bytes()[:1000])
-    assert ran(tmp_path) == COMPILED
-    assert ran(tmp_path) == LOADED
+    assert here() == COMPILED
+    assert here() == LOADED
 
 
-def test_without_a_folder_for_the_cache_it_goes_on(tmp_path):
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    assert ran(blocked) == COMPILED
-    assert ran(blocked) == COMPILED
+def test_without_a_folder_for_the_cache_it_goes_on(here, tmp_path):
+    (tmp_path / "turtlebot_gym").write_text("")
+    assert here() == COMPILED
+    assert here() == COMPILED
 
 
 def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):
-    slow = FUNCTION.replace("began =", "save = store.Store.save_overload\n"
-        "store.Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nbegan =")  # fmt: skip
+    slow = FUNCTION.replace("loop =", "save = store.Store.save_overload\n"
+        "store.Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nloop =")  # fmt: skip
     processes = [start(tmp_path, slow) for _ in range(2)]
     printed = sorted(process.communicate(timeout=300)[0].split() for process in processes)
     assert printed == [COMPILED, LOADED]
 
 
-def test_the_wait_for_another_process_ends(tmp_path):
-    hold = "import fcntl, sys; file = open(sys.argv[1], 'w'); fcntl.flock(file, fcntl.LOCK_EX); print(flush=True); input()"
-    impatient = FUNCTION.replace("began =", "store.LONGEST_WAIT = 0.2\nbegan =")
-    assert ran(tmp_path, impatient) == COMPILED
+def test_the_wait_for_another_process_ends(here, tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "LONGEST_WAIT", 0.2)
+    assert here() == COMPILED
     (path,) = (tmp_path / "turtlebot_gym").iterdir()
     path.unlink()
-    holder = subprocess.Popen(
-        [sys.executable, "-c", hold, str(path.with_suffix(".lock"))], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    holder.stdout.readline()
-    assert ran(tmp_path, impatient) == COMPILED
-    holder.communicate(b"\n")
+    with path.with_suffix(".lock").open("w") as file:  # a lock is of an open file, so this process can be the other one
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert here() == COMPILED
 
 
 def test_files_that_nobody_used_for_the_longest_time_are_removed(tmp_path, monkeypatch):
@@ -205,11 +202,6 @@ def test_a_terminal_shows_what_is_compiled_and_how_long_it_took(tmp_path):
 
     assert re.fullmatch(r"turtlebot_gym: compiling a function for this machine, once \.\.\. \d+\.\d s\r\n", shown())
     assert shown() == ""
-
-
-def test_it_is_silent_where_stderr_is_not_a_terminal(tmp_path):
-    process = start(tmp_path, stderr=subprocess.PIPE)
-    assert process.communicate(timeout=300)[1] == ""
 
 
 def test_the_systems_that_are_compiled_ahead_have_loops_of_their_own():

@@ -125,7 +125,7 @@ def test_parameters_and_worlds_have_a_place_each():
     assert layout.world.names[covariance.start] == "estimate.belief.covariance.xx"
 
 
-@pytest.mark.parametrize("preset", ["clean", "tutorial", "documented", "rough"])  # "wheel" has a filter of its own
+@pytest.mark.parametrize("preset", ["clean", "tutorial", "documented", "wheel", "rough"])
 def test_all_parameters_have_the_same_structure(preset):
     # A preset with an int for a float, or a tuple of another length, would need another compiled loop.
     def shape(value):
