@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
@@ -176,6 +177,16 @@ def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp
     assert set(world.speeds[world.speeds.index(0.0) :]) == {0.0}
     process.send_signal(signal.SIGTERM)
     assert process.wait(30) == 0
+
+
+def test_a_node_whose_callback_fails_ends_with_an_error(launch, peer, wait_for):
+    fails = "from turtlebot_gym_ros.node import shell; shell.Shell._serve_reset = lambda *_: 1 / 0"
+    process = launch("-c", f"{fails}\nfrom turtlebot_gym_ros.__main__ import main\nmain(['kalman_filter'])")
+    client = peer.node.create_client(Trigger, "kalman_filter/reset")
+    wait_for(client.service_is_ready)
+    wait_for(lambda: client.call_async(Trigger.Request()) and process.poll() is not None)
+    assert process.returncode == 1
+    assert "ZeroDivisionError" in process.stderr.read()
 
 
 @pytest.mark.nightly

@@ -1,13 +1,13 @@
 """The table of `status`: a line for each node, wrapped where the terminal is narrow, and nothing is cut."""
 
-from turtlebot_gym_ros.graph.status import table
+from turtlebot_gym_ros.graph.status import _table
 
 LONG = "waits for /reference, for /estimate since 12.5 s, and for a listener on /cmd_vel: no step was answered since 3.25 s"
 REPORTS = {"velocity_controller": (1, LONG), "kalman_filter": (0, "ok"), "turtlebot_simulator": (3, "")}
 
 
 def test_a_pipe_has_a_line_for_each_node():
-    lines = table(REPORTS, width=None)
+    lines = _table(REPORTS, width=None)
     assert lines == [
         "node                 level    says",
         f"velocity_controller  warning  {LONG}",
@@ -17,7 +17,7 @@ def test_a_pipe_has_a_line_for_each_node():
 
 
 def test_a_narrow_terminal_wraps_between_words():
-    lines = table(REPORTS, width=80)
+    lines = _table(REPORTS, width=80)
     assert max(map(len, lines)) <= 80
     assert len(lines) > 4
     assert " ".join(" ".join(lines[1:-2]).split()) == f"velocity_controller warning {LONG}"

@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 
-class Entry(NamedTuple):
+class _Entry(NamedTuple):
     """A node."""
 
     target: str
@@ -31,42 +31,42 @@ class Entry(NamedTuple):
 
 BOTH = ("autonomous", "teleoperation")
 NODES = {
-    "waypoint_generator": Entry(
+    "waypoint_generator": _Entry(
         "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", "waypoints",
         modes=("autonomous",), place=(0, 1),
     ),
-    "velocity_controller": Entry(
+    "velocity_controller": _Entry(
         "blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel", "controller",
         modes=("autonomous",), place=(1, 1), guarded="cmd_vel_in",
     ),
-    "turtlebot_simulator": Entry(
+    "turtlebot_simulator": _Entry(
         "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", "robot",
         modes=BOTH, place=(2, 0),
     ),
-    "kalman_filter": Entry(
+    "kalman_filter": _Entry(
         "blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", "filter", modes=BOTH, place=(1, 0)
     ),
-    "simulated_teleop": Entry(
+    "simulated_teleop": _Entry(
         "blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel", "person",
         place=(2, 2), guarded="cmd_vel_teleop",
     ),
-    "calibration_drive": Entry(
+    "calibration_drive": _Entry(
         "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel", "calibration",
         place=(1, 2), guarded="cmd_vel_in",
     ),
-    "cmd_vel_guard": Entry(
+    "cmd_vel_guard": _Entry(
         "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
         place=(2, 1), is_block=False,
     ),
-    "data_logger": Entry(
+    "data_logger": _Entry(
         "recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder", is_block=False
     ),
-    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
-    "bringup": Entry(
+    "visualization": _Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
+    "bringup": _Entry(
         "graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer", is_block=False
     ),
-    "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
-    "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
+    "watch": _Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
+    "status": _Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""

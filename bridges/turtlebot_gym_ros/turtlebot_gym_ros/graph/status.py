@@ -20,7 +20,7 @@ LEAST = 20
 """Least width in which a text is wrapped, characters."""
 
 
-def table(reports: Mapping[str, tuple[int, str]], *, width: int | None) -> list[str]:
+def _table(reports: Mapping[str, tuple[int, str]], *, width: int | None) -> list[str]:
     """Return the lines of a table of reports.
 
     Args:
@@ -62,5 +62,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = (*expected, *sorted(set(reports) - set(expected)))
     rows = {name: reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}")) for name in names}
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() or "COLUMNS" in os.environ else None
-    print("\n".join(table(rows, width=width)))
+    print("\n".join(_table(rows, width=width)))
     return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1
