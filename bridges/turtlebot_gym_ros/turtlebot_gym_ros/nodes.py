@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 
-class _Entry(NamedTuple):
+class Entry(NamedTuple):
     """A node."""
 
     target: str
@@ -31,42 +31,42 @@ class _Entry(NamedTuple):
 
 BOTH = ("autonomous", "teleoperation")
 NODES = {
-    "waypoint_generator": _Entry(
+    "waypoint_generator": Entry(
         "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", "waypoints",
         modes=("autonomous",), place=(0, 1),
     ),
-    "velocity_controller": _Entry(
+    "velocity_controller": Entry(
         "blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel", "controller",
         modes=("autonomous",), place=(1, 1), guarded="cmd_vel_in",
     ),
-    "turtlebot_simulator": _Entry(
+    "turtlebot_simulator": Entry(
         "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", "robot",
         modes=BOTH, place=(2, 0),
     ),
-    "kalman_filter": _Entry(
+    "kalman_filter": Entry(
         "blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", "filter", modes=BOTH, place=(1, 0)
     ),
-    "simulated_teleop": _Entry(
+    "simulated_teleop": Entry(
         "blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel", "person",
         place=(2, 2), guarded="cmd_vel_teleop",
     ),
-    "calibration_drive": _Entry(
+    "calibration_drive": Entry(
         "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel", "calibration",
         place=(1, 2), guarded="cmd_vel_in",
     ),
-    "cmd_vel_guard": _Entry(
+    "cmd_vel_guard": Entry(
         "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
         place=(2, 1), is_block=False,
     ),
-    "data_logger": _Entry(
+    "data_logger": Entry(
         "recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder", is_block=False
     ),
-    "visualization": _Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
-    "bringup": _Entry(
+    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
+    "bringup": Entry(
         "graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer", is_block=False
     ),
-    "watch": _Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
-    "status": _Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
+    "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
+    "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
