@@ -85,8 +85,8 @@ def test_a_stopped_search_resumes_as_if_nothing_had_happened(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"tries": 0}, "tries must be a positive whole number, got 0"),
-        ({"episodes": 2.5}, r"episodes must be a positive whole number, got 2\.5"),
+        ({"tries": 0}, "tries must be a whole number of at least 1, got 0"),
+        ({"episodes": 2.5}, r"episodes must be a whole number of at least 1, got 2\.5"),
         ({"seed": -1}, "seed must be a whole number from 0 to 9223372036854775807"),
         ({"policy": "ppo-nav"}, "policy must be one of 'proportional', 'bearing', 'corner', 'polar', 'rotate-drive-rotate'"),
         ({"env": "CartPole-v1"}, "env must be one of"),
@@ -180,8 +180,8 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
     ("arguments", "message"),
     [
         (["tune-baseline", "--policy", "ppo-nav"], "policy must be one of 'proportional', "),
-        (["tune-baseline", "--tries", "0"], "tries must be a positive whole number"),
-        (["tune-baseline", "--episodes", "-1"], "episodes must be a positive whole number"),
+        (["tune-baseline", "--tries", "0"], "tries must be a whole number of at least 1"),
+        (["tune-baseline", "--episodes", "-1"], "episodes must be a whole number of at least 1"),
         (["tune-baseline", "--delay", "-1"], "delay"),
         (["tune-baseline", "--out", "best.yaml"], "--out best.yaml: its name must end with .json"),
         (["tune-baseline", "--observation", "lidar"], "observation must be one of"),

@@ -18,7 +18,7 @@ import numpy as np
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.validation import Range, choose
+from turtlebot_gym.validation import Range, choose, whole
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
 from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers, layout_of_baseline
@@ -74,8 +74,7 @@ def tune_baseline(
     """
     kind = choose("policy", policy, POLICIES)
     for name, number in (("tries", tries), ("episodes", episodes)):
-        if not (isinstance(number, int) and number > 0):
-            raise ValueError(f"{name} must be a positive whole number, got {number!r}.")
+        whole(name, number, 1)
     require_known(env, seed)
     if path.suffix != ".json":
         raise ValueError(f"out must be a file *.json, got {str(path)!r}.")

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Options, Parameters
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, shown, typed
+from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, did_you_mean, refusal, typed
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
@@ -65,8 +65,9 @@ class TrainingConfig(Options):
         typed(self, "")
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
         if not isinstance(self.env, str) or self.env not in registry:
-            known = ", ".join(repr(spec.id) for spec in registry.values() if spec.namespace == "turtlebot_gym")
-            raise ValueError(f"env must be one of {known}, or another id with their arguments, got {shown(self.env)}.")
+            known = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
+            error = refusal("env", f"one of {', '.join(map(repr, known))}, or another id with their arguments", self.env)
+            raise ValueError(f"{error}{did_you_mean(self.env, known)}")
         object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
 
     @property
