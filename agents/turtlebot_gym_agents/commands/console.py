@@ -43,7 +43,7 @@ class Writing:
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
-_ENVIRONMENT = flags("robot", "noise", "filter", "observation", *SENSORS, "world", "lidar", "arrival", "delay")
+_ENVIRONMENT = flags("robot", "noise", "filter", "observation", *SENSORS, "world", "lidar", "arrival", "delay", "system")
 
 
 @dataclass(frozen=True, kw_only=True)
