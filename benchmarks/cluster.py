@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import tyro
 
-from turtlebot_gym_agents.cluster.drives import CHUNK, Drive, drives
+from turtlebot_gym_agents.cluster.drives import CHUNK, DriveUnit, drives
 from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.trainings import Training
 from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn, key
@@ -82,7 +82,7 @@ def measured(config: Config) -> dict[str, Any]:
             if workers == 0:
                 row = {"work": seconds_of(work, in_turn), "empty": seconds_of(empty, in_turn)}
             else:
-                with workers_on("local", workers=workers, memory=Drive.memory) as here:
+                with workers_on("local", workers=workers, memory=DriveUnit.memory) as here:
                     complete(work[: 2 * workers], workers=here)  # workers have started and loaded the loops
                     start = time.perf_counter() - begun
                     row = {"start": start, "work": seconds_of(work, here), "empty": seconds_of(empty, here)}

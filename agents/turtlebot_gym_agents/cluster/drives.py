@@ -26,7 +26,7 @@ CHUNK = 250
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drive:
+class DriveUnit:
     """Some episodes of a policy, one for each seed: a unit of work, see `units`."""
 
     policy: str
@@ -82,7 +82,7 @@ def drives(
     files: Attachments | None = None,
     allow_mismatch: bool = False,
     **options: Any,
-) -> list[Drive]:
+) -> list[DriveUnit]:
     """Return the units of an evaluation.
 
     Args:
@@ -98,7 +98,7 @@ def drives(
     carried = {**attach(policy, *options.values()), **(files or {})}
     common = {"policy": policy, "env": env, "options": options, "files": carried, "allow_mismatch": allow_mismatch}
     return [
-        Drive(**common, seed=seed + start, episodes=size, trajectory=start == 0) for start, size in batches(episodes, chunk)
+        DriveUnit(**common, seed=seed + start, episodes=size, trajectory=start == 0) for start, size in batches(episodes, chunk)
     ]
 
 

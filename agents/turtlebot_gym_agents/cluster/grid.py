@@ -24,7 +24,7 @@ from typing import Any
 
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import shown, whole
-from turtlebot_gym_agents.cluster.drives import CHUNK, Drive, drives, evaluation
+from turtlebot_gym_agents.cluster.drives import CHUNK, DriveUnit, drives, evaluation
 from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.trainings import Training
 from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn
@@ -105,7 +105,7 @@ class Grid:
             settings["config"] = Path(settings["config"])
         return [Training.of(TrainingConfig(**settings, seed=seed)) for seed in range(seeds)]
 
-    def drives_of(self, policy: str, cell: Mapping[str, Any], *, bundle: bytes | None = None) -> list[Drive]:
+    def drives_of(self, policy: str, cell: Mapping[str, Any], *, bundle: bytes | None = None) -> list[DriveUnit]:
         """Return the units of a policy's evaluation in a cell; the policy may be the content of a bundle."""
         files = None if bundle is None else {policy: {Path(policy).name: bundle}}
         return drives(policy, **cell, episodes=self.episodes, seed=self.seed, chunk=self.chunk, files=files)

@@ -97,9 +97,9 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
         ]
 
     def _spread(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
-        from turtlebot_gym_agents.cluster.drives import Drive, evaluate_all
+        from turtlebot_gym_agents.cluster.drives import DriveUnit, evaluate_all
 
-        with self.place(memory=Drive.memory) as place:
+        with self.place(memory=DriveUnit.memory) as place:
             return evaluate_all(asked, **place._asdict(), progress=advance_to)
 
     def _label(self, *names: str) -> str:

@@ -66,7 +66,7 @@ class Train(Placement, _Learned):
     seeds: int = 1
     """Number of seeds to train."""
     resume: bool = False
-    """Resume from the checkpoints in the folder."""
+    """Resume from the checkpoints in the folder, in new episodes."""
     evaluations: int = 8
     """Number of evaluations during training."""
     watch: bool = False

@@ -36,12 +36,12 @@ class Study(Placement, Writing):
 
     def run(self) -> None:
         """Run the study, print a table, and write the requested files."""
-        from turtlebot_gym_agents.cluster.drives import Drive
+        from turtlebot_gym_agents.cluster.drives import DriveUnit
         from turtlebot_gym_agents.cluster.grid import read_grid, study
         from turtlebot_gym_agents.cluster.trainings import Training
 
         grid = read_grid(self.file)
-        memory = Training.memory if grid.trainings else Drive.memory
+        memory = Training.memory if grid.trainings else DriveUnit.memory
         with self.place(memory=memory, store=self.out / "units") as place, progress(1) as advance_to:
             rows = study(grid, **place._asdict(), progress=lambda done, total: advance_to(done, total))
         drawn = table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")

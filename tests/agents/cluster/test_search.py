@@ -57,11 +57,11 @@ class Imagined:
             self.seen.append(unit)
             value = -abs(rate_of(unit) - 0.003)
             state = "PRUNED" if rate_of(unit) > 0.009 else "COMPLETE"
-            told = {"state": state, "value": value if state == "COMPLETE" else None, "on_the_way": [value], "history": []}
-            yield name, Result(told, {}, {}, {})
+            facts = {"state": state, "value": value if state == "COMPLETE" else None, "on_the_way": [value], "history": []}
+            yield name, Result(facts, {}, {}, {})
 
 
-def told(study):
+def trials_of(study):
     return [(trial.number, trial.state.name, trial.value, trial.params) for trial in study.trials]
 
 
@@ -71,14 +71,14 @@ def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption
     assert [trial.number for trial in expected.trials] == list(range(14))
     assert expected.trials[0].params["learning_rate"] == 0.001  # where the search starts
     assert len({str(trial.params) for trial in expected.trials}) == 14
-    assert told(search(config, tmp_path / "two", **common, workers=Imagined(backwards=True))) == told(expected)
+    assert trials_of(search(config, tmp_path / "two", **common, workers=Imagined(backwards=True))) == trials_of(expected)
 
     store = Store(tmp_path / "units")
     with pytest.raises(KeyboardInterrupt):
         search(config, tmp_path / "three", **common, workers=Imagined(limit=6), store=store)
     later = Imagined()
     search(config, tmp_path / "three", trials=9, generation=4, workers=later, store=store)
-    assert told(search(config, tmp_path / "three", **common, workers=later, store=store)) == told(expected)
+    assert trials_of(search(config, tmp_path / "three", **common, workers=later, store=store)) == trials_of(expected)
     assert len(later.seen) == 14 - 6
     content = hyperparameters.load("ppo", config.env, tmp_path / "three" / "best.yaml")
     assert content["learning_rate"] == expected.best_params["learning_rate"]
@@ -112,12 +112,14 @@ def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypa
         lambda trial, config: (config.hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
     )
     journal = str(tmp_path / "deep" / "study.journal")
-    first = told(tune(config, tmp_path / "one", trials=3, storage=journal))
+    first = trials_of(tune(config, tmp_path / "one", trials=3, storage=journal))
     both = tune(config, tmp_path / "two", trials=6, storage=journal)
-    assert told(both)[:3] == first
+    assert trials_of(both)[:3] == first
     assert len({str(trial.params) for trial in both.trials}) == 6
     assert (tmp_path / "two" / "best.yaml").is_file()
-    assert told(tune(config, tmp_path / "three", trials=6, storage=f"sqlite:///{tmp_path / 'other.db'}")) == told(both)
+    assert trials_of(tune(config, tmp_path / "three", trials=6, storage=f"sqlite:///{tmp_path / 'other.db'}")) == trials_of(
+        both
+    )
     with pytest.raises(ValueError, match="storage must be a file or the URL of a database"):
         tune(config, tmp_path / "one", trials=1, storage="nothing://at/all")
 

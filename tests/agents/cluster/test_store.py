@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_agents.cluster.drives import Drive
+from turtlebot_gym_agents.cluster.drives import DriveUnit
 from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.units import complete, in_turn, key
 
@@ -51,7 +51,7 @@ def test_a_failed_write_leaves_nothing_and_damage_is_reported(tmp_path):
         Store(tmp_path).get("b")
 
 
-UNITS = [Drive(policy="bearing", env="turtlebot_gym/TurtleBotNav-v0", seed=seed, episodes=1) for seed in (0, 1, 2, 1)]
+UNITS = [DriveUnit(policy="bearing", env="turtlebot_gym/TurtleBotNav-v0", seed=seed, episodes=1) for seed in (0, 1, 2, 1)]
 
 
 class Counted:
@@ -91,4 +91,4 @@ def test_what_was_stopped_goes_on_where_it_was(tmp_path):
 
 def test_an_error_of_a_unit_ends_the_work():
     with pytest.raises(ValueError, match="policy must be one of"):
-        complete([Drive(policy="nobody", env=UNITS[0].env, seed=0, episodes=1)], workers=in_turn)
+        complete([DriveUnit(policy="nobody", env=UNITS[0].env, seed=0, episodes=1)], workers=in_turn)

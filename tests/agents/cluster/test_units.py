@@ -11,7 +11,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import units as module
 from turtlebot_gym_agents.cluster.attachments import attach, placed, unpacked
-from turtlebot_gym_agents.cluster.drives import Drive, columns, drives, evaluate_all, evaluation
+from turtlebot_gym_agents.cluster.drives import DriveUnit, columns, drives, evaluate_all, evaluation
 from turtlebot_gym_agents.cluster.trainings import Training
 from turtlebot_gym_agents.cluster.units import key, run
 from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
@@ -24,9 +24,9 @@ NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "S
 
 def text(evaluation):
     """Return an evaluation as it is written, every digit of every number."""
-    told = plain({"config": evaluation.config, "summary": evaluation.summary()})
+    summary = plain({"config": evaluation.config, "summary": evaluation.summary()})
     numbers = {name: values.tobytes().hex() for name, values in columns(evaluation.episodes)}
-    return json.dumps({**told, "episodes": numbers, "path": evaluation.trajectory.true_state.tobytes().hex()})
+    return json.dumps({**summary, "episodes": numbers, "path": evaluation.trajectory.true_state.tobytes().hex()})
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_unit_can_be_pickled_and_is_the_same_again():
     assert key(pickle.loads(pickle.dumps(config))) == key(config)
 
 
-UNIT = Drive(policy="bearing", env=NAV, seed=0, episodes=4, options={"noise": "clean"})
+UNIT = DriveUnit(policy="bearing", env=NAV, seed=0, episodes=4, options={"noise": "clean"})
 
 
 @pytest.mark.parametrize(
