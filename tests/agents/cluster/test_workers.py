@@ -26,7 +26,6 @@ from turtlebot_gym_agents.cluster.workers import workers_on
 from turtlebot_gym_agents.commands.cli import main
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
-KILLS = int(os.environ.get("TURTLEBOT_GYM_KILLS", "3"))
 YAML = """default:
   n_envs: 32
   n_timesteps: 1024
@@ -73,10 +72,13 @@ def written(command, folder, monkeypatch, *options):
     return json.dumps(content, indent=1)
 
 
-@pytest.mark.parametrize("command", ["evaluate", *(pytest.param(name, marks=pytest.mark.slow) for name in COMMANDS)])
-def test_any_number_of_workers_writes_the_same_file_as_none(command, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("command", "counts"),
+    [("evaluate", (2,)), *(pytest.param(name, (1, 2, 4), marks=pytest.mark.nightly) for name in COMMANDS)],
+)
+def test_any_number_of_workers_writes_the_same_file_as_none(command, counts, tmp_path, monkeypatch):
     expected = written(command, tmp_path / "plain", monkeypatch)
-    for workers in (1, 2, 4):
+    for workers in counts:
         found = written(command, tmp_path / str(workers), monkeypatch, "--cluster", "local", "--workers", str(workers))
         assert found == expected, workers
 
@@ -93,11 +95,12 @@ class Counting(Store):
         super().put(key, result)
 
 
-def test_a_killed_worker_costs_running_units_alone(tmp_path):
+@pytest.mark.parametrize("kills", [1, pytest.param(20, marks=pytest.mark.nightly)])
+def test_a_killed_worker_costs_running_units_alone(kills, tmp_path):
     """In each run a worker is killed in the middle of a unit; what the other one was running may be repeated, too."""
     random.seed(7)
     with workers_on("local", workers=2) as workers:
-        for number in range(KILLS):
+        for number in range(kills):
             folder = tmp_path / str(number)
             store, killings = Counting(folder / "store"), []
             units = [killed.Logged(number=unit, folder=str(folder), holds=unit == 7) for unit in range(8)]
@@ -138,7 +141,9 @@ def test_an_error_of_a_unit_is_that_of_the_command(capsys):
     assert "policy must be one of" in line
 
 
-@pytest.mark.parametrize("group", [False, True], ids=["this process", "its workers as well, as from a terminal"])
+@pytest.mark.parametrize(
+    "group", [pytest.param(False, marks=pytest.mark.nightly, id="one process"), pytest.param(True, id="all")]
+)
 def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, environment):
     store, out = tmp_path / "store", tmp_path / "out.json"
     asked = ["evaluate", "--policy", "bearing", "--episodes", "20000", "--json", str(out)]
