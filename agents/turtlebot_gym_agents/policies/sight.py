@@ -98,9 +98,5 @@ def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: 
         curved = np.where(np.isfinite(apart), curved, np.inf)
     time = np.where(np.abs(rate) > 1e-3, curved, straight)
     time = np.where(speed > 1e-6, time, np.inf)  # a round robot that turns on the spot meets nothing
-    return np.where(np.abs(points) <= radius, np.where(is_towards(points, v), 0.0, np.inf), time)
-
-
-def is_towards(points: NDArray[np.complex128], v: Any) -> NDArray[np.bool_]:
-    """Return whether points lie on the side to which a robot drives."""
-    return points.real * v > 0.0
+    in_contact = np.where(points.real * v > 0.0, 0.0, np.inf)  # a robot may leave a point to which it does not drive
+    return np.where(np.abs(points) <= radius, in_contact, time)
