@@ -227,12 +227,18 @@ class Reward:
     """Factor of the squared speed and turning rate, as shares of their limits; subtracted."""
     success: Annotated[float, FINITE] = 10.0
     """Added when the episode ends in success."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomReward(Reward):
+    """Weights of the reward in a room: those of open ground, and of what there is to collide with."""
+
     collision: Annotated[float, FINITE] = 50.0
-    """Subtracted when the episode ends in a collision; like the next two fields, for rooms."""
+    """Subtracted when the episode ends in a collision."""
     nearness: Annotated[float, FINITE] = 0.5
     """Subtracted at every step, times the share of `near` that the clearance lacks."""
     near: Annotated[float, POSITIVE] = 0.15
     """Clearance below which `nearness` counts, m."""
-
-    def __post_init__(self) -> None:
-        typed(self)

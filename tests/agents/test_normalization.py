@@ -8,6 +8,7 @@ import torch
 from gymnasium import spaces
 
 from turtlebot_gym import NOISES
+from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import make_parameters, make_room
@@ -99,7 +100,7 @@ def test_rooms_differ_in_their_world_and_their_lidar():
     base = make_parameters(noise="tutorial")
     assert not any(one.room for one in randomized(base, 20, seed=3))
     room = make_room(ROOMS["dense"], LIDARS["lds01"], base.dt)
-    drawn = [one.room for one in randomized(base._replace(room=room), 1400, seed=3)]
+    drawn = [one.room for one in randomized(base._replace(reward=RoomReward(), room=room), 1400, seed=3)]
     share = {name: np.mean([one.rules == ROOMS[name] for one in drawn]) for name in ROOMS}
     weights = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1}
     assert share == {name: pytest.approx(weight / 14.0, abs=0.04) for name, weight in weights.items()}

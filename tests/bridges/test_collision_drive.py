@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
@@ -32,7 +33,11 @@ class Drive:
         lidar, self.rng = replace(LIDARS["lds01"], x=x, range_min=range_min), np.random.default_rng(seed)
         base = make_parameters(ROOM, robot="burger", integrator="midpoint", dt=DT, delay=3)
         rules = [ROOMS[worlds[k % len(worlds)]] for k in range(number)]
-        self.batch = Batch(number, [base._replace(room=make_room(each, lidar, DT)) for each in rules], (Pose(0.0, 0.0, 0.0),))
+        self.batch = Batch(
+            number,
+            [base._replace(reward=RoomReward(), room=make_room(each, lidar, DT)) for each in rules],
+            (Pose(0.0, 0.0, 0.0),),
+        )
         self.batch.seeds[:] = 1000 * seed + np.arange(number)
         self.batch.reset(np.ones(number, np.bool_), *self.batch.empty())
         options = {"collision_monitor": True, "scan_mount": "given", "scan_x": x, **parameters}

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import gymnasium as gym
 import pytest
 
-from turtlebot_gym.parameters import FilterTuning, Gated, Noise, OdometryNoise, ProcessNoise, Reward, Scale
+from turtlebot_gym.parameters import FilterTuning, Gated, Noise, OdometryNoise, ProcessNoise, Reward, RoomReward, Scale
 from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters
@@ -69,6 +69,15 @@ def test_the_defaults_of_a_filter_and_of_the_reward():
         "kind": {"remember_velocity": False, "wrap_innovation": True, "gate": INF, "max_rejections": 10},
     }
     assert (Gated(heading_gate=6.0).max_rejections, Scale().scale_deviation) == (10, 0.05)
-    assert asdict(Reward()) == {
-        "progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "collision": 50.0, "nearness": 0.5, "near": 0.15
-    }  # fmt: skip
+    weights = {"progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0}
+    assert asdict(Reward()) == weights
+    assert asdict(RoomReward()) == weights | {"collision": 50.0, "nearness": 0.5, "near": 0.15}
+
+
+def test_weights_for_rooms_are_refused_on_open_ground_and_completed_in_rooms():
+    assert make_parameters("room", reward=Reward(time=0.3)).reward == RoomReward(time=0.3)
+    assert make_parameters("room", reward={"collision": 9.0}).reward == RoomReward(collision=9.0)
+    with pytest.raises(ValueError, match="reward must be a Reward on open ground"):
+        make_parameters(reward=RoomReward())
+    with pytest.raises(ValueError, match="reward: Reward has no collision"):
+        make_parameters(reward={"collision": 9.0})

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task
-from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
+from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning, Gated, Kalman, Mixture, RoomReward, Scale, Slip
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.rooms.lidar import MAX_BEAMS, Lidar
 from turtlebot_gym.rooms.rules import RoomRules
@@ -271,7 +271,8 @@ RULES = {
     Mixture: {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"},
     Slip: {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"},
     Scale: {NON_NEGATIVE: "scale_deviation"},
-    Reward: {FINITE: "progress time effort success collision nearness", POSITIVE: "near"},
+    Reward: {FINITE: "progress time effort success"},
+    RoomReward: {FINITE: "progress time effort success collision nearness", POSITIVE: "near"},
     Task: {
         POSITIVE: "arena radius",
         NON_NEGATIVE: "min_distance margin",

@@ -14,6 +14,7 @@ from PIL import Image
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms import drawing, geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.lidar import LIDARS
@@ -277,7 +278,7 @@ def hall(tmp_path):
 def test_a_map_is_the_same_compiled_and_in_plain_python(hall):
     plan = read_map(hall)
     p = make_parameters(ROOM, noise="rough")
-    p = p._replace(room=make_room(plan, LIDARS["a1"], p.dt))
+    p = p._replace(reward=RoomReward(), room=make_room(plan, LIDARS["a1"], p.dt))
     batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),), plan=plan)
     batch.seeds[:] = np.arange(35)
     observations, outcomes = batch.empty()

@@ -10,6 +10,7 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.update import of_x, update
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Walls
@@ -35,7 +36,7 @@ def estimate_by_the_wall_ahead(estimate, before, senses, p, room, scene):
 @pytest.fixture(scope="module")
 def parameters():
     p = make_parameters(ROOM, noise="tutorial")
-    return p._replace(room=make_room(HALL, LIDARS["ideal"], p.dt))
+    return p._replace(reward=RoomReward(), room=make_room(HALL, LIDARS["ideal"], p.dt))
 
 
 @pytest.fixture(scope="module")

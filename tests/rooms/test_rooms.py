@@ -11,10 +11,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from gymnasium_vector_checker import check_vector_env
-from turtlebot_gym import Reward
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.rooms import RoomsEnv
 from turtlebot_gym.envs.rooms_vector import RoomsVectorEnv
+from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
@@ -29,7 +29,7 @@ HALL = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0), start=Pose(0.0, 0.0, 0.0), goal=Pos
 @pytest.mark.parametrize(("world", "lidar"), [*zip(ROOMS, ["lds01", "a1", "ideal", "lds02", "lds01", "a1"], strict=True)])
 def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, lidar):
     p = make_parameters(ROOM, noise="rough", integrator="midpoint", delay=1)
-    p = p._replace(room=make_room(ROOMS[world], LIDARS[lidar], p.dt))
+    p = p._replace(reward=RoomReward(), room=make_room(ROOMS[world], LIDARS[lidar], p.dt))
     batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),))
     batch.seeds[:] = np.arange(35)
     observations, outcomes = batch.empty()
@@ -101,7 +101,7 @@ def test_the_goal_ends_an_episode_and_pays():
 
 def test_nearness_costs():
     """A robot that stands 0.195 m from a wall: 0.5 times (1 - 0.195 / 0.3) a step, and 0.1 for the time."""
-    env = RoomsEnv(world=replace(HALL, start=Pose(0.0, 2.7, 0.0)), noise="clean", lidar="ideal", reward=Reward(near=0.3))
+    env = RoomsEnv(world=replace(HALL, start=Pose(0.0, 2.7, 0.0)), noise="clean", lidar="ideal", reward=RoomReward(near=0.3))
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(2, np.float32))
     assert info["clearance"] == pytest.approx(0.195)
@@ -116,7 +116,7 @@ def test_progress_is_that_of_the_shortest_way():
         start=Pose(0.6, 0.0, math.pi / 2.0),
         goal=Pose(1.5, -1.0, 0.0),
     )
-    env = RoomsEnv(world=plan, noise="clean", lidar="ideal", reward=Reward(time=0.0, effort=0.0, nearness=0.0))
+    env = RoomsEnv(world=plan, noise="clean", lidar="ideal", reward=RoomReward(time=0.0, effort=0.0, nearness=0.0))
     env.reset(seed=0)
     rewards = [env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(30)]
     assert np.mean(rewards[5:]) == pytest.approx(1.0, abs=0.1)
@@ -171,7 +171,7 @@ def test_no_parameter_of_a_lidar_is_forgotten():
 @pytest.mark.parametrize("changes", [{"collision": 3.0}, {"nearness": 2.0}, {"near": 0.4}])
 def test_every_weight_of_a_room_changes_a_reward(changes):
     values = []
-    for weights in (Reward(), Reward(**changes)):
+    for weights in (RoomReward(), RoomReward(**changes)):
         env = RoomsEnv(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
         env.reset(seed=0)
         values.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])

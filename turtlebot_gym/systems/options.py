@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward, RoomReward
 from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, resolve
 from turtlebot_gym.robots import Robot
@@ -86,7 +86,7 @@ class Options:
     waypoints: Sequence[Sequence[float]] | None = None
     """Square only: poses to visit instead of the square: x, y and heading; m, rad."""
     reward: Reward | Mapping[str, float] | None = None
-    """Weights, a `turtlebot_gym.Reward`, or a mapping of some of them."""
+    """Weights, a `turtlebot_gym.Reward`, in a room a `turtlebot_gym.parameters.RoomReward`, or a mapping of some of them."""
     delay: int = 0
     """Delay of commands in steps, 0 to 3."""
     dt: float = REFERENCE_PERIOD
@@ -170,7 +170,7 @@ class Options:
                 noise,
                 make_filter(self.filter, noise, imu=imu),
                 task,
-                Reward() if self.reward is None else made(Reward, self.reward, "reward"),
+                self._reward(),
                 dt,
                 choose("integrator", self.integrator, INTEGRATORS),
                 choose("observation", self.observation, OBSERVED),
@@ -184,6 +184,15 @@ class Options:
             plan,
             self.system,
         )
+
+    def _reward(self) -> Reward:
+        """Return the weights of the reward, in a room with those for rooms."""
+        kind, given = RoomReward if self.in_room else Reward, {} if self.reward is None else self.reward
+        if self.in_room and type(given) is Reward:
+            given = asdict(given)
+        if not self.in_room and isinstance(given, RoomReward):
+            raise refusal("reward", "a Reward on open ground, where there is nothing to collide with", given)
+        return made(kind, given, "reward")
 
     def _room(self, dt: float) -> tuple[Any, FloorPlan | None]:
         """Return the parameters of the room, empty on open ground, and its plan if it is given."""

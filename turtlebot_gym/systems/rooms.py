@@ -15,6 +15,7 @@ from turtlebot_gym.estimation.interface import Filter, filter_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.own import failure, load_object
+from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide
@@ -157,7 +158,7 @@ def rooms(filter: Filter) -> System:
         layout=ROOM_LAYOUT,
         low=(*OBSERVATION_LOW, *(0.0,) * SECTORS, 0.0),
         high=(*OBSERVATION_HIGH, *(1.0,) * SECTORS, MAX_AGE),
-        example=plain.example._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
+        example=plain.example._replace(reward=RoomReward(), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
         surroundings=Surroundings(make, scene_at, first_look, look_round, complete, ranges, SECTORS),
     )
 
