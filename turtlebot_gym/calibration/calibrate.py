@@ -129,29 +129,29 @@ def calibrate(
     progress("alignment")
     started = Noise(process=replace(start, scale=1.0, slip=0.0), odometry=OdometryNoise(wheel=kind == WHEELS))
     if has_truth:
-        found = by_truth(drive, kind, started, integrator, segment, progress)
+        fit = by_truth(drive, kind, started, integrator, segment, progress)
     else:
-        found = by_innovations(drive, started, integrator, progress)
-    told, likeliest = dict(found.estimates), found.likeliest
+        fit = by_innovations(drive, started, integrator, progress)
+    estimates, likeliest = dict(fit.estimates), fit.likeliest
     if kind == POSE:
         missing, among = lost(drive)
-        told["dropout_probability"] = of_share(missing, among, "record for longer")
+        estimates["dropout_probability"] = of_share(missing, among, "record for longer")
         share = missing / max(among, 1)
         likeliest = replace(likeliest, odometry=replace(likeliest.odometry, dropout_probability=share))
-    noise = _wary(likeliest, told, started, is_certain=found.segment == 0.0)
+    noise = _wary(likeliest, estimates, started, is_certain=fit.segment == 0.0)
     unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
     if kind == WHEELS:
         unknown = {}
     return Calibration(
         noise=noise,
         likeliest=likeliest,
-        estimates=told,
+        estimates=estimates,
         unknown=unknown,
         kind=kind,
         has_truth=has_truth,
-        integrator=found.integrator,
-        segment=found.segment,
-        segments=found.segments,
+        integrator=fit.integrator,
+        segment=fit.segment,
+        segments=fit.segments,
         delay=delays[0],
         truth_delay=delays[1],
         frame=frame,
@@ -189,24 +189,28 @@ def _aligned(
     else:
         twist_late = Shift(delay, delay, delay, True)
     if twist_late.is_sure:
-        told = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
+        remark = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
         if twist_late.value > 0.0 or delay is not None:
             drive = shift_twist(drive, twist_late.value)
         else:  # the filter gets the twist just as late when it drives
-            told += ", that is, the twist comes late; this is left as it is, as the filter meets it"
-        remarks.append(told)
+            remark += ", that is, the twist comes late; this is left as it is, as the filter meets it"
+        remarks.append(remark)
     return drive, (twist_late, late), frame, remarks
 
 
-def _wary(noise: Noise, told: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
+def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
     """Return a noise model with the largest execution noise that the drive allows, where the drive does not determine it.
 
     Correlated errors are not white noise; the upper end then stands for all of them.
     """
     worst = {
-        name: max(one.value, min(one.high, WORST[name]))
-        for name, one in told.items()
-        if name.startswith("alpha") and not (is_certain and one.is_determined) and math.isfinite(one.high)
+        name: max(estimate.value, min(estimate.high, WORST[name]))
+        for name, estimate in estimates.items()
+        if name.startswith("alpha") and not (is_certain and estimate.is_determined) and math.isfinite(estimate.high)
     }
-    worst |= {name: value_of(start, name) for name, one in told.items() if name.startswith("alpha") and math.isinf(one.high)}
+    worst |= {
+        name: value_of(start, name)
+        for name, estimate in estimates.items()
+        if name.startswith("alpha") and math.isinf(estimate.high)
+    }
     return with_values(noise, worst)

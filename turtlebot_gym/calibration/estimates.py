@@ -94,7 +94,7 @@ def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, w
     if widely:
         spread = np.array([PARAMETERS[name].kind == VARIANCE for name in names])
         begins = [np.where(spread, share * begin, begin) for share in SPREAD]
-        begin = max((valley(of, each, scales) for each in begins), key=lambda found: found[1])[0]
+        begin = max((valley(of, each, scales) for each in begins), key=lambda top: top[1])[0]
     return maximize(of, begin, scales)
 
 
@@ -113,9 +113,9 @@ def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequenc
     rest = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
     sizes = [size * math.sqrt(smooth.odometry.R[2]) for size in SPIKE_SIZES]
     begin = max((with_values(smooth, {**rest, "spike": size}) for size in sizes), key=likelihood)
-    found = search(likelihood, begin, names)
-    if 2.0 * (found.value - without) > SPIKY:
-        return tuple(names), begin, found
+    spiky = search(likelihood, begin, names)
+    if 2.0 * (spiky.value - without) > SPIKY:
+        return tuple(names), begin, spiky
     return plain, smooth, search(likelihood, smooth, plain)
 
 

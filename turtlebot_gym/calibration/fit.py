@@ -125,8 +125,8 @@ def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector
         return cost(u * scales)
 
     slope = _gradient(scaled, np.full(len(start), STEP))
-    found = minimize(scaled, start / scales, jac=slope, method="BFGS", options={"gtol": 0.1, "maxiter": 200})
-    return found.x * scales, -float(found.fun)
+    result = minimize(scaled, start / scales, jac=slope, method="BFGS", options={"gtol": 0.1, "maxiter": 200})
+    return result.x * scales, -float(result.fun)
 
 
 def valley(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
@@ -134,8 +134,8 @@ def valley(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vecto
     cost = _finite(likelihood)
     corners = start + np.concatenate([np.zeros((1, len(start))), np.diag(scales)])
     options = {"maxfev": 2000, "xatol": 1e-5, "fatol": 1e-3, "initial_simplex": corners}
-    found = minimize(cost, start, method="Nelder-Mead", options=options)
-    return found.x, -float(found.fun)
+    result = minimize(cost, start, method="Nelder-Mead", options=options)
+    return result.x, -float(result.fun)
 
 
 def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
@@ -166,16 +166,16 @@ def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
 
 def _steps(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
     """Return steps that change a cost by more than rounding, but little enough for it to be quadratic."""
-    here, found = cost(x), steps.copy()
+    here, sizes = cost(x), steps.copy()
     low, high = BEND
     for k in range(len(x)):
         for _ in range(20):
-            off = found[k] * np.eye(len(x))[k]
+            off = sizes[k] * np.eye(len(x))[k]
             bend = cost(x + off) + cost(x - off) - 2.0 * here
-            if low <= bend <= high or (bend < low and found[k] >= LONGEST):
+            if low <= bend <= high or (bend < low and sizes[k] >= LONGEST):
                 break
-            found[k] *= 2.5 if bend < low else 0.4
-    return np.minimum(found, LONGEST)
+            sizes[k] *= 2.5 if bend < low else 0.4
+    return np.minimum(sizes, LONGEST)
 
 
 def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tuple[Vector, float]:

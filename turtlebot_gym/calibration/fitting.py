@@ -48,7 +48,7 @@ def by_truth(
     drive: Drive, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
 ) -> Found:
     """Fit to a drive with truth: execution noise and measurement noise separately."""
-    told: dict[str, Estimate] = {}
+    fitted: dict[str, Estimate] = {}
     noise = start
     every = segment_rows(drive, 0.0)
     if integrator is None:
@@ -70,7 +70,7 @@ def by_truth(
             gain = 2.0 * (best.value - over(from_coordinates(start, MOTION, fit.x)))
             if gain > stats.chi2.ppf(1.0 - FALSE_ALARM, len(MOTION)):
                 length, rows, likelihood, fit = SEGMENTS[-1], longer[-1], over, best
-    told |= estimates(likelihood, start, MOTION, fit, has_truth=True)
+    fitted |= estimates(likelihood, start, MOTION, fit, has_truth=True)
     noise = from_coordinates(noise, MOTION, fit.x)
     progress("execution")
     if kind == POSE:
@@ -85,10 +85,10 @@ def by_truth(
         begun = Noise(process=noise.process, odometry=begin)
         likely = lambda model: measurements(measured, truth, model)  # noqa: E731
         names, base, best = search_with_spikes(likely, begun, MEASURED)
-        told |= estimates(likely, base, names, best, has_truth=True)
+        fitted |= estimates(likely, base, names, best, has_truth=True)
         noise = from_coordinates(base, names, best.x)
         progress("measurements")
-    return Found(told, noise, integrator, length, count_segments(rows))
+    return Found(fitted, noise, integrator, length, count_segments(rows))
 
 
 def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
@@ -122,9 +122,9 @@ def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress:
     names = tuple(name for name in (*MEASURED, *MOTION) if name not in ONLY_TRUTH)
     names, base, best = search_with_spikes(likely, begun, names)
     progress("search")
-    told = estimates(likely, base, names, best, has_truth=False)
+    fitted = estimates(likely, base, names, best, has_truth=False)
     progress("intervals")
-    return Found(told, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
+    return Found(fitted, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
 
 
 def _better(likelihood: Callable[[float], float]) -> str:

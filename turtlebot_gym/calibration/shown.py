@@ -46,36 +46,36 @@ class Drift(NamedTuple):
     """The same as predicted by the noise model, shape (m, 2)."""
 
 
-def residuals(found: Calibration) -> Residuals:
+def residuals(calibration: Calibration) -> Residuals:
     """Return the errors of the measured poses against the truth if it was used; the innovations otherwise."""
-    drive, odometry = found.drive, found.likeliest.odometry
-    if found.has_truth:
+    drive, odometry = calibration.drive, calibration.likeliest.odometry
+    if calibration.has_truth:
         both = known(drive.odometry) & known(drive.truth)
         error = difference(drive.odometry[both], drive.truth[both] + odometry.bias)
         return Residuals(error, np.broadcast_to(np.sqrt(odometry.R), error.shape))
     spiky = odometry.spike_probability * odometry.spike**2  # a filter matched to the noise counts spikes into R
     R = (*odometry.R[:2], odometry.R[2] + spiky)
-    tuning = tuning_of(Noise(process=found.likeliest.process, odometry=OdometryNoise(R=R)))
+    tuning = tuning_of(Noise(process=calibration.likeliest.process, odometry=OdometryNoise(R=R)))
     rows = measured_rows(drive)
     rows = rows._replace(poses=rows.poses - odometry.bias)
-    walk = list(_innovations(rows, tuning, found))
+    walk = list(_innovations(rows, tuning, calibration))
     values = [off for off, _ in walk]
     variances = [(P.xx + R[0], P.yy + R[1], P.tt + odometry.R[2]) for _, P in walk]
     return Residuals(np.array(values).reshape(-1, 3), np.sqrt(np.array(variances).reshape(-1, 3)))
 
 
-def drift(found: Calibration, noise: Noise | None = None, *, lengths: Sequence[float] = LENGTHS) -> Drift:
+def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequence[float] = LENGTHS) -> Drift:
     """Return the error of wheel odometry after some distances, and its prediction by a noise model.
 
     Args:
-        found: The calibration, with truth.
+        calibration: The calibration, with truth.
         noise: The noise model; None for the one that was fitted.
         lengths: The distances, m.
     """
-    tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3, process=(noise or found.likeliest).process)
+    tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3, process=(noise or calibration.likeliest).process)
     table = []
     for length in lengths:
-        walk = _innovations(segment_rows(found.drive, length), tuning, found)
+        walk = _innovations(segment_rows(calibration.drive, length), tuning, calibration)
         squares = np.array([(off.x**2 + off.y**2, off.theta**2, P.xx + P.yy, P.tt) for off, P in walk])
         if len(squares) >= FEWEST:
             table.append((length, len(squares), *np.sqrt(squares.mean(axis=0))))
@@ -83,9 +83,9 @@ def drift(found: Calibration, noise: Noise | None = None, *, lengths: Sequence[f
     return Drift(columns[:, 0], columns[:, 1].astype(np.intp), columns[:, 2:4], columns[:, 4:6])
 
 
-def _innovations(rows: Rows, tuning: FilterTuning, found: Calibration) -> Iterator[tuple[Pose, Covariance]]:
+def _innovations(rows: Rows, tuning: FilterTuning, calibration: Calibration) -> Iterator[tuple[Pose, Covariance]]:
     """Yield the innovation of each pose that a filter receives, with the covariance of its prediction."""
-    belief, middle, last = None, INTEGRATORS[found.integrator], len(rows.time) - 1
+    belief, middle, last = None, INTEGRATORS[calibration.integrator], len(rows.time) - 1
     times, poses, twists = rows.time.tolist(), rows.poses.tolist(), (rows.twist * tuning.process.scale).tolist()
     for row in range(last + 1):
         z, following = Pose(*poses[row]), Command(*twists[row + 1]) if row < last else STOP

@@ -205,8 +205,8 @@ class Listener:
         if around is None:
             rooms, grids = self["obstacles"].values, self["map"].values
             around = Surroundings(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
-        reports = self["diagnostics"].last(self["received"].held(time))
-        told = [self["diagnostics"].values[at] if at >= 0 else (math.nan, "") for at in reports.tolist()]
+        places = self["diagnostics"].last(self["received"].held(time))
+        reports = [self["diagnostics"].values[at] if at >= 0 else (math.nan, "") for at in places.tolist()]
         drive = Drive(
             time=time,
             true_state=truth,
@@ -217,8 +217,8 @@ class Listener:
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
             nis=self["nis"].held(time, fresh=held),
             clearance=self["clearance"].held(time, fresh=HELD),
-            level=np.array([level for level, _ in told]),
-            report=tuple(text for _, text in told),
+            level=np.array([level for level, _ in reports]),
+            report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
             around=around,
         )

@@ -66,8 +66,8 @@ def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
     keep, remarks = _good(path, time, twist, table.lines)
     span = np.ptp(np.flatnonzero(keep)) + 1 if keep.any() else len(keep)
     if keep.sum() < max(2, MOST * span):
-        told = "; ".join(remarks) or "nothing is wrong with them"
-        raise ValueError(f"{path}: only {keep.sum()} of {len(keep)} rows are good; a drive has at least two: {told}.")
+        why = "; ".join(remarks) or "nothing is wrong with them"
+        raise ValueError(f"{path}: only {keep.sum()} of {len(keep)} rows are good; a drive has at least two: {why}.")
     measured, true = (_poses(part, names, keep) for names in (_MEASURED, _TRUE))
     if measured is not None:
         remarks += _holes(f"{path}: measured poses", measured)
@@ -154,23 +154,23 @@ def _cells(line: str, mark: str | None) -> tuple[str, ...]:
 
 def _arrays(path: Path) -> _Table:
     """Return the arrays of an ``.npz`` file: each is a column, or several if its rows are states, poses or twists."""
-    found: dict[str, NDArray[np.float64]] = {}
+    columns: dict[str, NDArray[np.float64]] = {}
     try:
         with np.load(path, allow_pickle=False) as file:
             for name in file.files:
                 values = np.asarray(file[name], np.float64)
                 parts = _STATE[3:] if values.shape[1:] == (2,) else _STATE
                 if values.ndim == 1:
-                    found[name] = values
+                    columns[name] = values
                 elif values.ndim == 2:
-                    found |= {f"{name}_{part}": column for part, column in zip(parts, values.T, strict=False)}
+                    columns |= {f"{name}_{part}": column for part, column in zip(parts, values.T, strict=False)}
     except (ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
-    sizes = {len(column) for column in found.values()}
+    sizes = {len(column) for column in columns.values()}
     if len(sizes) != 1:
         raise ValueError(f"{path}: its columns must be equally long, got lengths {sorted(sizes)}.")
     return _Table(
-        tuple(found), lambda wanted: np.stack([found[name] for name in wanted], axis=1), range(1, 1 + next(iter(sizes)))
+        tuple(columns), lambda wanted: np.stack([columns[name] for name in wanted], axis=1), range(1, 1 + next(iter(sizes)))
     )
 
 
@@ -180,17 +180,17 @@ def _some_of(names: Sequence[str], most: int = 12) -> str:
     return first + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def _choose(path: Path, found: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
+def _choose(path: Path, names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
     """Return the column of each quantity in a table."""
     unknown = [name for name in columns if name not in NAMES]
     if unknown:
         raise ValueError(f"columns must name {', '.join(NAMES)}, got {', '.join(unknown)}.")
     chosen = dict(columns)
     for name, known_as in NAMES.items():
-        there = [each for each in known_as if each in found and each not in columns.values()]
+        there = [each for each in known_as if each in names and each not in columns.values()]
         if name not in chosen and there:
             chosen[name] = there[0]
-    lone = "theta" in found and chosen.get("theta") == "theta" and chosen.get("true_theta") == "theta"
+    lone = "theta" in names and chosen.get("theta") == "theta" and chosen.get("true_theta") == "theta"
     if lone:  # one column cannot be both
         chosen.pop("true_theta" if "x" in chosen else "theta")
     for position, heading in (("x", "theta"), ("true_x", "true_theta")):
@@ -200,12 +200,12 @@ def _choose(path: Path, found: Sequence[str], columns: Mapping[str, str]) -> dic
     for group in (_MEASURED, _TRUE[:2]):
         if any(name in chosen for name in group):
             missing += [name for name in group if name not in chosen]
-    missing += [name for name, column in chosen.items() if column not in found]
+    missing += [name for name, column in chosen.items() if column not in names]
     if not any(name in chosen for name in ("x", "true_x")):
         missing += ["x or true_x"]
     if missing:
         asked = ", ".join(f"{name} ({' or '.join(NAMES[name])})" if name in NAMES else name for name in missing)
-        raise ValueError(f"{path}: no column for {asked}; there are {_some_of(found)}.")
+        raise ValueError(f"{path}: no column for {asked}; there are {_some_of(names)}.")
     return chosen
 
 

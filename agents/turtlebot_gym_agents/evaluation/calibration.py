@@ -49,13 +49,13 @@ def simulated_log(
             action = np.array((straight, turning, arc)[random.integers(3)], np.float32)
         infos.append(env.step(action)[4])
     env.close()
-    told = {name: np.array([info[name] for info in infos], np.float64) for name in ("command", "odometry", "true_state")}
-    twist = np.concatenate([np.zeros((1, 2)), told["command"][:-1]])  # a command moves the robot in the interval after it
-    poses = told["odometry"]
+    columns = {name: np.array([info[name] for info in infos], np.float64) for name in ("command", "odometry", "true_state")}
+    twist = np.concatenate([np.zeros((1, 2)), columns["command"][:-1]])  # a command moves the robot in the interval after it
+    poses = columns["odometry"]
     if not noise.odometry.wheel:
         poses[1:][(poses[1:] == poses[:-1]).all(axis=1)] = np.nan  # a lost measurement repeats the last one
     return Drive(
-        time=np.asarray(dt * np.arange(steps + 1), np.float64), twist=twist, odometry=poses, true_state=told["true_state"]
+        time=np.asarray(dt * np.arange(steps + 1), np.float64), twist=twist, odometry=poses, true_state=columns["true_state"]
     )
 
 
@@ -96,10 +96,10 @@ def judge(
         model = replace(model, odometry=replace(model.odometry, bias=rest))
         drive = replace(drive, twist=drive.twist * calibrated.process.scale)
         tuning = make_filter("matched", calibrated)
-    found = []
+    judged = []
     for seed in seeds:
-        told = replay(drive, noise=model, filter=tuning, process=ProcessNoise(), seed=seed, rate=rate)
-        errors = nees(told.estimate, told.true_state, told.covariance, components=3)[1:]
-        position, heading = (error(told.estimate, told.true_state) for error in (position_error, heading_error))
-        found.append((errors.mean(), position.mean(), heading.mean()))
-    return Judged(*np.array(found).T)
+        replayed = replay(drive, noise=model, filter=tuning, process=ProcessNoise(), seed=seed, rate=rate)
+        errors = nees(replayed.estimate, replayed.true_state, replayed.covariance, components=3)[1:]
+        position, heading = (error(replayed.estimate, replayed.true_state) for error in (position_error, heading_error))
+        judged.append((errors.mean(), position.mean(), heading.mean()))
+    return Judged(*np.array(judged).T)

@@ -224,9 +224,9 @@ def replay_seeds(
     wheels = dead_reckoning(drive)
     position, heading = drift(wheels, drive.truth, *segments(drive.truth, 1.0))
     return Replayed(
-        errors(np.stack([one.odometry for one in trajectories], axis=1), truth),
+        errors(np.stack([replayed.odometry for replayed in trajectories], axis=1), truth),
         errors(wheels, drive.truth),
-        errors(np.stack([one.estimate for one in trajectories], axis=1), truth),
+        errors(np.stack([replayed.estimate for replayed in trajectories], axis=1), truth),
         float(position.mean()) if position.size else np.nan,
         float(np.abs(heading).mean()) if heading.size else np.nan,
         trajectories[0],

@@ -110,8 +110,8 @@ def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float
             y = low[1] + (np.arange(rows)[:, None] + (dv + 0.5) / fine) * side
             column, row = (np.floor(at).astype(np.intp) - 1 for at in to_cells(grid.frame, x, y))
             inside = (column >= 0) & (column < shades.shape[1]) & (row >= 0) & (row < shades.shape[0])
-            found = shades[np.where(inside, row, 0), np.where(inside, column, 0)]
-            shown = np.maximum(shown, np.where(inside, found, 0).astype(np.uint8))
+            sampled = shades[np.where(inside, row, 0), np.where(inside, column, 0)]
+            shown = np.maximum(shown, np.where(inside, sampled, 0).astype(np.uint8))
     return shown, (float(low[0]), float(low[1]), float(columns * side), float(rows * side))
 
 
