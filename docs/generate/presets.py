@@ -57,10 +57,12 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
         print(f"| `{name}` | {', '.join(differences(fix))} |", file=page)
     print(f"\n## Filters\n\n`matched` follows from the noise in force: {said('presets.matched').partition('. ')[2]}", file=page)
     print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}\n", file=page)
-    for name in ("gated", "mixture", "slip", "scale"):
+    for name in ("gated", "mixture", "slip", "scale", "gyro"):
         print(f"`{name}`: {said(f'presets.{name}').removeprefix('Return the ')}\n", file=page)
     table("filter", "noise", "parameters")
     for name, tuning in presets.FILTERS.items():
+        if name == "gyro":
+            continue  # as `matched`, with the gyro's own numbers
         for noise in ("any",) if name == "tutorial" else presets.NOISES:
             print(
                 f"| `{name}` | `{noise}` | {', '.join(differences(tuning(presets.NOISES.get(noise, presets.CLEAN))))} |",
