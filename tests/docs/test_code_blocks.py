@@ -19,8 +19,8 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 LONG = (
-    "README", "belief", "rooms", "transfer", "calibrate", "cluster", "fix", "libraries", "policy", "robot", "train", "video",
-    "watch", "wrappers", "preset", "gallery", "start", "tutorial",
+    "README", "belief", "rooms", "transfer", "calibrate", "cluster", "filter", "fix", "libraries", "policy", "robot", "train",
+    "video", "watch", "wrappers", "preset", "gallery", "start", "tutorial",
 )  # fmt: skip
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
@@ -65,6 +65,7 @@ def write_drive(path):
 )
 def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     write_drive(tmp_path / "drive.csv")
     names = {"__name__": "page"}
     with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
