@@ -280,7 +280,11 @@ def test_a_heading_is_read_from_a_tilted_robot():
 
 
 def test_what_is_stated_in_the_world_is_known():
-    assert {kind.__name__: conversion(kind).in_world for kind in (Pose, State, Belief, Estimate, Command)} == {
+    assert {
+        kind.__name__: conversion(kind).in_world for kind in (Pose, State, Belief, Estimate, Command, values.Odometry, Fix)
+    } == {
+        "Odometry": True,
+        "Fix": True,
         "Pose": True,
         "State": True,
         "Belief": True,
