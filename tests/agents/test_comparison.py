@@ -123,19 +123,18 @@ def test_intervals_over_trainings_are_no_wider_than_need_be():
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "parts"),
     [
-        lambda table: metrics.mean(table.mean(axis=0)),  # the first release's: trainings averaged first, and forgotten
-        lambda table: metrics.mean(table.ravel()),  # as if all episodes of all trainings were independent
+        # The first release's: trainings averaged first, and forgotten.
+        (lambda table: metrics.mean(table.mean(axis=0)), SPREADS[0]),
+        # As if all episodes of all trainings were independent.
+        (lambda table: metrics.mean(table.ravel()), SPREADS[0]),
+        # Episodes averaged first, and forgotten.
+        (lambda table: metrics.mean(table.mean(axis=1)), SPREADS[2]),
     ],
 )
-def test_a_method_that_forgets_the_trainings_is_noticed(wrong):
-    assert missed(map(wrong, tables(np.random.default_rng(6), trainings=1.0, episodes=1.0))) > 0.05 + 4.0 * MARGIN
-
-
-def test_a_method_that_forgets_the_episodes_is_noticed():
-    errors = missed(metrics.mean(table.mean(axis=1)) for table in tables(np.random.default_rng(6), trainings=0.3, episodes=2.0))
-    assert errors > 0.05 + 4.0 * MARGIN
+def test_a_method_that_forgets_trainings_or_episodes_is_noticed(wrong, parts):
+    assert missed(map(wrong, tables(np.random.default_rng(6), **parts))) > 0.05 + 4.0 * MARGIN
 
 
 def test_the_p_value_is_that_of_the_interval():

@@ -186,25 +186,25 @@ def test_the_dynamic_window_knows_how_far_each_arc_is_free():
     np.testing.assert_array_equal(policy._free_length(points[7]), policy._free_length(points)[7])
 
 
-def test_vfh_keeps_to_the_side_that_it_chose():
+LEFT, RIGHT = np.ones(SECTORS), np.ones(SECTORS)
+LEFT[[0, 1]], RIGHT[[0, -1]] = 0.3 / SIGHT, 0.3 / SIGHT
+
+
+@pytest.mark.parametrize("name", ["vfh", "vfh+safety"])
+def test_vfh_keeps_to_the_side_that_it_chose_until_it_may_forget(name):
     """A post straight ahead, a little to the left at first, and then a little to the right, as noise has it."""
-    left, right = np.ones(SECTORS), np.ones(SECTORS)
-    left[[0, 1]], right[[0, -1]] = 0.3 / SIGHT, 0.3 / SIGHT
-    policy = make_policy("vfh")
-    first = policy(sight(shares=left))[1]
-    assert first < 0.0
-    assert policy(sight(shares=right))[1] < 0.0
+    policy = make_policy(name)
+    assert policy(sight(shares=LEFT))[1] < 0.0
+    assert policy(sight(shares=RIGHT))[1] < 0.0
     policy.reset(np.ones((), np.bool_))
-    assert policy(sight(shares=right))[1] > 0.0
+    assert policy(sight(shares=RIGHT))[1] > 0.0
 
 
 def test_memory_is_forgotten_row_by_row():
-    left, right = np.ones(SECTORS), np.ones(SECTORS)
-    left[[0, 1]], right[[0, -1]] = 0.3 / SIGHT, 0.3 / SIGHT
     policy = make_policy("vfh")
-    policy(np.array([sight(shares=left)] * 2))
+    policy(np.array([sight(shares=LEFT)] * 2))
     policy.reset(np.array([False, True]))
-    turns = policy(np.array([sight(shares=right)] * 2))[:, 1]
+    turns = policy(np.array([sight(shares=RIGHT)] * 2))[:, 1]
     assert turns[0] < 0.0 < turns[1]
 
 
@@ -271,15 +271,6 @@ def test_every_number_of_the_safety_layer_tells_and_is_checked(number):
     assert (SafetyLayer(Constant(1.0, 0.5), **small)(rows) != SafetyLayer(Constant(1.0, 0.5), **large)(rows)).any()
     with pytest.raises(ValueError, match=number):
         SafetyLayer(Constant(1.0, 0.5), **{number: -1.0})
-
-
-def test_the_safety_layer_lets_the_policy_forget():
-    policy = make_policy("vfh+safety")
-    left, right = np.ones(SECTORS), np.ones(SECTORS)
-    left[[0, 1]], right[[0, -1]] = 0.3 / SIGHT, 0.3 / SIGHT
-    policy(sight(shares=left))
-    policy.reset(np.ones((), np.bool_))
-    assert policy(sight(shares=right))[1] > 0.0
 
 
 def test_geometry_finds_its_way_and_the_oracle_bounds_it():

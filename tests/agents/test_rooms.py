@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -39,13 +38,6 @@ def test_metrics_of_one_drive_follow_from_its_geometry():
     assert evaluation.episodes.path == pytest.approx([1.8], abs=0.03)
     assert evaluation.episodes.shortest == pytest.approx([1.8], abs=0.08)
     assert evaluation.summary()["spl"].value == pytest.approx(1.0, abs=0.05)
-
-
-def test_evaluations_on_open_ground_have_no_metrics_of_rooms():
-    evaluation = evaluate("bearing", episodes=3)
-    assert not {"collision", "spl", "clearance", "timeout"} & set(evaluation.summary())
-    assert not evaluation.episodes.collision.any()
-    assert np.isnan(evaluation.episodes.clearance).all()
 
 
 @pytest.fixture(scope="module")

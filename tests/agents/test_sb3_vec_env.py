@@ -151,14 +151,7 @@ def cartpole():
     ("make", "make_row", "n", "steps"),
     [
         (lambda: native(NAV, 20), lambda: gym.make(NAV), 20, 650),
-        (
-            lambda: Sb3VecEnv(
-                SyncVectorEnv([lambda: gym.make("CartPole-v1", max_episode_steps=20)] * 6, autoreset_mode=SAME_STEP)
-            ),
-            lambda: gym.make("CartPole-v1", max_episode_steps=20),
-            6,
-            100,
-        ),
+        (lambda: Sb3VecEnv(SyncVectorEnv([cartpole] * 6, autoreset_mode=SAME_STEP)), cartpole, 6, 100),
     ],
     ids=["native", "sync"],
 )

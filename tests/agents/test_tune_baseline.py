@@ -174,25 +174,3 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
         json.loads(told.read_text())["runs"][1]["config"] | {"delay": 1, "policy": str(out)}
         == (json.loads(told.read_text())["runs"][1]["config"])
     )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["tune-baseline", "--policy", "ppo-nav"], "policy must be one of 'proportional', "),
-        (["tune-baseline", "--tries", "0"], "tries must be a whole number of at least 1"),
-        (["tune-baseline", "--episodes", "-1"], "episodes must be a whole number of at least 1"),
-        (["tune-baseline", "--delay", "-1"], "delay"),
-        (["tune-baseline", "--out", "best.yaml"], "--out best.yaml: its name must end with .json"),
-        (["tune-baseline", "--observation", "lidar"], "observation must be one of"),
-        (["evaluate", "--policy", "nowhere.json"], "nowhere.json"),
-        (["evaluate", "--delay", "-1"], "delay"),
-    ],
-)
-def test_impossible_options_are_refused_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(arguments) == 2
-    told = capsys.readouterr()
-    assert not told.out
-    assert message in told.err
-    assert told.err.count("\n") == 1
