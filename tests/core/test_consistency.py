@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from turtlebot_gym.estimation import ekf
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation.consistency import cramer_rao_bound, heading_information, mean_bounds, nees, normalized
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.models.unicycle import advance, execute
-from turtlebot_gym.parameters import FilterTuning, OdometryNoise, ProcessNoise
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import FilterTuning, Kalman, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import DOCUMENTED, TUTORIAL
-from turtlebot_gym.values import Command, Odometry, Pose, Senses, State
+from turtlebot_gym.systems import make_parameters
+from turtlebot_gym.tasks import Task
+from turtlebot_gym.values import Pose
 
 RNG_SEED = 11
 
@@ -46,35 +47,8 @@ def test_nees_is_the_quadratic_form_with_the_heading_wrapped():
     assert estimate[2] == 3.0  # the caller's
     many = nees(np.stack([estimate] * 6).reshape(2, 3, 5), truth, np.stack([P] * 6).reshape(2, 3, 5, 5))
     assert many.shape == (2, 3)
-    assert normalized([2.0, 0.0, 0.0], np.diag([4.0, 1.0, 1.0])) == pytest.approx(1.0)
-
-
-def test_mean_bounds_hold_their_false_alarm_rate():
-    # 4000 means, of which 5 % should be outside: binomial, so this fails for one seed in 10^4.
-    low, high = mean_bounds(5, 20, false_alarm=0.05)
-    means = np.random.default_rng(RNG_SEED).chisquare(5, (4000, 20)).mean(axis=1)
-    outside = int(((means < low) | (means > high)).sum())
-    assert stats.binomtest(outside, 4000, 0.05).pvalue > 1e-4
-    assert stats.binomtest(outside, 4000, 0.03).pvalue < 1e-4  # and it would notice another rate
-
-
-def test_mean_bounds_narrow_round_the_degrees_of_freedom():
-    for degrees in (3, 5):
-        widths = []
-        for runs in (10, 100, 1000):
-            low, high = mean_bounds(degrees, runs, false_alarm=1e-4)
-            assert low < degrees < high
-            widths.append(high - low)
-        assert widths[0] > 2.5 * widths[1] > 6.0 * widths[2]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [((0, 5, 0.1), "degrees"), ((5, 0, 0.1), "runs"), ((5, 5, 0.0), "false_alarm"), ((5, 5, 1.0), "false_")],
-)
-def test_mean_bounds_refuse_nonsense(arguments, name):
-    with pytest.raises(ValueError, match=name):
-        mean_bounds(*arguments[:2], false_alarm=arguments[2])
+    # [[2, 1], [1, 2]]^-1 = [[2, -1], [-1, 2]] / 3: (2 * 9 - 2 * 3 * 5 + 2 * 25) / 3
+    assert normalized([3.0, 5.0], [[2.0, 1.0], [1.0, 2.0]]) == pytest.approx(38.0 / 3.0)
 
 
 def test_heading_information_without_spikes_is_one_over_the_variance():
@@ -109,8 +83,8 @@ def test_far_spikes_cost_only_their_share():
 
 
 def test_heading_information_needs_white_noise():
-    with pytest.raises(ValueError, match=r"OdometryNoise\.R"):
-        heading_information(OdometryNoise())
+    with pytest.raises(ValueError, match=r"OdometryNoise\.R must have a positive heading variance for this, got 0\.0\."):
+        heading_information(OdometryNoise(R=(1.0, 1.0, 0.0)))
 
 
 def test_bounds_of_a_mean_are_those_of_the_tables():
@@ -137,85 +111,95 @@ def test_bounds_refuse_nonsense(degrees, runs, false_alarm, message):
     assert str(caught.value) == message
 
 
-def test_quadratic_forms_by_hand():
-    # [[2, 1], [1, 2]]^-1 = [[2, -1], [-1, 2]] / 3: (2 * 9 - 2 * 3 * 5 + 2 * 25) / 3
-    assert normalized([3.0, 5.0], [[2.0, 1.0], [1.0, 2.0]]) == pytest.approx(38.0 / 3.0)
-    truth, estimate = np.zeros(5), np.array([1.0, 2.0, -4.0, 0.5, 0.25])  # -4 rad is 2.2832 rad
-    assert nees(estimate, truth, np.eye(5)) == pytest.approx(1.0 + 4.0 + (2.0 * math.pi - 4.0) ** 2 + 0.25 + 0.0625)
-    assert nees(estimate, truth, np.eye(5), components=2) == pytest.approx(5.0)
+# Many independent runs of the compiled loop, all judged at one time, since errors along a run are correlated.
 
-
-def test_heading_information_by_hand():
-    # Spikes at a distance `a` on either side, and nothing in between: of p = (N(a) + N(-a)) / 2 the score is
-    # a tanh(a x) - x, so the information is 1 - a^2 E[1 / cosh(a x)^2], here by Simpson's rule.
-    a, x = 0.5, np.linspace(-12.0, 12.0, 200_001)
-    p = (np.exp(-0.5 * (x - a) ** 2) + np.exp(-0.5 * (x + a) ** 2)) / (2.0 * math.sqrt(2.0 * math.pi))
-    weights = np.ones_like(x)
-    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
-    expected = 1.0 - a**2 * float((weights * p / np.cosh(a * x) ** 2).sum() * (x[1] - x[0]) / 3.0)
-    noise = OdometryNoise(R=(0.0, 0.0, 1.0), spike_probability=1.0, spike=0.5)
-    assert heading_information(noise) == pytest.approx(expected, rel=1e-9)
-    with pytest.raises(ValueError, match=r"OdometryNoise\.R must have a positive heading variance for this, got 0\.0\."):
-        heading_information(OdometryNoise(R=(1.0, 1.0, 0.0)))
-
-
-# The bound, against filters on simulated drives.
-
-RUNS, STEPS, DT = 250, 30, 0.1
+RUNS, FALSE_ALARM = 600, 1e-4
 EXECUTION = ProcessNoise(alpha1=0.02, alpha2=0.002, alpha3=0.1, alpha4=0.02)
-R = (0.05**2, 0.04**2, 0.1**2)
-TRUE = FilterTuning(Q=(0.0,) * 5, R=R, process=EXECUTION)
+TRUE_NOISE = Noise(process=EXECUTION, odometry=OdometryNoise(R=(0.05**2, 0.04**2, 0.1**2)))
+TRUE_TUNING = FilterTuning(Q=(0.0,) * 5, R=TRUE_NOISE.odometry.R, process=EXECUTION)
 
 
-def simulate(tuning):
-    """Return true states, commands and the filter's errors of some runs."""
-    rng = np.random.default_rng(RNG_SEED)
-    states, commands, errors = np.zeros((RUNS, STEPS + 1, 5)), np.zeros((RUNS, STEPS, 2)), np.zeros((RUNS, STEPS + 1, 5))
-    for run in range(RUNS):
-        truth = State(0.0, 0.0, float(rng.uniform(-3.0, 3.0)), 0.0, 0.0)
-
-        def measured(truth):
-            x, y, theta = rng.normal(truth[:3], np.sqrt(R)).tolist()
-            return Pose(x, y, wrap(theta))
-
-        estimate = ekf.initialize(measured(truth), tuning)
-        for k in range(STEPS + 1):
-            states[run, k] = truth
-            errors[run, k] = np.array(estimate.belief.mean) - truth
-            if k < STEPS:
-                command = Command(*rng.uniform([0.1, -0.5], [0.22, 0.5]).tolist())
-                commands[run, k] = command
-                pose = advance(Pose(*truth[:3]), truth.v, truth.omega, DT, 0.5)
-                truth = State(*pose, *execute(command, EXECUTION, False, tuple(rng.normal(size=2).tolist()), DT))
-                z = measured(truth)
-                senses = Senses(Odometry(z, command, True))
-                estimate = ekf.step(estimate, senses, senses, tuning, DT, 0.5)
-    errors[..., 2] = np.remainder(errors[..., 2] + math.pi, 2.0 * math.pi) - math.pi
-    return states, commands, errors
+def drive(tuning, *, noise=TRUE_NOISE, runs=RUNS, steps=60, integrator="midpoint", seed=0):
+    """Run many robots along gentle curves; return the batch, with all true states and limited commands."""
+    endless = Task(random=False, radius=1e-9, max_steps=math.inf)
+    batch = Batch(runs, make_parameters(endless, noise=noise, filter=tuning, integrator=integrator), [Pose(99.0, 99.0, 0.0)])
+    batch.seeds[:] = seed + np.arange(runs)
+    batch.reset(np.ones(runs, np.bool_), *batch.empty())
+    rng = np.random.default_rng(seed)
+    states, commands = [batch.numbers("body.true_state")], []
+    for _ in range(steps):
+        batch.step(rng.uniform([0.5, -0.3], [1.0, 0.3], (runs, 2)).astype(np.float32))
+        states.append(batch.numbers("body.true_state"))
+        commands.append(batch.numbers("body.command"))
+    return batch, np.stack(states, axis=1), np.stack(commands, axis=1)
 
 
-def position_share(tuning):
-    """Return the filter's mean squared position error at the end, as a share of the bound."""
-    states, commands, errors = simulate(tuning)
-    bound = cramer_rao_bound(states, commands, TRUE, dt=DT, integrator="midpoint")
-    assert bound.shape == (STEPS + 1, 5, 5)
-    return (errors[:, -1, :2] ** 2).sum(axis=1).mean() / np.trace(bound[-1, :2, :2])
+def simulate(tuning, **options):
+    """Return each run's NEES and NIS at the end of a drive, and the states."""
+    batch, states, _ = drive(tuning, **options)
+    worlds = [batch.world(i) for i in range(RUNS)]
+    estimate = np.array([world.estimate.belief.mean for world in worlds])
+    P = np.array([matrix(world.estimate.belief.covariance) for world in worlds])
+    return nees(estimate, states[:, -1], P), np.array([world.estimate.nis for world in worlds]), estimate, states[:, -1]
 
 
-def test_a_right_filter_reaches_the_bound():
-    # Of two components with nearly equal variances: 2 RUNS times the share is about chi2(2 RUNS); one seed in 10^4 fails.
-    low, high = mean_bounds(2, RUNS, false_alarm=1e-4)
-    assert low / 2.0 < position_share(TRUE) < high / 2.0
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_filter_is_consistent(integrator):
+    # RUNS * mean ~ chi2(5 RUNS) and chi2(3 RUNS): a correct filter fails either for one seed in 10^4.
+    error, innovation, _, _ = simulate(TRUE_TUNING, integrator=integrator)
+    low, high = mean_bounds(5, RUNS, false_alarm=FALSE_ALARM)
+    assert low < error.mean() < high
+    low, high = mean_bounds(3, RUNS, false_alarm=FALSE_ALARM)
+    assert low < innovation.mean() < high
 
 
-def test_a_wrong_filter_does_not():
-    assert position_share(replace(TRUE, Q=(0.05, 0.05, 0.05, 0.1, 0.1))) > mean_bounds(2, RUNS, false_alarm=1e-4)[1] / 2.0
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("what", ["R", "process"])
+def test_consistency_notices_a_wrong_model(what, factor):
+    if what == "R":
+        wrong = replace(TRUE_TUNING, R=tuple(factor * variance for variance in TRUE_TUNING.R))
+    else:
+        alphas = {name: factor * getattr(EXECUTION, name) for name in ("alpha1", "alpha2", "alpha3", "alpha4")}
+        wrong = replace(TRUE_TUNING, process=replace(EXECUTION, **alphas))
+    error, innovation, _, _ = simulate(wrong)
+    low, high = mean_bounds(5, RUNS, false_alarm=FALSE_ALARM)
+    assert not low < error.mean() < high
+    if what == "R":
+        low, high = mean_bounds(3, RUNS, false_alarm=FALSE_ALARM)
+        assert not low < innovation.mean() < high
 
 
-def test_the_bound_is_the_average_of_the_filters_covariances_along_the_truth():
-    states, commands, _ = simulate(TRUE)
-    one = cramer_rao_bound(states[0], commands[0], TRUE, dt=DT, integrator="midpoint")
-    two = cramer_rao_bound(states[1], commands[1], TRUE, dt=DT, integrator="midpoint")
-    both = cramer_rao_bound(states[:2], commands[:2], TRUE, dt=DT, integrator="midpoint")
-    np.testing.assert_allclose(both, (one + two) / 2.0, rtol=1e-12)
-    np.testing.assert_array_equal(one[0], matrix(ekf.initialize(Pose(0.0, 0.0, 0.0), TRUE).belief.covariance))
+def test_consistency_notices_a_jacobian_that_remembers_the_twist():
+    error, _, _, _ = simulate(replace(TRUE_TUNING, kind=Kalman(remember_velocity=True)))
+    low, high = mean_bounds(5, RUNS, false_alarm=FALSE_ALARM)
+    assert not low < error.mean() < high
+
+
+def test_no_filter_can_see_a_bias_and_the_test_does():
+    biased = replace(TRUE_NOISE, odometry=replace(TRUE_NOISE.odometry, bias=(0.02, 0.0, 0.0)))
+    error, _, _, _ = simulate(TRUE_TUNING, noise=biased)
+    assert error.mean() > mean_bounds(5, RUNS, false_alarm=FALSE_ALARM)[1]
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_no_noise_means_no_error(integrator):
+    _, innovation, estimate, truth = simulate("matched", noise=Noise(), steps=200, integrator=integrator)
+    np.testing.assert_allclose(estimate, truth, atol=1e-12)
+    np.testing.assert_allclose(innovation, 0.0, atol=1e-12)
+
+
+def position_share(tuning, *, runs=250, steps=30):
+    """Return the filter's mean squared position error at the end of a drive, as a share of the bound."""
+    batch, states, commands = drive(tuning, runs=runs, steps=steps)
+    bound = cramer_rao_bound(states, commands, TRUE_TUNING, integrator="midpoint")
+    assert bound.shape == (steps + 1, 5, 5)
+    errors = np.array([batch.world(i).estimate.belief.mean for i in range(runs)]) - states[:, -1]
+    # Of two components with nearly equal variances: 2 runs times the share is about chi2(2 runs).
+    low, high = mean_bounds(2, runs, false_alarm=FALSE_ALARM)
+    return (errors[:, :2] ** 2).sum(axis=1).mean() / np.trace(bound[-1, :2, :2]), low / 2.0, high / 2.0
+
+
+def test_a_right_filter_reaches_the_bound_and_a_wrong_one_does_not():
+    share, low, high = position_share(TRUE_TUNING)
+    assert low < share < high  # fails for one seed in 10^4
+    assert position_share(replace(TRUE_TUNING, Q=(0.05, 0.05, 0.05, 0.1, 0.1)))[0] > high

@@ -308,22 +308,6 @@ def test_what_is_lost_only_moves_the_belief(kind):
     assert after.belief.covariance.xx > before.belief.covariance.xx
 
 
-@pytest.mark.parametrize("kind", ["matched", "gated", "mixture", "slip", "scale"])
-def test_the_object_runs_every_kind(kind):
-    tuning = make_filter(kind, NOISE)
-    kf = KalmanFilter(tuning, dt=DT)
-    kf.start(Pose(0.1, 0.2, 0.3))
-    start, step, *_ = filter_of(tuning)
-    estimate = start(at(0.1, 0.2, 0.3), tuning)
-    before = Senses(Odometry(Pose(0.1, 0.2, 0.3), Command(0.0, 0.0), True))
-    for command, z in drive(3, steps=20):
-        senses = Senses(Odometry(z or before.odometry.pose, command, z is not None))
-        estimate, before = step(estimate, before, senses, tuning, DT, 0.0), senses
-        kf.step(command, z)
-    assert kf.belief == estimate.belief
-    assert kf.nis == estimate.nis
-
-
 @pytest.mark.parametrize("kind", ["mixture", "slip", "scale"])
 def test_a_filter_that_remembers_more_than_a_belief_begins_with_a_measurement(kind):
     tuning = make_filter(kind, NOISE)

@@ -9,16 +9,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.filters import KalmanFilter, entries, jacobian, matrix, reference_filter
+from turtlebot_gym.estimation.filters import KalmanFilter, entries, matrix, reference_filter
 from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
-from turtlebot_gym.presets import DOCUMENTED, TUTORIAL_FILTER, matched
-from turtlebot_gym.values import Command, Covariance, Odometry, Pose, Senses, State
+from turtlebot_gym.parameters import DeadReckoning, Kalman
+from turtlebot_gym.presets import DOCUMENTED, ROUGH, TUTORIAL_FILTER, make_filter, matched
+from turtlebot_gym.values import STOP, Command, Covariance, Odometry, Pose, Senses
 
 TUNING = matched(DOCUMENTED)
 GATED = replace(TUNING, kind=Kalman(gate=9.0, max_rejections=2))
+
+
+KINDS = [make_filter(kind, ROUGH) for kind in ("gated", "mixture", "slip", "scale")]
 
 
 def drive(seed, steps=300):
@@ -31,12 +33,12 @@ def drive(seed, steps=300):
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("tuning", [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning())])
+@pytest.mark.parametrize("tuning", [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning()), *KINDS])
 def test_steps_are_those_of_the_function(tuning, integrator):
     kf = KalmanFilter(tuning, integrator=integrator, dt=0.05)
     before = Pose(0.3, 0.2, 0.1)
     kf.start(before)
-    estimate = ekf.initialize(before, tuning)
+    estimate = filter_of(tuning).start(Senses(Odometry(before, STOP, True)), tuning)
     for command, odometry in drive(0):
         kf.step(command, odometry)
         z = odometry or before
@@ -44,33 +46,23 @@ def test_steps_are_those_of_the_function(tuning, integrator):
         estimate = filter_of(tuning).step(estimate, *senses, tuning, 0.05, INTEGRATORS[integrator])
         before = z
         assert kf.belief == estimate.belief
-        assert (kf.nis, kf.rejections) == (estimate.nis, estimate.rejections)
+        assert (kf.nis, kf.rejections) == (estimate.nis, getattr(estimate, "rejections", 0))
         assert kf.state.tolist() == list(estimate.belief.mean)
         np.testing.assert_array_equal(kf.covariance, matrix(estimate.belief.covariance))
 
 
 def test_predict_and_update_make_a_step():
     halves, whole = (KalmanFilter(TUNING, state=(1.0, 2.0, 0.5, 0.1, 0.2)) for _ in range(2))
-    for command, odometry in drive(1):
+    assert np.isnan(halves.innovation).all()
+    assert np.isnan(halves.innovation_covariance).all()
+    for command, odometry in ((Command(0.1, 0.2), None), *drive(1)):  # the first is lost before anything was measured
         halves.predict(command)
         if odometry is not None:
             halves.update(odometry)
         whole.step(command, odometry)
-        assert halves.belief == whole.belief
+        assert (halves.belief, halves.nis) == (whole.belief, whole.nis)
         np.testing.assert_array_equal(halves.innovation, whole.innovation)
         np.testing.assert_array_equal(halves.innovation_covariance, whole.innovation_covariance)
-
-
-def test_innovation_its_covariance_and_nis_belong_together():
-    kf = KalmanFilter(TUNING)
-    assert np.isnan(kf.innovation).all()
-    assert np.isnan(kf.innovation_covariance).all()
-    assert (kf.innovation.shape, kf.innovation_covariance.shape) == ((3,), (3, 3))
-    for command, odometry in drive(2):
-        kf.step(command, odometry)
-        if odometry is not None:
-            nu, S = kf.innovation, kf.innovation_covariance
-            assert kf.nis == pytest.approx(nu @ np.linalg.solve(S, nu), rel=1e-9)
 
 
 def test_refused_measurements_can_be_looked_at():
@@ -79,23 +71,9 @@ def test_refused_measurements_can_be_looked_at():
     assert kf.rejections == 1
     assert kf.nis > GATED.kind.gate
     assert kf.innovation.tolist() == [3.0, 0.0, 0.0]
-    assert kf.state[0] == 0.0
-
-
-def test_it_equals_filterpy():
-    kf, reference = KalmanFilter(TUNING, dt=0.2, integrator="midpoint"), reference_filter(TUNING, dt=0.2, integrator="midpoint")
-    np.testing.assert_array_equal(kf.covariance, reference.P)  # both start with P0
-    for command, odometry in drive(3):
-        kf.step(command, odometry)
-        reference.predict(command)
-        reference.update(odometry)
-        difference = kf.state - reference.x
-        difference[2] = math.remainder(difference[2], 2.0 * math.pi)
-        np.testing.assert_allclose(difference, 0.0, atol=1e-9)
-        np.testing.assert_allclose(kf.covariance, reference.P, rtol=1e-8, atol=1e-14)
-        if odometry is not None:
-            np.testing.assert_allclose(kf.innovation, reference.y, atol=1e-9)
-            np.testing.assert_allclose(kf.innovation_covariance, reference.S, rtol=1e-8, atol=1e-14)
+    prior = KalmanFilter(GATED, covariance=np.diag([1e-4] * 5))
+    prior.predict(Command(0.0, 0.0))
+    assert kf.belief == prior.belief
 
 
 def test_what_it_shows_is_a_copy():
@@ -165,14 +143,6 @@ def test_the_reference_says_what_to_install(monkeypatch):
         reference_filter(TUNING)
 
 
-def test_a_singular_tuning_is_no_trouble():
-    kf = KalmanFilter(FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3), covariance=np.zeros((5, 5)))
-    for command, odometry in drive(5, steps=50):
-        kf.step(command, odometry)
-    assert np.isfinite(kf.state).all()
-    assert kf.covariance.tolist() == np.zeros((5, 5)).tolist()
-
-
 def test_a_covariance_lies_row_by_row():
     P = Covariance(*range(1, 16))
     full = [[1, 2, 3, 4, 5], [2, 6, 7, 8, 9], [3, 7, 10, 11, 12], [4, 8, 11, 13, 14], [5, 9, 12, 14, 15]]
@@ -201,21 +171,3 @@ def test_rounding_is_forgiven_and_no_more(scale):
     for least in (-1e-300, -1e-13 * scale):
         with pytest.raises(ValueError, match="positive semidefinite"):
             entries(np.diag([scale, scale, scale, scale, least]))
-
-
-def test_a_jacobian_by_hand():
-    # The heading in the middle of the interval is 30 degrees: sine 1/2, cosine 0.8660254.
-    state = State(9.0, 9.0, math.pi / 6.0 - 0.5 * 0.8 * 0.25, 2.0, 0.8)
-    expected = np.array(
-        [
-            [1.0, 0.0, -0.25, 0.21650635094611, -0.03125],
-            [0.0, 1.0, 0.43301270189222, 0.125, 0.0541265877365274],
-            [0.0, 0.0, 1.0, 0.0, 0.25],
-            [0.0] * 5,
-            [0.0] * 5,
-        ]
-    )
-    np.testing.assert_allclose(jacobian(state, dt=0.25, integrator="midpoint"), expected, atol=1e-13)
-    expected[:, 4] = [0.0, 0.0, 0.25, 0.0, 0.0]
-    state = state._replace(theta=math.pi / 6.0)
-    np.testing.assert_allclose(jacobian(state, dt=0.25), expected, atol=1e-13)
