@@ -128,7 +128,7 @@ def test_a_sequence_is_refused_by_the_place_that_is_wrong(rule, given, message):
 def test_a_choice_is_what_the_name_stands_for():
     known = {"one": 1, "three": 3, 2.0: 2}
     assert [choose("number", name, known) for name in ("one", "three", 2.0)] == [1, 3, 2]
-    for unknown, question in (("four", ""), ("thre", " Did you mean 'three'?"), (["one"], ""), (None, ""), (1, "")):
+    for unknown, question in (("four", ""), ("thee", " Did you mean 'three'?"), (["one"], ""), (None, ""), (1, "")):
         message = f"number must be one of 'one', 'three', 2.0, got {unknown!r}.{question}"
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
             choose("number", unknown, known)

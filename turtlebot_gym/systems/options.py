@@ -69,7 +69,7 @@ class Options:
     imu: str | Path | Mapping[str, Any] | ImuNoise | None = None
     """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml); in Python also a
     `turtlebot_gym.systems.imu.ImuNoise` or a mapping of its fields. None for none."""
-    world: World | None = None
+    world: str | World | None = None
     """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, a Gazebo world (FILE.world, FILE.sdf) or a
     map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
     `turtlebot_gym.rooms.plan.FloorPlan`."""

@@ -5,16 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym.systems.options import Options
-from turtlebot_gym.systems.parameters import SENSORS
-from turtlebot_gym_agents.commands.flags import flags
+from turtlebot_gym_agents.commands.flags import OPTIONS, flags
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 
 if TYPE_CHECKING:
@@ -43,7 +41,9 @@ class Writing:
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
-_ENVIRONMENT = flags("robot", "noise", "filter", "observation", *SENSORS, "world", "lidar", "arrival", "delay", "system")
+_OF_A_DRIVE = ("switch", "laps", "plant")
+_IN_PYTHON = ("task", "waypoints", "reward", "dt", "integrator")
+_ENVIRONMENT = flags(*(name for name in OPTIONS if name not in (*_OF_A_DRIVE, *_IN_PYTHON)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +61,11 @@ class Setting(_ENVIRONMENT, _Episodes):
 
     def options(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment."""
-        names = (item.name for item in fields(Options) if hasattr(self, item.name))
+        names = (name for name in OPTIONS if hasattr(self, name))
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
-_DRIVE = flags("switch", "laps", "plant")
+_DRIVE = flags(*_OF_A_DRIVE)
 
 
 @dataclass(frozen=True, kw_only=True)

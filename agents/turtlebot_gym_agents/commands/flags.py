@@ -1,19 +1,23 @@
-"""Flags of commands, made from the options of environments: one declaration of name, default and text for both."""
+"""Flags of commands, made from the options of environments: one declaration of name, default and text for both.
+
+The declaration is read as text: importing it takes numba, which ``--help`` need not wait for.
+"""
 
 from __future__ import annotations
 
 import ast
 import inspect
 from collections.abc import Sequence
-from dataclasses import field, fields, make_dataclass
-from functools import cache
+from dataclasses import field, make_dataclass
 from itertools import pairwise
+from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, TypeVar, Union
 
 import tyro
 
-from turtlebot_gym.systems.options import Options
+import turtlebot_gym
+from turtlebot_gym import parameters
 
 T = TypeVar("T")
 
@@ -34,25 +38,45 @@ def flags(*names: str, several: Sequence[str] = (), **defaults: Any) -> Any:
         several: Options of which a command takes several values.
         **defaults: Further options, with another default than the environment's.
     """
-    hints, texts = get_type_hints(Options), _texts()
-    usual = {item.name: item.default for item in fields(Options)}
     made = []
     for name in (*several, *names, *defaults):
-        default: Any = defaults.get(name, usual[name])
-        kinds = [kind for kind in get_args(hints[name]) or (hints[name],) if kind in (str, int, float)]
+        kinds, usual, text = OPTIONS[name]
+        default: Any = defaults.get(name, usual)
         kind: Any = tuple[kinds[0], ...] if name in several else Union[(*kinds, *([NoneType] if default is None else []))]
         default = (default,) if name in several else default
-        made.append((name, Annotated[kind, tyro.conf.arg(help=texts[name])], field(default=default)))
+        made.append((name, Annotated[kind, tyro.conf.arg(help=text)], field(default=default)))
     return make_dataclass("Flags", made, frozen=True, kw_only=True)
 
 
-@cache
-def _texts() -> dict[str, str]:
-    """Return the text under each option, up to what can be given in Python alone."""
-    body = ast.parse(inspect.getsource(Options)).body[0].body  # pyright: ignore[reportAttributeAccessIssue]
-    texts = {}
+class Declared(NamedTuple):
+    """One of `turtlebot_gym.Options`."""
+
+    kinds: tuple[type, ...]
+    """Types that a command line can give."""
+    default: Any
+    text: str
+    """The text under it, up to what can be given in Python alone."""
+
+
+def _declared() -> dict[str, Declared]:
+    """Return the options of environments by name, in the order of their declaration."""
+    source = Path(turtlebot_gym.__file__).parent / "systems" / "options.py"
+    (body,) = (
+        node.body
+        for node in ast.parse(source.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef) and node.name == "Options"
+    )
+    declared = {}
     for line, below in pairwise(body):
         if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and isinstance(below, ast.Expr):
+            names = ast.unparse(line.annotation).split(" | ")
+            kinds = tuple(kind for kind in (str, int, float) if kind.__name__ in names)
             text = " ".join(inspect.cleandoc(ast.literal_eval(below.value)).split())
-            texts[line.target.id] = text.partition("; in Python")[0].rstrip(".") + "."
-    return texts
+            usual: Any = line.value
+            default = getattr(parameters, usual.id) if isinstance(usual, ast.Name) else ast.literal_eval(usual)
+            declared[line.target.id] = Declared(kinds, default, text.partition("; in Python")[0].rstrip(".") + ".")
+    return declared
+
+
+OPTIONS = _declared()
+"""The options of environments."""
