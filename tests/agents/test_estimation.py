@@ -137,18 +137,3 @@ def test_the_command_line_prints_a_table_and_writes_files(capsys, tmp_path):
     assert len(written["bound"]) == 31
     assert written["band"][0] < 3.0 < written["band"][1]
     assert files[1].stat().st_size > 10_000
-
-
-@pytest.mark.parametrize(
-    ("argv", "told"),
-    [
-        (["--runs", "0"], "runs must be a whole number of at least 1, got 0"),
-        (["--seconds", "nan"], "seconds must be a positive number from 1e-15 to 1e+09, got nan"),
-        (["--filter", "paper"], "filter must be one of 'matched'"),
-        (["--noise", "paper"], "noise must be one of 'clean'"),
-        (["--integrator", "paper"], "integrator must be one of"),
-    ],
-)
-def test_bad_arguments_are_one_line(capsys, argv, told):
-    assert main(["estimate", *argv]) == 2
-    assert told in capsys.readouterr().err

@@ -80,9 +80,6 @@ def test_what_it_has_besides_is_kept():
         ("slips:policy", r"slips:policy: SyntaxError: .* \(.*slips\.py, line 3\)"),
         ("falls:policy", r"falls:policy: ValueError: math domain error \(.*falls\.py, line 2\)"),
         ("drivers:Unmade", r"drivers:Unmade: TypeError: .*unexpected keyword argument"),
-        ("drivers:missing", "module 'drivers' has no attribute 'missing'"),
-        ("no_drivers:still", "No module named 'no_drivers'"),
-        ("drivers:np", "it cannot be called"),
     ],
 )
 def test_one_that_cannot_be_made_is_refused(name, told):
@@ -91,25 +88,24 @@ def test_one_that_cannot_be_made_is_refused(name, told):
     assert "\n" not in str(caught.value)
 
 
-ANSWERS = [
-    ("raises", r"drivers:raises: ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
-    ("deep", r"drivers:deep: LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
-    ("nan", "drivers:nan: it must return finite numbers, got nan"),
-    ("one", r"drivers:one: it must return an array of shape \(5, 2\), got \(5, 1\)"),
-    ("text", "drivers:text: it must return numbers, got str"),
-    ("nothing", r"drivers:nothing: it must return (numbers|an array)"),
-]
-
-
-@pytest.mark.parametrize(("name", "told"), ANSWERS)
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("raises", r"drivers:raises: ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
+        ("deep", r"drivers:deep: LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
+        ("nan", "drivers:nan: it must return finite numbers, got nan"),
+        ("one", r"drivers:one: it must return an array of shape \(5, 2\), got \(5, 1\)"),
+        ("text", "drivers:text: it must return numbers, got str"),
+        ("nothing", r"drivers:nothing: it must return (numbers|an array)"),
+    ],
+)
 def test_a_failing_policy_is_reported_with_its_place(name, told):
     with pytest.raises(ValueError, match=told) as caught:
         make_policy(f"drivers:{name}")(np.zeros((5, 13), np.float32))
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", [name for name, _ in ANSWERS])
-def test_the_command_line_says_so_on_one_line(capsys, name):
-    assert main(["evaluate", "--policy", f"drivers:{name}", "--episodes", "4"]) == 2
+def test_the_command_line_says_so_on_one_line(capsys):
+    assert main(["evaluate", "--policy", "drivers:raises", "--episodes", "4"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"turtlebot-gym: drivers:{name}: ")
+    assert line.startswith("turtlebot-gym: drivers:raises: ")

@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drives import Drive, Seen, Surroundings
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Pose
+
+COLUMNS = ("true_state", "odometry", "estimate", "covariance", "reference", "command", "twist", "nis", "clearance", "level")
 
 
 def draw(
@@ -47,3 +51,22 @@ def write(path, columns, *, mark=","):
     lines = [mark.join(columns), *(mark.join("" if cell != cell else repr(float(cell)) for cell in row) for row in rows)]
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+def random_drive(rows=8, *, seed=0):
+    """Return a drive of random numbers, with a scan in every second row."""
+    random = np.random.default_rng(seed)
+    known = {name: random.normal(size=getattr(Drive(time=np.arange(rows)), name).shape) for name in COLUMNS}
+    known["covariance"] = known["covariance"] @ known["covariance"].transpose(0, 2, 1)
+    ranges = random.uniform(0.1, 3.0, (rows, 36)).astype(np.float32)
+    return Drive(
+        time=0.1 * np.arange(rows),
+        **known,
+        report=tuple(f"report {k}" for k in range(rows)),
+        circles=tuple(random.normal(size=(rows, 2, 3))),
+        scans=tuple(
+            Seen(row, Pose(*random.normal(size=3)), Scan(ranges[row], 0.0, 0.1745, 0.1, 3.5)) for row in range(0, rows, 2)
+        ),
+        around=Surroundings("random"),
+        outcome="the end",
+    )

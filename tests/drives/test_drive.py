@@ -5,31 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from drawing import COLUMNS, random_drive
 
-from turtlebot_gym.drives import Drive, Growing, Seen, Surroundings, concatenate, heading_error, position_error
-from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.values import Pose
-
-COLUMNS = ("true_state", "odometry", "estimate", "covariance", "reference", "command", "twist", "nis", "clearance", "level")
-
-
-def make_drive(rows=8, *, seed=0):
-    """Return a drive of random numbers."""
-    rng = np.random.default_rng(seed)
-    scans = [
-        Seen(row, Pose(*rng.normal(size=3)), Scan(rng.uniform(0.1, 3.0, 36).astype(np.float32), 0.0, 0.1745, 0.1, 3.5))
-        for row in range(0, rows, 2)
-    ]
-    known = {name: getattr(Drive(time=np.arange(rows)), name).shape for name in COLUMNS}
-    return Drive(
-        time=0.1 * np.arange(rows),
-        **{name: rng.normal(size=shape) for name, shape in known.items()},
-        report=tuple(f"report {k}" for k in range(rows)),
-        circles=tuple(rng.normal(size=(2, 3)) for _ in range(rows)),
-        scans=tuple(scans),
-        around=Surroundings("random"),
-        outcome="the end",
-    )
+from turtlebot_gym.drives import Drive, Growing, concatenate, heading_error, position_error
 
 
 def same(one, other):
@@ -71,7 +49,7 @@ def test_rows_far_apart_do_not_continue_each_other():
 
 @pytest.mark.parametrize("cuts", [(0, 8), (0, 3, 8), tuple(range(9))])
 def test_slices_make_the_whole(cuts):
-    drive = make_drive()
+    drive = random_drive()
     same(concatenate([drive[a:b] for a, b in pairwise(cuts)]), drive)
 
 
@@ -81,7 +59,7 @@ def test_no_pieces_make_no_drive():
 
 
 def test_a_reader_of_a_growing_drive_misses_nothing_and_reads_nothing_twice():
-    drive, rng = make_drive(30), np.random.default_rng(1)
+    drive, rng = random_drive(30), np.random.default_rng(1)
     growing, read, number, pieces = Growing(), [], -1, 0
     for row in range(30):
         growing.add(drive[row : row + 1])
@@ -119,7 +97,7 @@ def test_the_error_of_an_unknown_pose_is_unknown():
 
 
 def test_a_changed_drive_leaves_the_first_as_it_was():
-    drive = make_drive()
+    drive = random_drive()
     before = drive.nis.copy()
     assert np.isnan(replace(drive, nis=np.full(8, np.nan)).nis).all()
     np.testing.assert_array_equal(drive.nis, before)

@@ -4,49 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drawing import random_drive
 
-from turtlebot_gym.drives import Drive, Seen
+from turtlebot_gym.drives import Seen
 from turtlebot_gym.plotting import ellipse
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.watch.columns import rows_of, scans_of
 
 
-def make_drive(rows=8, *, scans=True):
-    """Return a drive of random numbers."""
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(rows, 5, 5))
-    seen = [
-        Seen(row, Pose(*rng.normal(size=3)), Scan(rng.uniform(0.1, 3.0, 36).astype(np.float32), 0.0, 0.1745, 0.1, 3.5))
-        for row in range(0, rows, 2)
-    ]
-    return Drive(
-        time=0.1 * np.arange(rows),
-        true_state=rng.normal(size=(rows, 5)),
-        odometry=rng.normal(size=(rows, 3)),
-        estimate=rng.normal(size=(rows, 5)),
-        covariance=root @ root.transpose(0, 2, 1),
-        reference=rng.normal(size=(rows, 3)),
-        command=rng.normal(size=(rows, 2)),
-        nis=rng.chisquare(3, rows),
-        circles=tuple(rng.normal(size=(2, 3)) for _ in range(rows)),
-        scans=tuple(seen) if scans else (),
-    )
-
-
 def test_columns_of_pieces_are_those_of_the_whole():
-    drive = make_drive()
+    drive = random_drive()
     whole, pieces = rows_of(drive), [drive[:3], drive[3:]]
     columns = [rows_of(pieces[0]), rows_of(pieces[1], scans_before=len(pieces[0].scans))]
     for name, values in whole.items():
         joined = [each for column in columns for each in column[name]]
         np.testing.assert_array_equal(np.array(joined), np.array(list(values)), err_msg=name)
     assert whole["scan"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
-    assert rows_of(make_drive(scans=False))["scan"].tolist() == [-1.0] * 8
+    assert rows_of(replace(drive, scans=()))["scan"].tolist() == [-1.0] * 8
 
 
 def test_the_ellipse_is_that_of_the_plots():
-    drive = make_drive()
+    drive = random_drive()
     columns = rows_of(drive)
     angle = np.linspace(0.0, 2.0 * np.pi, 97)
     for k in range(len(drive)):
@@ -61,7 +40,7 @@ def test_the_ellipse_is_that_of_the_plots():
 def test_an_ellipse_by_hand():
     covariance = np.zeros((5, 5))
     covariance[:2, :2] = [[1.0, 0.0], [0.0, 4.0]]  # sigmas of 1 m along x and 2 m along y
-    drive = make_drive(1)
+    drive = random_drive(1)
     columns = rows_of(replace(drive, covariance=covariance[None]))
     assert columns["width"][0] == pytest.approx(8.0)
     assert columns["height"][0] == pytest.approx(4.0)
@@ -69,7 +48,7 @@ def test_an_ellipse_by_hand():
 
 
 def test_what_is_not_known_stays_unknown():
-    drive = make_drive()
+    drive = random_drive()
     unknown = replace(drive, covariance=np.full((8, 5, 5), np.nan))
     assert np.isnan(rows_of(unknown)["width"]).all()
 
