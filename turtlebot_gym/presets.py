@@ -118,18 +118,18 @@ def _of_kind(tuning: FilterTuning, kind: Any) -> FilterTuning:
     return tuning if isinstance(tuning.kind, DeadReckoning) else replace(tuning, kind=kind)
 
 
-def gated(noise: Noise) -> FilterTuning:
+def _gated(noise: Noise) -> FilterTuning:
     """Return the matched tuning for the noise without spikes, with a gate that refuses 1 % of correct headings."""
     return _of_kind(matched(_without_spikes(noise)), Gated(heading_gate=HEADING_GATE))
 
 
-def mixture(noise: Noise) -> FilterTuning:
+def _mixture(noise: Noise) -> FilterTuning:
     """Return the matched tuning, without spikes in R, of the filter that models spikes: `estimation.mixture`."""
     spikes, size = noise.odometry.spike_probability, noise.odometry.spike
     return _of_kind(matched(_without_spikes(noise)), Mixture(spike_probability=spikes, spike=size))
 
 
-def slip(noise: Noise) -> FilterTuning:
+def _slip(noise: Noise) -> FilterTuning:
     """Return the tuning of the filter that models spikes and slip: `estimation.slip`."""
     process, odometry = noise.process, noise.odometry
     steady = matched(_without_spikes(replace(noise, process=replace(process, slip=0.0))))
@@ -137,12 +137,12 @@ def slip(noise: Noise) -> FilterTuning:
     return _of_kind(replace(steady, process=replace(process, scale=1.0)), kind)
 
 
-def scale(noise: Noise) -> FilterTuning:
+def _scale(noise: Noise) -> FilterTuning:
     """Return the matched tuning of the filter that estimates the executed share of a twist: `estimation.scale`."""
     return _of_kind(matched(noise), Scale())
 
 
-def gyro(noise: Noise, imu: Any) -> FilterTuning:
+def _gyro(noise: Noise, imu: Any) -> FilterTuning:
     """Return the matched tuning of the filter that reads a gyro, for its noise, a `systems.imu.ImuNoise`: `estimation.gyro`."""
     if not imu:
         raise ValueError("filter 'gyro' reads the sensor 'imu': choose one with imu=..., such as imu='calibrated'.")
@@ -154,11 +154,11 @@ def gyro(noise: Noise, imu: Any) -> FilterTuning:
 FILTERS: dict[str, Callable[..., FilterTuning]] = {
     "matched": matched,
     "tutorial": lambda noise: TUTORIAL_FILTER,
-    "gated": gated,
-    "mixture": mixture,
-    "slip": slip,
-    "scale": scale,
-    "gyro": gyro,
+    "gated": _gated,
+    "mixture": _mixture,
+    "slip": _slip,
+    "scale": _scale,
+    "gyro": _gyro,
 }
 """Filter tunings by name, as functions of the noise in use; `gyro` also takes that of the gyro."""
 
@@ -223,4 +223,4 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     if own is not tuning:
         raise refusal("filter", "a tuning, or what makes one", own)
     preset = choose("filter", tuning, FILTERS)
-    return gyro(noise, imu) if preset is gyro else preset(noise)
+    return _gyro(noise, imu) if preset is _gyro else preset(noise)

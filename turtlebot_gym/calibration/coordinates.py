@@ -15,7 +15,7 @@ from turtlebot_gym.parameters import Noise
 VARIANCE, PROBABILITY, SIZE, PLAIN = "variance", "probability", "size", "plain"
 
 
-class Parameter(NamedTuple):
+class _Parameter(NamedTuple):
     """One parameter of the noise model."""
 
     part: str
@@ -30,19 +30,19 @@ class Parameter(NamedTuple):
 
 
 PARAMETERS = {
-    "R_x": Parameter("odometry", "R", 0, VARIANCE, "m^2", 0.01),
-    "R_y": Parameter("odometry", "R", 1, VARIANCE, "m^2", 0.01),
-    "R_theta": Parameter("odometry", "R", 2, VARIANCE, "rad^2", 0.01),
-    "bias_x": Parameter("odometry", "bias", 0, PLAIN, "m", 0.01),
-    "bias_y": Parameter("odometry", "bias", 1, PLAIN, "m", 0.01),
-    "bias_theta": Parameter("odometry", "bias", 2, PLAIN, "rad", 0.01),
-    "spike_probability": Parameter("odometry", "spike_probability", None, PROBABILITY, "", 0.05),
-    "spike": Parameter("odometry", "spike", None, SIZE, "rad", 0.05),
-    "alpha1": Parameter("process", "alpha1", None, VARIANCE, "", 0.02),
-    "alpha2": Parameter("process", "alpha2", None, VARIANCE, "m^2", 0.02),
-    "alpha3": Parameter("process", "alpha3", None, VARIANCE, "rad^2/m^2", 0.02),
-    "alpha4": Parameter("process", "alpha4", None, VARIANCE, "", 0.02),
-    "scale": Parameter("process", "scale", None, PLAIN, "", 0.01),
+    "R_x": _Parameter("odometry", "R", 0, VARIANCE, "m^2", 0.01),
+    "R_y": _Parameter("odometry", "R", 1, VARIANCE, "m^2", 0.01),
+    "R_theta": _Parameter("odometry", "R", 2, VARIANCE, "rad^2", 0.01),
+    "bias_x": _Parameter("odometry", "bias", 0, PLAIN, "m", 0.01),
+    "bias_y": _Parameter("odometry", "bias", 1, PLAIN, "m", 0.01),
+    "bias_theta": _Parameter("odometry", "bias", 2, PLAIN, "rad", 0.01),
+    "spike_probability": _Parameter("odometry", "spike_probability", None, PROBABILITY, "", 0.05),
+    "spike": _Parameter("odometry", "spike", None, SIZE, "rad", 0.05),
+    "alpha1": _Parameter("process", "alpha1", None, VARIANCE, "", 0.02),
+    "alpha2": _Parameter("process", "alpha2", None, VARIANCE, "m^2", 0.02),
+    "alpha3": _Parameter("process", "alpha3", None, VARIANCE, "rad^2/m^2", 0.02),
+    "alpha4": _Parameter("process", "alpha4", None, VARIANCE, "", 0.02),
+    "scale": _Parameter("process", "scale", None, PLAIN, "", 0.01),
 }
 """Every parameter that a likelihood determines, by name; drop-outs are counted instead."""
 MEASURED = ("R_x", "R_y", "R_theta", "bias_x", "bias_y", "bias_theta", "spike_probability", "spike")
@@ -72,7 +72,7 @@ def with_values(noise: Noise, values: Mapping[str, float]) -> Noise:
     return Noise(process=replace(noise.process, **changed["process"]), odometry=replace(noise.odometry, **changed["odometry"]))  # type: ignore[arg-type]
 
 
-def coordinate(name: str, value: float) -> float:
+def _coordinate(name: str, value: float) -> float:
     """Return the coordinate of a parameter's value: the root of a variance, the arc sine of a probability."""
     kind = PARAMETERS[name].kind
     if kind == VARIANCE:
@@ -80,7 +80,7 @@ def coordinate(name: str, value: float) -> float:
     return math.asin(math.sqrt(value)) if kind == PROBABILITY else value
 
 
-def natural(name: str, x: float) -> float:
+def _natural(name: str, x: float) -> float:
     """Return the value of a parameter at a coordinate."""
     kind = PARAMETERS[name].kind
     if kind == VARIANCE:
@@ -96,14 +96,14 @@ def natural_interval(name: str, low: float, high: float) -> tuple[float, float]:
     if kind == PLAIN:
         return low, high
     top = min(high, 0.5 * math.pi) if kind == PROBABILITY else max(high, -low) if low < 0.0 else high
-    return natural(name, max(low, 0.0)), natural(name, top) if math.isfinite(top) else math.inf
+    return _natural(name, max(low, 0.0)), _natural(name, top) if math.isfinite(top) else math.inf
 
 
 def to_coordinates(noise: Noise, names: Sequence[str]) -> NDArray[np.float64]:
     """Return the coordinates of a noise model's parameters, shape (n,)."""
-    return np.array([coordinate(name, value_of(noise, name)) for name in names])
+    return np.array([_coordinate(name, value_of(noise, name)) for name in names])
 
 
 def from_coordinates(noise: Noise, names: Sequence[str], x: NDArray[np.float64]) -> Noise:
     """Return a noise model with the parameters at some coordinates."""
-    return with_values(noise, {name: natural(name, float(number)) for name, number in zip(names, x, strict=True)})
+    return with_values(noise, {name: _natural(name, float(number)) for name, number in zip(names, x, strict=True)})

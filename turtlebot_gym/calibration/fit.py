@@ -201,7 +201,7 @@ def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tupl
     return x, expected
 
 
-class Interval(NamedTuple):
+class _Interval(NamedTuple):
     """A coordinate's interval."""
 
     low: float
@@ -210,7 +210,7 @@ class Interval(NamedTuple):
     """Whether the interval comes from the profile likelihood."""
 
 
-def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> Interval:
+def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> _Interval:
     """Return the interval of a coordinate; infinite on a side where the drive sets no bound.
 
     The quadratic interval holds if the deviance at its ends is as predicted, with the other coordinates at the
@@ -238,7 +238,7 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
         else:
             profile = True
             ends.append(_profile_end(likelihood, fit, at, side, least))
-    return Interval(ends[0], ends[1], profile)
+    return _Interval(ends[0], ends[1], profile)
 
 
 def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: float) -> float:

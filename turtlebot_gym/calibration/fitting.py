@@ -34,7 +34,7 @@ FALSE_ALARM = 1e-4
 """Level of the test for errors that are correlated from row to row."""
 
 
-class Found(NamedTuple):
+class _Found(NamedTuple):
     """Result of a fit."""
 
     estimates: dict[str, Estimate]
@@ -46,7 +46,7 @@ class Found(NamedTuple):
 
 def by_truth(
     drive: Drive, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
-) -> Found:
+) -> _Found:
     """Fit to a drive with truth: execution noise and measurement noise separately."""
     fitted: dict[str, Estimate] = {}
     noise = start
@@ -88,7 +88,7 @@ def by_truth(
         fitted |= estimates(likely, base, names, best, has_truth=True)
         noise = from_coordinates(base, names, best.x)
         progress("measurements")
-    return Found(fitted, noise, integrator, length, count_segments(rows))
+    return _Found(fitted, noise, integrator, length, count_segments(rows))
 
 
 def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikelihood:
@@ -109,7 +109,7 @@ def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikeliho
     return likelihood
 
 
-def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> Found:
+def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> _Found:
     """Fit to a drive without truth: execution and measurement noise together, by the innovations of a matched filter."""
     rows = measured_rows(drive)
     step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
@@ -124,7 +124,7 @@ def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress:
     progress("search")
     fitted = estimates(likely, base, names, best, has_truth=False)
     progress("intervals")
-    return Found(fitted, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
+    return _Found(fitted, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
 
 
 def _better(likelihood: Callable[[float], float]) -> str:

@@ -31,7 +31,7 @@ SYSTEMS: dict[str, dict[str, Any]] = {
 each filter. Other numbers need no compilation, except for other delays of fixes."""
 
 
-def fill(name: str) -> float:
+def _fill(name: str) -> float:
     """Compile the loops of a system unless the cache holds them, and return how long it took, s."""
     began = time.perf_counter()
     parameters, waypoints, plan, _ = Options(**SYSTEMS[name]).setup()
@@ -66,7 +66,7 @@ def fill_all(
     order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
     context = multiprocessing.get_context("spawn")  # a forked process would inherit numba's threads
     with ProcessPoolExecutor(whole("processes", processes, 1), context, _in_silence) as pool:
-        running = {pool.submit(fill, name): name for name in order}
+        running = {pool.submit(_fill, name): name for name in order}
         for done, future in enumerate(as_completed(running), 1):
             times[running[future]] = future.result()
             progress(done)

@@ -24,7 +24,7 @@ from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
 
 
-class Layout(NamedTuple):
+class _Layout(NamedTuple):
     """Layout of a system's values in a tile, and in a thread's scratch: observation, outcome and action in sequence."""
 
     parameters: Packing
@@ -40,23 +40,23 @@ class Layout(NamedTuple):
     """Numbers in the scratch."""
 
 
-class Loops(NamedTuple):
+class _Loops(NamedTuple):
     """The compiled functions of a system, each compiled at its first call."""
 
-    layout: Layout
+    layout: _Layout
     step: Callable[..., None]
     """Advances the environments of some tiles; the last number among the keys of a tile is the tile's own."""
     reset: Callable[..., None]
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
 
-def layout_of(system: System, special: Special = GENERAL) -> Layout:
+def layout_of(system: System, special: Special = GENERAL) -> _Layout:
     """Return the layout of a system's values in a tile, from an example of each."""
     return _layout_of(system, special)
 
 
 @cache
-def _layout_of(system: System, special: Special) -> Layout:
+def _layout_of(system: System, special: Special) -> _Layout:
     begin, transition, observe, *_ = step_of(system)
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
@@ -66,7 +66,7 @@ def _layout_of(system: System, special: Special) -> Layout:
     an_outcome, observation = packing(outcome), packing(observe(world, p))
     at_outcome = observation.size * TILE
     at_action = at_outcome + an_outcome.size * TILE
-    return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
+    return _Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
 
 
 @kernel
@@ -262,13 +262,13 @@ def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., 
     return reset_lane
 
 
-def loops_of(system: System, special: Special = GENERAL) -> Loops:
+def loops_of(system: System, special: Special = GENERAL) -> _Loops:
     """Return the compiled loops of a system, general or for a special case; processes share them through the cache."""
     return _loops_of(system, special)
 
 
 @cache
-def _loops_of(system: System, special: Special) -> Loops:
+def _loops_of(system: System, special: Special) -> _Loops:
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
@@ -292,6 +292,6 @@ def _loops_of(system: System, special: Special) -> Loops:
 
     layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     if not system.compiled:
-        return Loops(layout, step_rows, reset_rows)
+        return _Loops(layout, step_rows, reset_rows)
     case = "" if special == GENERAL else " without slip and delay"
-    return Loops(layout, compiled(step_rows, f"steps {place}{case}"), compiled(reset_rows, f"resets {place}{case}"))
+    return _Loops(layout, compiled(step_rows, f"steps {place}{case}"), compiled(reset_rows, f"resets {place}{case}"))

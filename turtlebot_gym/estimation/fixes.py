@@ -21,7 +21,7 @@ from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.values import Belief, Fix, Pose, senses_of
 
 
-class Told(NamedTuple):
+class _Told(NamedTuple):
     """Inputs of a filter in one step."""
 
     senses: Any
@@ -32,7 +32,7 @@ class Told(NamedTuple):
     """Length of the step, s."""
 
 
-class Remembered(NamedTuple):
+class _Remembered(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -42,7 +42,7 @@ class Remembered(NamedTuple):
     """The filter's own estimate."""
     oldest: Any
     """Estimate from before the stored steps, before that step's own fix."""
-    told: tuple[Told, ...]
+    told: tuple[_Told, ...]
     """Inputs of the last steps, newest first."""
     steps: float
     """Number of steps from the oldest estimate to the newest."""
@@ -60,8 +60,8 @@ def no_fix() -> Fix:
 
 
 @kernel
-def _with_fix(told: Told, fix: Fix, here: bool) -> Told:
-    return Told(told.senses, fix if here else told.fix, told.dt)
+def _with_fix(told: _Told, fix: Fix, here: bool) -> _Told:
+    return _Told(told.senses, fix if here else told.fix, told.dt)
 
 
 def filled(count: int) -> Callable[[Any], Any]:
@@ -123,8 +123,8 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
     @kernel
     def start(senses, tuning):
         first = begin(senses, tuning)
-        told = Told(Read(*values_of(senses)), no_fix(), 0.0)
-        return Remembered(first.belief, first.nis, first, first, fill(told), 0.0)
+        told = _Told(Read(*values_of(senses)), no_fix(), 0.0)
+        return _Remembered(first.belief, first.nis, first, first, fill(told), 0.0)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, middle):
@@ -132,7 +132,7 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         if estimate.steps >= last:
             oldest = advance(oldest, old[last], old[last - 1], tuning, middle)
         count = min(estimate.steps + 1.0, 1.0 * last)
-        told = (Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
+        told = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
         newest = step(estimate.newest, before, senses, tuning, dt, middle)
         now = senses.fix
         if now.arrived:
@@ -142,6 +142,6 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
             for ago in range(int(count), 0, -1):
                 newest = advance(newest, told[ago], told[ago - 1], tuning, middle)
             newest = fixed(newest, told[0], tuning)
-        return Remembered(newest.belief, newest.nis, newest, oldest, told, count)
+        return _Remembered(newest.belief, newest.nis, newest, oldest, told, count)
 
     return filter._replace(start=start, step=step_on, reads=(*reads, "fix"))

@@ -41,7 +41,7 @@ class Gyro:
         typed(self)
 
 
-class GyroEstimate(NamedTuple):
+class _GyroEstimate(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -52,10 +52,10 @@ class GyroEstimate(NamedTuple):
 
 
 @kernel
-def start(senses: Any, tuning: FilterTuning) -> GyroEstimate:
+def _start(senses: Any, tuning: FilterTuning) -> _GyroEstimate:
     """Start from the first measurement, without a bias; see `interface.Filter`."""
     belief, deviation = ekf.initialize(senses.odometry.pose, tuning).belief, tuning.kind.bias_deviation
-    return GyroEstimate(belief, 0.0, Sixth(0.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
+    return _GyroEstimate(belief, 0.0, Sixth(0.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
 
 
 @kernel
@@ -67,7 +67,7 @@ def _turn_rate(belief: Belief, bias: Sixth) -> Projection:
 
 
 @kernel
-def step(estimate: GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, middle: float) -> GyroEstimate:
+def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, middle: float) -> _GyroEstimate:
     """Predict, correct by the measured turning rate, and by the measured pose if one arrived; see `interface.Filter`."""
     odometry, own = senses.odometry, tuning.kind
     to = moved_column(estimate.bias, estimate.belief.mean, dt, middle)
@@ -78,18 +78,18 @@ def step(estimate: GyroEstimate, before: Any, senses: Any, tuning: FilterTuning,
     surprise = senses.imu.omega - belief.mean.omega - bias.mean
     h = _turn_rate(belief, bias)
     belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, own.variance)
-    turned = GyroEstimate(ekf.wrapped(belief), estimate.nis, bias)
+    turned = _GyroEstimate(ekf.wrapped(belief), estimate.nis, bias)
 
     z, prior = odometry.pose, turned.belief
     belief, bias, nis = correct_both(prior, bias, z, tuning.R, innovation(prior.mean, z).theta)
-    return GyroEstimate(belief, nis, bias) if odometry.measured and own.corrects else turned
+    return _GyroEstimate(belief, nis, bias) if odometry.measured and own.corrects else turned
 
 
 @kernel
-def fix(estimate: GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> GyroEstimate:
+def _fix(estimate: _GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _GyroEstimate:
     """Condition on an external pose measurement; see `interface.Filter`."""
     belief, bias, _ = correct_both(estimate.belief, estimate.bias, z, R, wrap(z.theta - estimate.belief.mean.theta))
-    return GyroEstimate(belief, estimate.nis, bias)
+    return _GyroEstimate(belief, estimate.nis, bias)
 
 
-Gyro.filter = Filter(start, step, fix, ("odometry", "imu"), Gyro(variance=3e-6, bias_deviation=0.01))
+Gyro.filter = Filter(_start, _step, _fix, ("odometry", "imu"), Gyro(variance=3e-6, bias_deviation=0.01))

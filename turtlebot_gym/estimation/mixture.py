@@ -36,7 +36,7 @@ class Hypotheses(NamedTuple):
     low: Belief
 
 
-class MixtureEstimate(NamedTuple):
+class _MixtureEstimate(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -48,7 +48,7 @@ class MixtureEstimate(NamedTuple):
     """Probabilities of the hypotheses."""
 
 
-class Tracked(NamedTuple):
+class _Tracked(NamedTuple):
     """A hypothesis after a step, and the measurement's likelihood under it, ``factor e^-exponent`` up to a constant."""
 
     belief: Belief
@@ -60,9 +60,9 @@ class Tracked(NamedTuple):
 class Tracks(NamedTuple):
     """All hypotheses after a step."""
 
-    true: Tracked
-    high: Tracked
-    low: Tracked
+    true: _Tracked
+    high: _Tracked
+    low: _Tracked
 
 
 @kernel
@@ -144,14 +144,14 @@ def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
 
 
 @kernel
-def start(senses: Senses, tuning: FilterTuning) -> MixtureEstimate:
+def start(senses: Senses, tuning: FilterTuning) -> _MixtureEstimate:
     """Start from the first measurement; see `interface.Filter`."""
     hypotheses, weights = begin(senses.odometry.pose, tuning)
-    return MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
+    return _MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
 
 
 @kernel
-def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> Tracked:
+def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> _Tracked:
     """Predict a hypothesis, and correct it by a measurement that arrived, weighed by its three explanations."""
     R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
     prior = predict(belief, odometry.twist, tuning, dt, middle)
@@ -173,7 +173,7 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, m
     spread = is_true * off_true * off_true + is_high * off_high * off_high + is_low * off_low * off_low
     posterior = wrapped(absorb(placed, h.column, mean * inverse, inverse - spread * inverse * inverse))
     told = nis + is_true * q_true + is_high * q_high + is_low * q_low
-    return Tracked(
+    return _Tracked(
         posterior if measured else prior,
         told,
         0.5 * (nis + least) if measured else 0.0,
@@ -192,10 +192,10 @@ def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, 
 
 
 @kernel
-def _fix_one(belief: Belief, z: Pose, R: Variances) -> Tracked:
+def _fix_one(belief: Belief, z: Pose, R: Variances) -> _Tracked:
     """Condition a hypothesis on an external pose measurement."""
     posterior, nis, precision = correct_pose(belief, z, R, wrap(z.theta - belief.mean.theta))
-    return Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
+    return _Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
 
 
 @kernel
@@ -235,8 +235,8 @@ def scaled(weights: Three, factor: float) -> Three:
 
 @kernel
 def step(
-    estimate: MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
-) -> MixtureEstimate:
+    estimate: _MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> _MixtureEstimate:
     """Predict and correct all hypotheses, and weigh them by the measurement's likelihoods; see `interface.Filter`."""
     tracks = track_all(estimate.hypotheses, senses.odometry, tuning, dt, middle)
     true, high, low = tracks
@@ -244,14 +244,14 @@ def step(
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
     hypotheses = beliefs(tracks)
-    return MixtureEstimate(merged(hypotheses, weights), nis if senses.odometry.measured else estimate.nis, hypotheses, weights)
+    return _MixtureEstimate(merged(hypotheses, weights), nis if senses.odometry.measured else estimate.nis, hypotheses, weights)
 
 
 @kernel
-def fix(estimate: MixtureEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> MixtureEstimate:
+def fix(estimate: _MixtureEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _MixtureEstimate:
     """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
     tracks = fix_all(estimate.hypotheses, z, R)
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     hypotheses = beliefs(tracks)
-    return MixtureEstimate(merged(hypotheses, weights), estimate.nis, hypotheses, weights)
+    return _MixtureEstimate(merged(hypotheses, weights), estimate.nis, hypotheses, weights)

@@ -46,7 +46,7 @@ class Plain:
         return _filter_of(self.make)
 
 
-class PlainEstimate(NamedTuple):
+class _PlainEstimate(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -74,7 +74,7 @@ def _name(make: Any) -> str:
     return f"{getattr(make, '__module__', '')}:{getattr(make, '__qualname__', make)}"
 
 
-def _packed(make: Any, x: Any, P: Any, nis: float) -> PlainEstimate:
+def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
     """Return an estimate from a worker's arrays."""
     x, P = np.array(x, np.float64).ravel(), np.array(P, np.float64)
     if P.shape != (len(x), len(x)) or not (np.isfinite(x).all() and np.isfinite(P).all()):
@@ -82,10 +82,10 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> PlainEstimate:
     x[2] = wrap(float(x[2]))
     P = 0.5 * (P + P.T)
     more = (*x[5:].tolist(), *P[5:].ravel().tolist())
-    return PlainEstimate(Belief(State(*x[:5].tolist()), Covariance(*P[:5, :5][_UPPER].tolist())), nis, more)
+    return _PlainEstimate(Belief(State(*x[:5].tolist()), Covariance(*P[:5, :5][_UPPER].tolist())), nis, more)
 
 
-def _unpacked(estimate: PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return state and covariance of an estimate."""
     x, P = np.array([*estimate.belief.mean, *estimate.more[: size - 5]], np.float64), np.zeros((size, size))
     P[:5, :5][_UPPER] = estimate.belief.covariance
@@ -99,11 +99,11 @@ def _unpacked(estimate: PlainEstimate, size: int) -> tuple[NDArray[np.float64], 
 def _filter_of(make: Callable[[Any], Any]) -> Filter:
     """Return a plain class as a filter, whose functions change nothing but the worker that they set up themselves."""
 
-    def start(senses: Senses, tuning: FilterTuning) -> PlainEstimate:
+    def start(senses: Senses, tuning: FilterTuning) -> _PlainEstimate:
         _, x, P = _worker(make, tuning)
         return _packed(make, np.array([*senses.odometry.pose, *x[3:]]), P, 0.0)
 
-    def run(estimate: PlainEstimate, tuning: Any, work: Callable[[Any], float]) -> PlainEstimate:
+    def run(estimate: _PlainEstimate, tuning: Any, work: Callable[[Any], float]) -> _PlainEstimate:
         worker, first, _ = _worker(make, tuning)
         worker.x, worker.P = _unpacked(estimate, len(first))
         try:
@@ -112,7 +112,7 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
             raise failure(_name(make), error) from error
         return _packed(make, worker.x, worker.P, nis)
 
-    def step(estimate: Any, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> PlainEstimate:
+    def step(estimate: Any, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> _PlainEstimate:
         _, twist, measured = senses.odometry
 
         def work(worker: Any) -> float:
@@ -128,7 +128,7 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
 
         return run(estimate, tuning, work)
 
-    def fix(estimate: Any, z: Pose, R: tuple[float, ...], tuning: FilterTuning) -> PlainEstimate:
+    def fix(estimate: Any, z: Pose, R: tuple[float, ...], tuning: FilterTuning) -> _PlainEstimate:
         def work(worker: Any) -> float:
             worker.update(np.array(z), np.array(R))
             return estimate.nis

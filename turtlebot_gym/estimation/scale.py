@@ -17,7 +17,7 @@ from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 
-class ScaleEstimate(NamedTuple):
+class _ScaleEstimate(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -28,11 +28,11 @@ class ScaleEstimate(NamedTuple):
 
 
 @kernel
-def start(senses: Senses, tuning: FilterTuning) -> ScaleEstimate:
+def start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
     """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
     belief = ekf.initialize(senses.odometry.pose, tuning).belief
     deviation = tuning.kind.scale_deviation
-    return ScaleEstimate(belief, 0.0, Sixth(1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
+    return _ScaleEstimate(belief, 0.0, Sixth(1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
 
 
 @kernel
@@ -57,19 +57,19 @@ def _predict(
 
 @kernel
 def step(
-    estimate: ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
-) -> ScaleEstimate:
+    estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> _ScaleEstimate:
     """Predict with the executed share of the twist, and correct by the measured pose; see `interface.Filter`."""
     z = senses.odometry.pose
     prior, scale = _predict(estimate.belief, estimate.scale, senses.odometry.twist, tuning, dt, middle)
-    now = ScaleEstimate(prior, estimate.nis, scale)
+    now = _ScaleEstimate(prior, estimate.nis, scale)
     belief, scale, nis = correct_both(prior, scale, z, tuning.R, innovation(prior.mean, z).theta)
-    return ScaleEstimate(belief, nis, scale) if senses.odometry.measured else now
+    return _ScaleEstimate(belief, nis, scale) if senses.odometry.measured else now
 
 
 @kernel
-def fix(estimate: ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> ScaleEstimate:
+def fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
     """Condition on an external pose measurement; see `interface.Filter`."""
     turn = wrap(z.theta - estimate.belief.mean.theta)
     belief, scale, _ = correct_both(estimate.belief, estimate.scale, z, R, turn)
-    return ScaleEstimate(belief, estimate.nis, scale)
+    return _ScaleEstimate(belief, estimate.nis, scale)

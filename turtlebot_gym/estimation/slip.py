@@ -33,7 +33,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
 from turtlebot_gym.values import Belief, Command, Pose, Senses, State
 
 
-class SlipEstimate(NamedTuple):
+class _SlipEstimate(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -58,11 +58,11 @@ def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -
 
 
 @kernel
-def start(senses: Senses, tuning: FilterTuning) -> SlipEstimate:
+def start(senses: Senses, tuning: FilterTuning) -> _SlipEstimate:
     """Start from the first measurement, with wheels that grip; see `interface.Filter`."""
     hypotheses, weights = begin(senses.odometry.pose, tuning)
     none = (0.0, 0.0, 0.0)
-    return SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
+    return _SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
 
 
 @kernel
@@ -86,7 +86,7 @@ def _mix(
 
 
 @kernel
-def _weigh(estimate: SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Three, Three]:
+def _weigh(estimate: _SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Three, Three]:
     """Return the weights of all hypotheses in both modes after a measurement."""
     least = min(least_exponent(gripped), least_exponent(slipped))
     grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
@@ -95,18 +95,18 @@ def _weigh(estimate: SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Th
 
 
 @kernel
-def fix(estimate: SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> SlipEstimate:
+def fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _SlipEstimate:
     """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
     gripped, slipped = fix_all(estimate.gripping, z, R), fix_all(estimate.slipping, z, R)
     grip, slip = _weigh(estimate, gripped, slipped)
     gripping, slipping = beliefs(gripped), beliefs(slipped)
-    return SlipEstimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
+    return _SlipEstimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
 
 
 @kernel
 def step(
-    estimate: SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
-) -> SlipEstimate:
+    estimate: _SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> _SlipEstimate:
     """Predict and correct all hypotheses in both modes, weigh them, and mix the modes; see `interface.Filter`."""
     odometry, twist = senses.odometry, senses.odometry.twist
     gripped = track_all(estimate.gripping, odometry, tuning, dt, middle)
@@ -122,4 +122,4 @@ def step(
     gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
     grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
     belief = _all(gripping, slipping, grip, slip)
-    return SlipEstimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)
+    return _SlipEstimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)

@@ -51,7 +51,7 @@ def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Co
     )
 
 
-class Motion(NamedTuple):
+class _Motion(NamedTuple):
     """A displacement in one control interval, and those of its derivatives that are neither 0 nor 1."""
 
     x: float
@@ -72,7 +72,7 @@ class Motion(NamedTuple):
 
 
 @algebra
-def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> Motion:
+def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> _Motion:
     """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `INTEGRATORS`.
 
     Args:
@@ -85,7 +85,7 @@ def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> Mo
     sine, cosine = sincos(theta + middle * omega * dt)
     x_theta, y_theta = -v * sine * dt, v * cosine * dt
     share = middle * dt
-    return Motion(
+    return _Motion(
         v * cosine * dt, v * sine * dt, omega * dt,
         x_theta, cosine * dt, share * x_theta,
         y_theta, sine * dt, share * y_theta,

@@ -67,7 +67,7 @@ _MODEL = """
 </mujoco>"""
 
 
-class Driven(NamedTuple):
+class _Driven(NamedTuple):
     """A robot after a control interval."""
 
     truth: State
@@ -110,7 +110,7 @@ class Engine:
         turn, lying = _about_z(pose.theta), self._resting[3:7]
         return (pose.x, pose.y, self._resting[2], *_product(turn, lying), *self._resting[7:])
 
-    def drive(self, physics: tuple[float, ...], wheels: Pose, commands: tuple[Command, Command], dt: float) -> Driven:
+    def drive(self, physics: tuple[float, ...], wheels: Pose, commands: tuple[Command, Command], dt: float) -> _Driven:
         """Drive for a control interval.
 
         Args:
@@ -137,7 +137,7 @@ class Engine:
                     twist = self._rolled(angles, time)
                     wheels = advance(wheels, twist.v, twist.omega, time, _MIDDLE)
                     rest -= count
-            return Driven(self._truth(), wheels, twist, self._read())
+            return _Driven(self._truth(), wheels, twist, self._read())
 
     def _set(self, command: Command) -> None:
         """Set the wheels' speeds to those of a twist."""

@@ -129,7 +129,7 @@ def age_of_scan(at: int, lidar: Lidar, dt: float) -> float:
 
 
 @kernel
-def is_dead(angle: float, lidar: Lidar) -> bool:
+def _is_dead(angle: float, lidar: Lidar) -> bool:
     """Return whether a LiDAR is blind in a direction, given in the robot's frame."""
     blind = False
     for sector in lidar.dead:
@@ -149,7 +149,7 @@ def aim(beams, lidar: Lidar) -> None:
     for beam in range(int(lidar.beams)):
         angle = lidar.yaw + TWO_PI * beam / lidar.beams
         beams[1, beam], beams[0, beam] = sincos(angle)
-        beams[2, beam] = math.inf if is_dead(angle, lidar) else lidar.range_min
+        beams[2, beam] = math.inf if _is_dead(angle, lidar) else lidar.range_min
 
 
 @kernel

@@ -81,7 +81,7 @@ def scene_at(scenes: Scene, index: int) -> Scene:
     )
 
 
-def cells(extent: float) -> int:
+def _cells(extent: float) -> int:
     """Return the number of cells along an extent in metres."""
     return max(1, math.ceil(extent / RESOLUTION - 1e-9))
 
@@ -100,7 +100,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
     Raises:
         ValueError: If the paths of such a room would take more than `MAX_CELLS`.
     """
-    if cells(length) * cells(width) > MAX_CELLS:
+    if _cells(length) * _cells(width) > MAX_CELLS:
         raise ValueError(f"A room must have at most {MAX_CELLS:,} cells of {RESOLUTION:g} m, got {length:g} x {width:g} m.")
 
     def zeros(*shape: int, dtype: Any = np.float64) -> NDArray[Any]:
@@ -111,7 +111,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         zeros(2, dtype=np.int64),
         zeros(max(circles, 1), 5),
         zeros(max(boxes, 1), 6),
-        zeros(cells(width), cells(length), dtype=np.uint16),
+        zeros(_cells(width), _cells(length), dtype=np.uint16),
         zeros(3, beams),
         zeros(SECTORS, 2, dtype=np.int64),
         zeros(2, beams, dtype=np.float32),

@@ -29,7 +29,7 @@ class TrackedFix(NamedTuple):
 
 
 @kernel
-def measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> TrackedFix:
+def _measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> TrackedFix:
     """Return the fix that arrives in a step, if any.
 
     Args:
@@ -71,6 +71,6 @@ def fix_sensor(depth: int) -> Sensor:
     @kernel
     def sense(body, before, key, at, p):
         passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
-        return measure(passed, p.fix, key, at, p.dt)
+        return _measure(passed, p.fix, key, at, p.dt)
 
     return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))

@@ -50,7 +50,7 @@ class Imu(NamedTuple):
 
 
 @kernel
-def first(body, key, p):
+def _first(body, key, p):
     """Return the turning rate at the start, with the bias that the episode begins with."""
     own_key, noise = sub_key(key, _USE), p.imu
     white, _ = normals(own_key, 0, POSITION)
@@ -60,7 +60,7 @@ def first(body, key, p):
 
 
 @kernel
-def sense(body, before, key, at, p):
+def _sense(body, before, key, at, p):
     """Return the turning rate that is executed from this step on, after the bias has drifted."""
     noise = p.imu
     white, drift = normals(sub_key(key, _USE), at, POSITION)
@@ -68,4 +68,4 @@ def sense(body, before, key, at, p):
     return Imu(body.true_state.omega + bias + sqrt(noise.variance) * white, bias)
 
 
-IMU = Sensor("imu", first, sense, ImuNoise())
+IMU = Sensor("imu", _first, _sense, ImuNoise())

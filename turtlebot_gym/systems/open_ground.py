@@ -37,14 +37,14 @@ from turtlebot_gym.values import Command, Pose, State
 
 
 @kernel
-def lay_out(key, p, scene):
+def _lay_out(key, p, scene):
     """Return the start pose, and the goal if the task draws one."""
     pose = start_pose(key, p.task)
     return pose, draw_goal(key, pose, p.task)
 
 
 @kernel
-def start(pose):
+def _start(pose):
     """Return the body at rest in a pose."""
     rest = Command(0.0, 0.0)
     return Body(State(pose.x, pose.y, pose.theta, 0.0, 0.0), rest, (rest, rest, rest), pose, False)
@@ -63,7 +63,7 @@ def obey(body, command, p):
 
 
 @kernel
-def move(body, command, key, at, p):
+def _move(body, command, key, at, p):
     """Return the body after an interval: the pose moves with the current twist, then the twist follows the command."""
     dt, noise = p.dt, p.noise.process
     first, second, _ = body.asked
@@ -78,7 +78,7 @@ def move(body, command, key, at, p):
 
 
 @kernel
-def shown(body, senses, estimate, p):
+def _shown(body, senses, estimate, p):
     """Return the state that the policy observes: the estimated, the measured or the true one."""
     mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
     believed, measured = p.observed == BELIEVED, p.observed == MEASURED
@@ -92,12 +92,12 @@ def shown(body, senses, estimate, p):
 
 
 @kernel
-def judge(world, body, senses, estimate, waypoints, p):
+def _judge(world, body, senses, estimate, waypoints, p):
     """Return the number of waypoints visited, and the outcome of the step: arrival, reward, end."""
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     there = arrived(truth, reference, task)
-    reached = believed_to_arrive(shown(body, senses, estimate, p), reference, task) if task.on_belief else there
+    reached = believed_to_arrive(_shown(body, senses, estimate, p), reference, task) if task.on_belief else there
     timed, is_due = by_time(task), due(steps, visited, task, p.dt)
     done_with = is_due if timed else reached
     visited = visited + (1.0 if done_with else 0.0)
@@ -121,7 +121,7 @@ def look(world, p):
         heading if believed else (sqrt(R[2]) if measured else 0.0),
     )
     nis = world.estimate.nis if believed else 0.0
-    state = shown(world.body, world.senses, world.estimate, p)
+    state = _shown(world.body, world.senses, world.estimate, p)
     return observe(state, std, nis, world.course.reference, world.course.following, p.robot)
 
 
@@ -140,13 +140,13 @@ def open_ground(filter: Filter) -> System:
 
     p = make_parameters()
     return System(
-        lay_out=lay_out,
-        start=start,
-        move=move,
+        lay_out=_lay_out,
+        start=_start,
+        move=_move,
         sensors=(ODOMETRY,),
         first_estimate=first_estimate,
         estimate=estimate,
-        judge=judge,
+        judge=_judge,
         observe=look,
         layout=OBSERVATION_LAYOUT,
         low=OBSERVATION_LOW,

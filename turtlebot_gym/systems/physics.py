@@ -19,7 +19,7 @@ from turtlebot_gym.systems.system import System
 from turtlebot_gym.values import STOP, Command, Odometry, Pose, State
 
 
-class PhysicalBody(NamedTuple):
+class _PhysicalBody(NamedTuple):
     """True state of the robot: a `systems.world.Body` with its physics state."""
 
     true_state: State
@@ -32,19 +32,19 @@ class PhysicalBody(NamedTuple):
     twist: Command
     """Twist from the wheel angles."""
     physics: tuple[float, ...]
-    """See `plants.engine.Driven`."""
+    """See `plants.engine._Driven`."""
 
 
-def sense(body, before, key, at, p):
-    """Return the odometry as `sensors.sense_odometry` does, with the twist from the wheel angles."""
+def _sense(body, before, key, at, p):
+    """Return the odometry as `sensors.ODOMETRY` does, with the twist from the wheel angles."""
     truth = body.true_state
     pose = Pose(truth.x, truth.y, truth.theta)
     return odometry.sense(pose, body.wheels, body.twist, before, p.noise.odometry, key, at)
 
 
-def first_sense(body, key, p):
+def _first_sense(body, key, p):
     """Return the odometry at the start, where a measurement always arrives."""
-    return sense(body, Odometry(body.wheels, body.twist, True), key, 0, p)
+    return _sense(body, Odometry(body.wheels, body.twist, True), key, 0, p)
 
 
 @cache
@@ -59,14 +59,14 @@ def physical(system: System, burger: MujocoBurger) -> System:
     def start(pose):
         """Return the body at rest in a pose."""
         state = State(pose.x, pose.y, pose.theta, 0.0, 0.0)
-        return PhysicalBody(state, STOP, (STOP, STOP, STOP), pose, False, STOP, engine.start(pose))
+        return _PhysicalBody(state, STOP, (STOP, STOP, STOP), pose, False, STOP, engine.start(pose))
 
     def move(body, command, key, at, p):
         """Return the body after an interval: the motors follow the command in force, and towards the end the new one."""
         now = obey(body, command, p)
         driven = engine.drive(body.physics, body.wheels, (body.command, now), p.dt)
         asked = (command, *body.asked[:2])
-        return PhysicalBody(driven.truth, now, asked, driven.wheels, False, driven.twist, driven.physics)
+        return _PhysicalBody(driven.truth, now, asked, driven.wheels, False, driven.twist, driven.physics)
 
-    system = system.with_sensor(Sensor("odometry", first_sense, sense))
+    system = system.with_sensor(Sensor("odometry", _first_sense, _sense))
     return system._replace(start=start, move=move, example=system.example._replace(plant=burger), compiled=False)

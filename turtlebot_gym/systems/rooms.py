@@ -61,7 +61,7 @@ class Around(NamedTuple):
     """Whether the robot touches something."""
 
 
-class RoomObservation(NamedTuple):
+class _RoomObservation(NamedTuple):
     """Observation in a room, except for the ranges, which go between the two fields."""
 
     belief: Observation
@@ -71,7 +71,7 @@ class RoomObservation(NamedTuple):
 
 
 @kernel
-def lay_out(key, p, scene):
+def _lay_out(key, p, scene):
     """Draw a room, and return the start pose and the goal."""
     return draw(scene, p.room.rules, p.robot.radius, key)
 
@@ -83,7 +83,7 @@ def _pose(world):
 
 
 @kernel
-def first_look(world, key, p, scene):
+def _first_look(world, key, p, scene):
     """Measure a revolution at rest before the start, and return the robot's state in the room."""
     pose, lidar = _pose(world), p.room.lidar
     aim(scene.beams, lidar)
@@ -94,7 +94,7 @@ def first_look(world, key, p, scene):
 
 
 @kernel
-def look_round(world, key, p, scene):
+def _look_round(world, key, p, scene):
     """Move walkers, measure the beams of the interval, and return the robot's state in the room."""
     before, pose, lidar, at = world.room, _pose(world), p.room.lidar, int(world.steps)
     walk(scene, before.pose, p.room.rules.courtesy, p.dt)
@@ -110,7 +110,7 @@ def look_round(world, key, p, scene):
 
 
 @kernel
-def complete(world, room, outcome, p):
+def _complete(world, room, outcome, p):
     """Judge contact, and reward progress along the shortest path."""
     weights, collided = p.reward, room.collided
     success = outcome.is_success and not collided
@@ -123,18 +123,18 @@ def complete(world, room, outcome, p):
 
 
 @kernel
-def observe(world, p):
+def _observe(world, p):
     """Return the policy's observation, layout 2, except for the ranges."""
-    return RoomObservation(look(world, p), min(world.room.scan_age, MAX_AGE))
+    return _RoomObservation(look(world, p), min(world.room.scan_age, MAX_AGE))
 
 
 @kernel
-def ranges(scene):
+def _ranges(scene):
     """Return the pooled ranges of the newest scan."""
     return scene.sectors
 
 
-def make(parameters: Sequence[Parameters]) -> Scene:
+def _make(parameters: Sequence[Parameters]) -> Scene:
     """Return arrays large enough for the largest room and the largest LiDAR among some parameters."""
     rules = {row.room.rules for row in parameters}
     circles, boxes = (max(sizes) for sizes in zip(*map(capacity, rules), strict=True))
@@ -153,13 +153,13 @@ def rooms(filter: Filter) -> System:
     """Return the system of rooms with a filter."""
     plain = open_ground(filter)
     return plain._replace(
-        lay_out=lay_out,
-        observe=observe,
+        lay_out=_lay_out,
+        observe=_observe,
         layout=ROOM_LAYOUT,
         low=(*OBSERVATION_LOW, *(0.0,) * SECTORS, 0.0),
         high=(*OBSERVATION_HIGH, *(1.0,) * SECTORS, MAX_AGE),
         example=plain.example._replace(reward=RoomReward(), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
-        surroundings=Surroundings(make, scene_at, first_look, look_round, complete, ranges, SECTORS),
+        surroundings=Surroundings(_make, scene_at, _first_look, _look_round, _complete, _ranges, SECTORS),
     )
 
 

@@ -29,7 +29,7 @@ class Sensor(NamedTuple):
 
 
 @kernel
-def sense_odometry(body, before, key, at, p):
+def _sense_odometry(body, before, key, at, p):
     """Return a measured pose, unless it is lost, and the twist that the wheels were set to."""
     truth = body.true_state
     pose = Pose(truth.x, truth.y, truth.theta)
@@ -37,12 +37,12 @@ def sense_odometry(body, before, key, at, p):
 
 
 @kernel
-def first_odometry(body, key, p):
+def _first_odometry(body, key, p):
     """Return the odometry at the start, where a measurement always arrives."""
-    return sense_odometry(body, Odometry(body.wheels, body.command, True), key, 0, p)
+    return _sense_odometry(body, Odometry(body.wheels, body.command, True), key, 0, p)
 
 
-ODOMETRY = Sensor("odometry", first_odometry, sense_odometry)
+ODOMETRY = Sensor("odometry", _first_odometry, _sense_odometry)
 
 
 def _all_first(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
