@@ -29,10 +29,6 @@ def write(tmp_path, text):
     return path
 
 
-def test_there_are_files_for_the_usual_algorithms():
-    assert {"ppo", "sac", "td3"} <= set(SHIPPED)
-
-
 @pytest.mark.parametrize("algo", SHIPPED)
 @pytest.mark.parametrize("env", [*TASKS, "somebody/Else-v3"])
 def test_shipped_files_are_read_for_any_environment(algo, env):

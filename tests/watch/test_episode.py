@@ -85,10 +85,3 @@ def test_scans_end_on_what_was_there_when_they_were_taken(world):
             if np.isfinite(length):
                 end = Point(seen.lidar.x + length * np.cos(angle), seen.lidar.y + length * np.sin(angle))
                 assert min(end.distance(each) for each in solid) < 0.003
-
-
-def test_it_refuses_what_an_evaluation_refuses():
-    with pytest.raises(ValueError, match="seed"):
-        record_episode("bearing", seed=-1)
-    with pytest.raises(ValueError, match="env"):
-        record_episode("bearing", env="CartPole-v1")
