@@ -1,4 +1,4 @@
-"""The presets' numbers, and the tuning that is matched to a noise: every entry worked out by hand."""
+"""The numbers of presets and defaults, and the tuning that is matched to a noise: every entry worked out by hand."""
 
 from __future__ import annotations
 
@@ -8,11 +8,32 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import (
+    DeadReckoning,
+    FilterTuning,
+    Gated,
+    Kalman,
+    Noise,
+    OdometryNoise,
+    ProcessNoise,
+    Reward,
+    RoomReward,
+    Scale,
+)
 from turtlebot_gym.presets import NOISES, TUTORIAL_FILTER, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.systems import make_parameters
 
-STILL = {"alpha1": 0.0, "alpha2": 0.0, "alpha3": 0.0, "alpha4": 0.0, "slip": 0.0, "slip_start": 0.0, "slip_end": 1.0}
+STILL = {
+    "alpha1": 0.0,
+    "alpha2": 0.0,
+    "alpha3": 0.0,
+    "alpha4": 0.0,
+    "slip": 0.0,
+    "slip_start": 0.0,
+    "slip_end": 1.0,
+    "scale": 1.0,
+}
 EXACT = {
     "R": (0.0, 0.0, 0.0),
     "bias": (0.0, 0.0, 0.0),
@@ -39,21 +60,18 @@ MODELS = {
 }
 
 
-def test_there_are_five_noises():
-    assert list(NOISES) == ["clean", "tutorial", "documented", "wheel", "rough"]
+def test_each_noise_has_its_numbers():
+    assert list(NOISES) == list(MODELS)
+    for name, (process, odometry) in MODELS.items():
+        for given, expected in ((NOISES[name].process, process), (NOISES[name].odometry, odometry)):
+            assert set(asdict(given)) == set(expected)
+            for field, number in asdict(given).items():
+                assert number == pytest.approx(expected[field], rel=1e-12), (name, field)
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_a_noise_has_its_numbers(name):
-    process, odometry = MODELS[name]
-    got = asdict(NOISES[name].process)
-    assert {field: got[field] for field in process} == pytest.approx(process, rel=1e-12)
-    for field, number in asdict(NOISES[name].odometry).items():
-        assert number == pytest.approx(odometry[field], rel=1e-12), field
-
-
-def test_no_preset_has_a_speed_error():
-    assert [noise.process.scale for noise in NOISES.values()] == [1.0] * 5
+def test_the_defaults_are_no_noise():
+    assert (asdict(ProcessNoise()), asdict(OdometryNoise())) == (STILL, EXACT)
+    assert Noise() == Noise(process=ProcessNoise(), odometry=OdometryNoise())
 
 
 def test_the_tutorials_filter_has_its_numbers():
@@ -65,7 +83,7 @@ def test_the_tutorials_filter_has_its_numbers():
         "process": None,
         "kind": {"remember_velocity": True, "wrap_innovation": False, "gate": math.inf, "max_rejections": 10},
     }
-    assert asdict(TUTORIAL_FILTER.process) == {**STILL, "scale": 1.0}
+    assert asdict(TUTORIAL_FILTER.process) == STILL
 
 
 # The matched filter. Floors: 5 mm/s and 0.01 rad/s for the twist, (1 mm)^2 and (1 mrad)^2 for the measurement.
@@ -153,19 +171,30 @@ def test_names_and_values_make_the_same():
     assert make_filter("tutorial", NOISES["documented"]) is TUTORIAL_FILTER
     own = FilterTuning(Q=(0.1,) * 5, R=(0.2,) * 3)
     assert make_filter(own, NOISES["clean"]) is own
+    p = make_parameters(robot=ROBOTS["waffle"], noise=NOISES["rough"], filter=own, dt=1)
+    assert (p.robot, p.noise, p.tuning, p.dt) == (ROBOTS["waffle"], NOISES["rough"], own, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: make_robot("r2d2"), "robot must be one of 'burger', 'waffle', 'turtlebot4', 'tutorial', got 'r2d2'"),
-        (lambda: make_noise("loud"), "noise must be one of 'clean', 'tutorial', 'documented', 'wheel', 'rough', got 'loud'"),
-        (
-            lambda: make_filter("best", Noise()),
-            "filter must be one of 'matched', 'tutorial', 'gated', 'mixture', 'slip', 'scale', 'gyro', got 'best'",
-        ),
-    ],
-)
-def test_unknown_names_are_answered_with_the_known_ones(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+def test_the_defaults_of_a_filter_and_of_the_reward():
+    tuning = asdict(FilterTuning(Q=(0.1, 0.2, 0.3, 0.4, 0.5), R=(0.6, 0.7, 0.8)))
+    assert tuning.pop("process") == asdict(ProcessNoise())
+    assert tuning == {
+        "Q": (0.1, 0.2, 0.3, 0.4, 0.5),
+        "R": (0.6, 0.7, 0.8),
+        "from_origin": False,
+        "P0": (0.1, 0.1, 0.1, 1.0, 1.0),
+        "kind": {"remember_velocity": False, "wrap_innovation": True, "gate": math.inf, "max_rejections": 10},
+    }
+    assert (Gated(heading_gate=6.0).max_rejections, Scale().scale_deviation) == (10, 0.05)
+    weights = {"progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0}
+    assert asdict(Reward()) == weights
+    assert asdict(RoomReward()) == weights | {"collision": 50.0, "nearness": 0.5, "near": 0.15}
+
+
+def test_weights_for_rooms_are_refused_on_open_ground_and_completed_in_rooms():
+    assert make_parameters("room", reward=Reward(time=0.3)).reward == RoomReward(time=0.3)
+    assert make_parameters("room", reward={"collision": 9.0}).reward == RoomReward(collision=9.0)
+    with pytest.raises(ValueError, match="reward must be a Reward on open ground"):
+        make_parameters(reward=RoomReward())
+    with pytest.raises(ValueError, match="reward: Reward has no collision"):
+        make_parameters(reward={"collision": 9.0})

@@ -13,7 +13,7 @@ from turtlebot_gym.compiled.loop import layout_of
 from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.systems import Episode, make_parameters, system_of
+from turtlebot_gym.systems import make_parameters, system_of
 from turtlebot_gym.systems.special import GENERAL, QUIET, special_of
 from turtlebot_gym.tasks import NAV, POSE
 from turtlebot_gym.values import Pose
@@ -69,18 +69,6 @@ def test_a_special_loop_gives_the_bits_of_the_general_one(name):
     special, general = begun(CASES[name]), begun([CASES[name]] * N)
     assert (special._special, general._special) == (QUIET, GENERAL)
     step_both(special, general, acting(120))
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_and_those_of_plain_python(name):
-    batch, actions = begun(CASES[name]), acting(120)
-    for action in actions:
-        batch.step(action)
-    for index in (0, 1, 3, 5, 8, TILE - 1, TILE, N - 1):
-        plain = Episode(CASES[name], GOAL, seed=index)
-        for action in actions[:, index].tolist():
-            plain.act(action)
-        assert repr(batch.world(index)) == repr(plain.world)  # unlike ==, it tells zeros of either sign apart
 
 
 def test_the_law_notices_a_loop_that_leaves_out_what_is_not_idle(monkeypatch):

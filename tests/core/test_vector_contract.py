@@ -1,4 +1,4 @@
-"""What clients ask of a vector environment: ours beside `SyncVectorEnv`, bare and within Gymnasium's wrappers."""
+"""What clients ask of a vector environment: beside `SyncVectorEnv`, bare and in Gymnasium's wrappers, and by the checker."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector
 
 import turtlebot_gym  # noqa: F401  # registers the environments
+from gymnasium_vector_checker import check_vector_env
 
 IDS = [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square", "Rooms")]
 NAV = IDS[0]
@@ -123,4 +124,12 @@ def test_every_environment_is_sync_vector_env(id, mode):
         assert compare(seen[-1], expected[-1]) > 0
 
 
-OTHER_MASKS = [[True, False, True], np.ones(2, np.bool_), np.ones((3, 1), np.bool_), np.array([1, 0, 1]), np.zeros(3, np.bool_)]
+@pytest.mark.parametrize("info", ["default", "full"])
+@pytest.mark.parametrize("name", ["Nav", "Pose", "Square"])
+def test_every_id_keeps_the_contract_in_every_mode(name, info):
+    make = partial(gym.make_vec, f"turtlebot_gym/TurtleBot{name}-v0", info=info, noise="rough")
+    assert check_vector_env(make) == tuple(AutoresetMode)
+
+
+def test_a_batch_of_several_tiles_keeps_the_contract():
+    check_vector_env(partial(gym.make_vec, "turtlebot_gym/TurtleBotNav-v0", info="full"), num_envs=35, steps=16)
