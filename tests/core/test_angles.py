@@ -25,11 +25,6 @@ def test_wrap_stays_in_its_interval_and_on_the_circle(angles):
         assert turns == pytest.approx(round(turns), abs=1e-14)
 
 
-def test_wrap_of_pi_is_minus_pi():
-    assert wrap(math.pi) == wrap(-math.pi) == -math.pi
-    assert wrap(0.0) == 0.0
-
-
 @pytest.mark.parametrize("reach", [math.pi / 4.0, math.pi, 50.0, 1e4, 99_999.0])
 def test_sincos_is_accurate(reach):
     angles = np.random.default_rng(1).uniform(-reach, reach, 20_000).tolist()
@@ -52,46 +47,5 @@ def test_sincos_is_odd_and_even():
             assert sincos(-angle) == (-sincos(angle)[0], sincos(angle)[1])
 
 
-@pytest.mark.parametrize(
-    ("angle", "wrapped"),
-    [
-        (0.0, 0.0),
-        (3.0, 3.0),
-        (-3.0, -3.0),
-        (4.0, 4.0 - 6.283185307179586),
-        (-4.0, 6.283185307179586 - 4.0),
-        (7.0, 7.0 - 6.283185307179586),
-        (-7.0, 6.283185307179586 - 7.0),
-        (100.0, 100.0 - 16 * 6.283185307179586),
-        (3.141592653589793, -3.141592653589793),
-        (-3.141592653589793, -3.141592653589793),
-    ],
-)
-def test_wrap_takes_whole_turns_away(angle, wrapped):
-    assert wrap(angle) == pytest.approx(wrapped, rel=0.0, abs=1e-14)
-
-
 def test_a_turn_is_360_degrees():
     assert (angles.PI, angles.TWO_PI) == (3.141592653589793, 6.283185307179586)
-
-
-@pytest.mark.parametrize(
-    ("degrees", "sine", "cosine"),
-    [
-        (0, 0.0, 1.0),
-        (30, 0.5, 0.8660254037844386),
-        (60, 0.8660254037844386, 0.5),
-        (90, 1.0, 0.0),
-        (120, 0.8660254037844386, -0.5),
-        (180, 0.0, -1.0),
-        (210, -0.5, -0.8660254037844386),
-        (270, -1.0, 0.0),
-        (300, -0.8660254037844386, 0.5),
-        (360, 0.0, 1.0),
-        (-30, -0.5, 0.8660254037844386),
-        (-150, -0.5, -0.8660254037844386),
-        (3600 + 60, 0.8660254037844386, 0.5),
-    ],
-)
-def test_sincos_of_well_known_angles(degrees, sine, cosine):
-    assert sincos(degrees * 3.141592653589793 / 180.0) == pytest.approx((sine, cosine), rel=0.0, abs=1e-14)

@@ -26,20 +26,6 @@ def test_without_noise_it_is_the_pose():
     assert read(OdometryNoise()) == POSE
 
 
-def test_white_noise_has_the_stated_variances():
-    assert read(OdometryNoise(R=(0.04, 0.09, 0.01)), position=(1.0, -1.0), heading=1.0) == pytest.approx((1.2, -2.3, 3.1))
-
-
-def test_bias_is_added():
-    assert read(OdometryNoise(bias=(0.02, -0.01, 0.1))) == pytest.approx((1.02, -2.01, 3.1))
-
-
-@pytest.mark.parametrize(("event", "expected"), [(0.009, 0.3), (0.011, -0.3), (0.019, -0.3), (0.021, 0.0), (0.99, 0.0)])
-def test_spikes_come_with_their_probability_and_equal_signs(event, expected):
-    noise = OdometryNoise(spike_probability=0.02, spike=0.3)
-    assert read(noise, pose=Pose(0.0, 0.0, 0.0), event=event).theta == pytest.approx(expected)
-
-
 def test_headings_are_wrapped():
     theta = read(OdometryNoise(bias=(0.0, 0.0, 0.5))).theta
     assert theta == pytest.approx(3.5 - 2.0 * math.pi)
@@ -102,22 +88,6 @@ def test_noise_bias_and_spike_come_before_the_rounding():
     assert got == pytest.approx((1.5, 1.0, 1.5))  # 1.5 -> 1.5, 1.1 -> 1.0, 1.6 -> 1.5
 
 
-@pytest.mark.parametrize(
-    ("value", "resolution", "rounded"),
-    [
-        (0.74, 0.5, 0.5),
-        (0.76, 0.5, 1.0),
-        (-0.74, 0.5, -0.5),
-        (-0.76, 0.5, -1.0),
-        (0.24, 0.5, 0.0),
-        (7.3, 2.0, 8.0),
-        (0.3, 0.0, 0.3),
-    ],
-)
-def test_quantization_by_hand(value, resolution, rounded):
-    assert quantize(value, resolution) == rounded
-
-
 def test_half_of_the_spikes_go_each_way():
     # With 0.4 in all: below 0.2 up, from 0.2 to below 0.4 down.
     noise = OdometryNoise(spike_probability=0.4, spike=0.7)
@@ -147,11 +117,6 @@ def drive(noise, *, steps=40):
         true.append(info["true_state"])
     world.close()
     return np.array(measured), np.array(true)[:, :3]
-
-
-def test_a_lost_measurement_leaves_the_last_one_whole():
-    measured, _ = drive(Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.01), dropout_probability=1.0)))
-    np.testing.assert_array_equal(measured, np.tile(measured[0], (41, 1)))  # the first always arrives
 
 
 def test_measurements_are_lost_whole_or_not_at_all_and_as_often_as_stated():

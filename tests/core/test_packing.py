@@ -86,13 +86,6 @@ def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
     np.testing.assert_array_equal(compiled, plain)
 
 
-def test_lanes_do_not_overlap():
-    pack = packing(VALUE)
-    buffer = np.full(pack.size * TILE, np.nan)
-    pack.store(buffer, 5, VALUE)
-    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [5 + k * TILE for k in range(pack.size)]
-
-
 def test_slices_name_every_tuple_in_the_value():
     assert packing(VALUE).slices == {
         "": slice(0, 9),

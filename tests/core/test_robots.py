@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 
-import pytest
-
 from turtlebot_gym.robots import ROBOTS, Robot
 
 INF = math.inf
@@ -32,8 +30,3 @@ def test_a_robot_of_two_limits_has_no_other():
     assert asdict(Robot(max_linear=0.5, max_angular=2)) == dict(
         zip(FIELDS, (0.5, 2, 0.16, INF, INF, INF, True, 0.09), strict=True)
     )
-
-
-@pytest.mark.parametrize("name", ["max_wheel", "max_linear_acceleration", "max_angular_acceleration"])
-def test_what_limits_may_be_infinite(name):
-    assert getattr(Robot(**{"max_linear": 0.2, "max_angular": 2.0, name: INF}), name) == INF

@@ -39,12 +39,6 @@ def test_limit_holds_every_limit_and_the_curvature(robot):
         assert limited == command or max(at_a_limit) == pytest.approx(1.0)
 
 
-def test_limit_leaves_what_is_allowed_alone():
-    burger = ROBOTS["burger"]
-    for command in (Command(0.0, 0.0), Command(0.1, -0.5), Command(-0.2, 0.0), Command(0.0, 2.6)):
-        assert limit(command, burger) == command
-
-
 def test_limit_counts_the_faster_wheel():
     burger = ROBOTS["burger"]
     full = limit(Command(burger.max_linear, burger.max_angular), burger)
