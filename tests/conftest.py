@@ -1,8 +1,13 @@
-"""A ROS domain for each test process, so that its kernels and nodes receive no messages from others; hypothesis' profile."""
+"""A ROS domain for each test process, so that its kernels and nodes receive no messages from others; hypothesis' profile.
+
+Also the comparison of a batch with plain Python, for tests of all areas.
+"""
 
 import os
 import socket
 
+import numpy as np
+import pytest
 from hypothesis import settings
 
 
@@ -26,6 +31,30 @@ os.environ.pop("COLUMNS", None)  # pytest-xdist sets it, and tables would be as 
 # Every run tries the same examples, so that a failure comes from a change; others are tried with --hypothesis-profile=default.
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
+
+
+def _in_step(batch, plain, low, high, steps):
+    batch.seeds[:] = np.arange(batch.num_envs)
+    observations, outcomes = batch.empty()
+    batch.reset(np.ones(batch.num_envs, np.bool_), observations, outcomes)
+    rng = np.random.default_rng(0)
+    for step in range(steps + 1):
+        for row, episode in plain.items():
+            assert batch.world(row) == episode.world
+            np.testing.assert_array_equal(observations[row], np.array(episode.observe(), np.float32))
+        if step == steps:
+            return
+        actions = rng.uniform(low, high, (batch.num_envs, 2)).astype(np.float32)
+        observations, outcomes = batch.step(actions)
+        for row, episode in plain.items():
+            assert outcomes[:, row].tolist() == [float(number) for number in episode.act(actions[row].tolist())]
+        yield outcomes
+
+
+@pytest.fixture(scope="session")
+def in_step():
+    """Return a generator of a batch's outcomes; in each step, some rows must equal episodes in plain Python to the bit."""
+    return _in_step
 
 
 def pytest_unconfigure():

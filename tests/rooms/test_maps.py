@@ -275,24 +275,13 @@ def hall(tmp_path):
     return write_map(tmp_path, HALL, resolution=0.1, origin=[-4.0, -3.0, 0.3])
 
 
-def test_a_map_is_the_same_compiled_and_in_plain_python(hall):
+def test_a_map_is_the_same_compiled_and_in_plain_python(hall, in_step):
     plan = read_map(hall)
     p = make_parameters(ROOM, noise="rough")
     p = p._replace(reward=RoomReward(), room=make_room(plan, LIDARS["a1"], p.dt))
     batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),), plan=plan)
-    batch.seeds[:] = np.arange(35)
-    observations, outcomes = batch.empty()
-    batch.reset(np.ones(35, np.bool_), observations, outcomes)
-    plain = {i: Episode(p, seed=i, plan=plan) for i in (0, 33)}
-    rng, contacts = np.random.default_rng(0), 0
-    for _ in range(25):
-        for i, episode in plain.items():
-            assert batch.world(i) == episode.world
-            np.testing.assert_array_equal(observations[i], np.array(episode.observe(), np.float32))
-        actions = rng.uniform([0.4, -0.3], [1.2, 0.3], (35, 2)).astype(np.float32)
-        observations, outcomes = batch.step(actions)
-        for i, episode in plain.items():
-            assert outcomes[:, i].tolist() == [float(number) for number in episode.act(actions[i].tolist())]
+    plain, contacts = {i: Episode(p, seed=i, plan=plan) for i in (0, 33)}, 0
+    for _ in in_step(batch, plain, [0.4, -0.3], [1.2, 0.3], 25):
         contacts += int(batch.numbers("room.collided").sum())
     assert contacts > 0
     assert batch.scenes.squares is plan.map.squares, "one map for all"

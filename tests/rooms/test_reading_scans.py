@@ -44,22 +44,10 @@ def by_scan(parameters):
     return system_of(parameters)._replace(estimate=estimate_by_the_wall_ahead, reads_scan=True)
 
 
-def test_a_filter_that_reads_the_scan_is_the_same_compiled_and_in_plain_python(parameters, by_scan):
+def test_a_filter_that_reads_the_scan_is_the_same_compiled_and_in_plain_python(parameters, by_scan, in_step):
     batch = Batch(35, parameters, (GOAL,), system=by_scan, plan=HALL)
-    batch.seeds[:] = np.arange(35)
-    observations, outcomes = batch.empty()
-    batch.reset(np.ones(35, np.bool_), observations, outcomes)
     plain = {i: Episode(parameters, seed=i, system=by_scan, plan=HALL) for i in (0, 33)}
-    rng, reached = np.random.default_rng(0), 0
-    for _ in range(120):
-        for i, episode in plain.items():
-            assert batch.world(i) == episode.world
-            np.testing.assert_array_equal(observations[i], np.array(episode.observe(), np.float32))
-        actions = rng.uniform([0.8, -0.1], [1.2, 0.1], (35, 2)).astype(np.float32)
-        observations, outcomes = batch.step(actions)
-        for i, episode in plain.items():
-            assert outcomes[:, i].tolist() == [float(number) for number in episode.act(actions[i].tolist())]
-        reached += int(outcomes[5].sum())
+    reached = sum(outcomes[5].sum() for outcomes in in_step(batch, plain, [0.8, -0.1], [1.2, 0.1], 120))
     assert reached > 0, "no goal was reached: the test saw too little"
 
 
