@@ -223,27 +223,6 @@ def test_the_scale_is_a_sixth_state_of_the_textbooks_filter():
         assert estimate.scale.variance == pytest.approx(reference.P[5, 5], abs=1e-12)
 
 
-@pytest.mark.parametrize("scale", [0.96, 1.04])
-def test_the_scale_is_found(scale):
-    """80 m of a robot whose wheels are 4 % off, without any noise: the scale's variance says how well it is known."""
-    tuning = make_filter("scale", replace(NOISE, odometry=OdometryNoise(R=(1e-4, 1e-4, 1e-4))))
-    start, step, *_ = filter_of(tuning)
-    pose, twist = [0.0, 0.0, 0.0], (0.0, 0.0)
-    estimate = start(at(*pose), tuning)
-    for k in range(400):
-        pose = [
-            pose[0] + DT * twist[0] * math.cos(pose[2]),
-            pose[1] + DT * twist[0] * math.sin(pose[2]),
-            pose[2] + DT * twist[1],
-        ]
-        command = Command(0.2, 0.5 * math.cos(0.05 * k))
-        twist = (scale * command.v, scale * command.omega)
-        senses = Senses(Odometry(Pose(pose[0], pose[1], wrap(pose[2])), command, True))
-        estimate = step(estimate, senses, senses, tuning, DT, 0.0)
-    assert estimate.scale.mean == pytest.approx(scale, abs=0.01)
-    assert 1e-4 < math.sqrt(estimate.scale.variance) < 0.02
-
-
 def gated_step(heading, rejections=0.0, **changes):
     """Return prior position, measurement and what the gated filter makes of them, with a heading that is off by so much."""
     tuning = replace(make_filter("gated", NOISE), **changes)

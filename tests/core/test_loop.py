@@ -8,7 +8,6 @@ import pickle
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +15,10 @@ import pytest
 
 import turtlebot_gym
 from turtlebot_gym.compiled.batch import PARALLEL_FROM, Batch
-from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE
-from turtlebot_gym.parameters import Kalman
-from turtlebot_gym.presets import NOISES, matched
+from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Episode, make_parameters, system_of
+from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.values import Pose
 
 WAYPOINTS = turtlebot_gym.SQUARE_WAYPOINTS
@@ -325,17 +322,3 @@ def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bi
     plain = run(PLAIN.replace("BLOCK", block))
     assert (compiled[0], plain[0]) == (True, False)
     assert plain[1] == compiled[1]
-
-
-def test_matched_tunings_have_a_loop_in_common():
-    # All parameters are packed in one form, so changing noise, filter or robot compiles nothing anew.
-    p = make_parameters(SQUARE)
-    loop = loops_of(system_of(p)).step
-    started(2, p).step(np.zeros((2, 2), np.float32))
-    compiled = len(loop.signatures)
-    for name, noise in NOISES.items():
-        if name == "wheel":
-            continue  # it has a filter, and so a system, of its own
-        tuning = replace(matched(noise), kind=Kalman(gate=9.0))
-        started(2, p._replace(noise=noise, tuning=tuning, robot=ROBOTS["waffle"])).step(np.zeros((2, 2), np.float32))
-    assert len(loop.signatures) == compiled

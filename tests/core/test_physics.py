@@ -123,7 +123,6 @@ def test_one_system_serves_all_of_a_kind():
     [
         ({"robot": "waffle"}, "robot must be 'burger', 'tutorial' or another one with that track, got 0.287 m"),
         ({"dt": 0.0333}, "must be multiples of MujocoBurger.step"),
-        ({"plant": "gazebo"}, "plant must be one of 'unicycle', 'mujoco', got 'gazebo'"),
     ],
 )
 def test_what_does_not_fit_is_refused(options, message):

@@ -404,17 +404,13 @@ def test_start_and_goal_must_be_free_and_connected(hall):
     for start in (Pose(-4.1, -3.0, 0.0), Pose(-3.98, -2.9, 0.0)):  # beside the map, and in its wall
         with pytest.raises(ValueError, match=r"FloorPlan.start must be in the room and in no obstacle"):
             read_map(hall, start=start)
-    cells = np.zeros((40, 60), np.int8)
-    cells[:, 30] = OCCUPIED
-    grid = GridMap(cells=cells, resolution=0.1)
-    cut = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
-    with pytest.raises(ValueError, match="no way from its start to its goal"):
-        gym.make(ID, world=cut)
-    cells[:, 30] = UNKNOWN
-    grid = GridMap(cells=cells, resolution=0.1)
-    unknown = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
-    with pytest.raises(ValueError, match="no way from its start to its goal"):
-        gym.make(ID, world=unknown)
+    for between in (OCCUPIED, UNKNOWN):
+        cells = np.zeros((40, 60), np.int8)
+        cells[:, 30] = between
+        grid = GridMap(cells=cells, resolution=0.1)
+        cut = FloorPlan(walls=grid.walls(), map=grid, start=Pose(1.0, 2.0, 0.0), goal=Pose(5.0, 2.0, 0.0))
+        with pytest.raises(ValueError, match="no way from its start to its goal"):
+            gym.make(ID, world=cut)
 
 
 def test_a_map_is_shown_by_its_cells_and_not_by_what_follows_from_them():
