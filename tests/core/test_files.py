@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from dataclasses import asdict
 
 import gymnasium as gym
 import numpy as np
@@ -13,33 +14,40 @@ import pytest
 from turtlebot_gym import (
     NOISES,
     ROBOTS,
+    FixNoise,
     Noise,
     OdometryNoise,
     ProcessNoise,
     Robot,
     make_noise,
+    make_parameters,
     make_robot,
     read_parameters,
     write_parameters,
 )
 from turtlebot_gym.files import load
+from turtlebot_gym.presets import FIXES
+from turtlebot_gym.systems.imu import IMUS, ImuNoise
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 
 
-@pytest.mark.parametrize("name", NOISES)
-def test_a_noise_model_is_read_as_it_was_written(tmp_path, name):
-    path = tmp_path / "lab" / "noise.yaml"
-    write_parameters(NOISES[name], path, comment="Two lines\nof comment")
-    assert path.read_text().startswith("# Two lines\n# of comment\nprocess:")
-    assert read_parameters(Noise, path) == make_noise(path) == make_noise(str(path)) == NOISES[name]
+PRESETS = {
+    "noise": (Noise, NOISES, make_noise),
+    "robot": (Robot, ROBOTS, make_robot),
+    "fix": (FixNoise, FIXES, lambda path: make_parameters(fix=path).fix),
+    "imu": (ImuNoise, IMUS, lambda path: make_parameters(imu=path).imu),
+}
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_robot_is_read_as_it_was_written(tmp_path, name):
-    path = tmp_path / "robot.yml"
-    write_parameters(ROBOTS[name], path)
-    assert read_parameters(Robot, path) == make_robot(path) == make_robot(str(path)) == ROBOTS[name]
+@pytest.mark.parametrize("option", PRESETS)
+def test_a_preset_is_read_as_it_was_written(tmp_path, option):
+    kind, presets, make = PRESETS[option]
+    for name, preset in presets.items():
+        path = tmp_path / "lab" / f"{name}.yaml"
+        write_parameters(preset, path, comment="Two lines\nof comment")
+        assert re.match(r"# Two lines\n# of comment\n\{?\w+:", path.read_text())
+        assert read_parameters(kind, path) == make(path) == make(str(path)) == preset
 
 
 def test_what_is_left_out_is_at_its_default(tmp_path):
@@ -52,15 +60,25 @@ def test_what_is_left_out_is_at_its_default(tmp_path):
     assert read_parameters(Robot, path) == Robot(max_linear=0.3, max_angular=1.0, max_wheel=math.inf, reverse=False)
 
 
-def test_an_environment_takes_files_where_it_takes_names(tmp_path):
-    noise, robot = tmp_path / "noise.yaml", tmp_path / "robot.yaml"
-    write_parameters(NOISES["documented"], noise)
-    write_parameters(ROBOTS["waffle"], robot)
-    names, files = (
-        gym.make(NAV, noise=one, robot=other).unwrapped for one, other in (("documented", "waffle"), (str(noise), str(robot)))
-    )
-    assert files.parameters == names.parameters
-    np.testing.assert_array_equal(files.reset(seed=3)[0], names.reset(seed=3)[0])
+@pytest.mark.parametrize(
+    ("option", "name", "others"),
+    [
+        ("noise", "documented", {}),
+        ("robot", "waffle", {}),
+        ("fix", "localization", {"noise": "wheel"}),
+        ("imu", "calibrated", {"filter": "gyro"}),
+    ],
+)
+def test_an_environment_takes_a_preset_by_name_file_value_and_mapping(tmp_path, option, name, others):
+    preset = PRESETS[option][1][name]
+    write_parameters(preset, tmp_path / "mine.yaml")
+    drives = []
+    for given in (name, str(tmp_path / "mine.yaml"), preset, asdict(preset)):
+        env = gym.make(NAV, **others, **{option: given}).unwrapped
+        env.reset(seed=3)
+        drives.append((env.parameters, [env.step(np.array([1.0, 0.2], np.float32))[0].tolist() for _ in range(30)]))
+        env.close()
+    assert all(drive == drives[0] for drive in drives)
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.stats import multivariate_normal
 
-from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters, read_parameters, write_parameters
+from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.fixes import no_fix, with_fixes
 from turtlebot_gym.estimation.interface import filter_of
-from turtlebot_gym.presets import FIXES
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, Senses, senses_of
@@ -269,25 +267,5 @@ def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not(consis
     assert as_if_now > high
 
 
-@pytest.mark.parametrize("name", FIXES)
-def test_a_fix_is_read_as_it_was_written(tmp_path, name):
-    write_parameters(FIXES[name], tmp_path / "fix.yaml")
-    assert read_parameters(FixNoise, tmp_path / "fix.yaml") == FIXES[name]
-
-
 def test_two_variances_mean_that_the_heading_is_not_measured():
     assert FixNoise(R=(0.01, 0.02)) == FixNoise(R=(0.01, 0.02, math.inf))
-
-
-def test_environments_take_fixes_by_name_file_and_value(tmp_path):
-    write_parameters(FIXES["localization"], tmp_path / "mine.yaml")
-    rows = []
-    for fix in ("localization", str(tmp_path / "mine.yaml"), FIXES["localization"]):
-        env = gym.make("turtlebot_gym/TurtleBotNav-v0", noise="wheel", fix=fix)
-        env.reset(seed=1)
-        rows.append([env.step(np.array([1.0, 0.2], np.float32))[0] for _ in range(30)][-1])
-        env.close()
-    np.testing.assert_array_equal(rows[0], rows[1])
-    np.testing.assert_array_equal(rows[0], rows[2])
-    with pytest.raises(ValueError, match="fix must be"):
-        make_parameters(fix="gps")

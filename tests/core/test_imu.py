@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +16,7 @@ from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.presets import make_filter
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.systems.fixes import fix_sensor
-from turtlebot_gym.systems.imu import IMU, IMUS, Imu, ImuNoise
+from turtlebot_gym.systems.imu import IMU, Imu, ImuNoise
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Command, Odometry, Pose, senses_of
 
@@ -152,18 +151,6 @@ def test_the_order_in_which_sensors_are_added_changes_nothing():
             episode.act((0.8, 0.3))
         rows.append((episode.world.estimate, dict(sorted(episode.world.senses._asdict().items()))))
     assert rows[0] == rows[1]
-
-
-def test_environments_take_gyros_by_name_file_and_value(tmp_path):
-    (tmp_path / "mine.yaml").write_text("bias_deviation: 0.0017453292519943296\n")
-    own = replace(IMUS["calibrated"], variance=0.0, bias_walk=0.0)
-    rows = []
-    for imu in (own, {"bias_deviation": own.bias_deviation}, str(tmp_path / "mine.yaml")):
-        env = gym.make("turtlebot_gym/TurtleBotNav-v0", filter="gyro", imu=imu)
-        env.reset(seed=1)
-        rows.append([env.step(np.array([1.0, 0.2], np.float32))[0] for _ in range(20)][-1].tolist())
-        env.close()
-    assert rows[0] == pytest.approx(rows[1], abs=1e-6) == rows[2]
 
 
 @pytest.mark.parametrize(
