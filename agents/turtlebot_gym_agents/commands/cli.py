@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
 
 
-class Command(Protocol):
+class _Command(Protocol):
     """A subcommand with its options."""
 
     def run(self) -> None:
@@ -151,7 +151,7 @@ class Video(Writing, Driven):
         )
 
 
-COMMANDS: dict[str, type[Command]] = {
+COMMANDS: dict[str, type[_Command]] = {
     "evaluate": Evaluate,
     "video": Video,
     "watch": Watch,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.cluster.units import Workers
 
 
-class Place(NamedTuple):
+class _Place(NamedTuple):
     """Workers and store: arguments of `cluster.units.complete`."""
 
     workers: Workers
@@ -42,7 +42,7 @@ class Placement:
         return self.cluster is not None or self.store is not None
 
     @contextmanager
-    def place(self, *, memory: int, store: Path | None = None) -> Iterator[Place]:
+    def place(self, *, memory: int, store: Path | None = None) -> Iterator[_Place]:
         """Provide workers for the duration of the block.
 
         Args:
@@ -56,12 +56,12 @@ class Placement:
         folder = self.store or store
         kept = None if folder is None else Store(folder)
         if self.cluster is None:
-            yield Place(in_turn, kept)
+            yield _Place(in_turn, kept)
             return
         from turtlebot_gym_agents.cluster.workers import workers_on
 
         with workers_on(self.cluster, workers=self.workers, memory=memory) as workers:
-            yield Place(workers, kept)
+            yield _Place(workers, kept)
 
     def require_cluster(self) -> None:
         """Raise ValueError if workers are given without a cluster."""

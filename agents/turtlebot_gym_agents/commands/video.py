@@ -27,7 +27,7 @@ HOLD = 1.5
 """Time for which the last frame stays, s."""
 
 
-class Video(NamedTuple):
+class _Video(NamedTuple):
     """Properties of a video."""
 
     size: tuple[int, int]
@@ -52,7 +52,7 @@ def record(
     progress: Callable[[int, int], None] = lambda steps, limit: None,
     allow_mismatch: bool = False,
     **options: Any,
-) -> Video:
+) -> _Video:
     """Drive an episode and write it as a video: the first episode of `evaluate` with the same arguments.
 
     Args:
@@ -107,7 +107,7 @@ def record(
             write(beside, play(), fps)
     finally:
         world.close()
-    return Video(size=size, duration=frames / fps, time=steps * p.dt, success=success)
+    return _Video(size=size, duration=frames / fps, time=steps * p.dt, success=success)
 
 
 def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np.uint8], dict[str, Any], bool]]:

@@ -64,7 +64,7 @@ def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int =
     return replace(drive, odometry=replay(drive, noise=noise, seed=seed, rate=rate).odometry)
 
 
-class Judged(NamedTuple):
+class _Judged(NamedTuple):
     """Accuracy and consistency of a filter on a recorded drive; arrays have a number for each seed."""
 
     nees: NDArray[np.float64]
@@ -77,7 +77,7 @@ class Judged(NamedTuple):
 
 def judge(
     drive: Drive, calibrated: Noise | None, seeds: Sequence[int], *, noise: str | Noise = "documented", rate: float = 10.0
-) -> Judged:
+) -> _Judged:
     """Return how well the matched filter does on a recorded drive with corrections by measured poses.
 
     Args:
@@ -102,4 +102,4 @@ def judge(
         errors = nees(replayed.estimate, replayed.true_state, replayed.covariance, components=3)[1:]
         position, heading = (error(replayed.estimate, replayed.true_state) for error in (position_error, heading_error))
         judged.append((errors.mean(), position.mean(), heading.mean()))
-    return Judged(*np.array(judged).T)
+    return _Judged(*np.array(judged).T)

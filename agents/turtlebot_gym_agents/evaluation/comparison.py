@@ -20,7 +20,7 @@ from turtlebot_gym_agents.evaluation.metrics import CONFIDENCE, Interval
 _LEAST_P = 1e-12  # smaller p-values are not distinguished
 
 
-class Spread(NamedTuple):
+class _Spread(NamedTuple):
     """Mean of a table of trainings and episodes, with the standard errors due to each."""
 
     value: float
@@ -63,7 +63,7 @@ class Spread(NamedTuple):
         return float(np.exp(root.root))
 
 
-def spread(table: ArrayLike) -> Spread:
+def spread(table: ArrayLike) -> _Spread:
     """Return the mean of a table with its standard errors.
 
     The square of each error is the variance of the row means, or of the column means, divided by their number. The rest that is
@@ -77,7 +77,7 @@ def spread(table: ArrayLike) -> Spread:
         raise ValueError(f"table must have at least two trainings and two episodes, got shape {values.shape}.")
     k, n = values.shape
     trainings, episodes = values.mean(axis=1).std(ddof=1) / np.sqrt(k), values.mean(axis=0).std(ddof=1) / np.sqrt(n)
-    return Spread(float(values.mean()), float(trainings), float(episodes), (k, n))
+    return _Spread(float(values.mean()), float(trainings), float(episodes), (k, n))
 
 
 def share(table: ArrayLike) -> Interval:

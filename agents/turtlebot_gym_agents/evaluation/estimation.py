@@ -35,7 +35,7 @@ WHITE = 1000
 """Most drives whose innovations are examined."""
 
 
-class Drives(NamedTuple):
+class _Drives(NamedTuple):
     """Record of n drives of T steps with one filter."""
 
     truth: NDArray[np.float64]
@@ -55,7 +55,7 @@ class Drives(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FilterResult:
+class _FilterResult:
     """Results of a filter, with T + 1 times."""
 
     rmse: NDArray[np.float64] = field(repr=False)
@@ -81,7 +81,7 @@ class Estimation:
     """Shape (T + 1,), s."""
     bound: NDArray[np.float64] = field(repr=False)
     """Least RMSE of x, y and heading that any filter can have, shape (T + 1, 3); m, m, rad."""
-    filters: dict[str, FilterResult]
+    filters: dict[str, _FilterResult]
     band: tuple[float, float]
     """Interval that contains the mean NEES of a consistent filter in 19 of 20 cases."""
 
@@ -152,7 +152,7 @@ def estimate(
     for name in tunings:
         error, last, nis, outside, white = (np.concatenate(parts) for parts in zip(*measures[name], strict=True))
         squared = error**2
-        results[name] = FilterResult(
+        results[name] = _FilterResult(
             rmse=np.sqrt(squared.mean(axis=0)),
             ratio=tuple(_over(metrics.mean(squared[:, -1, k]), bound[-1, k]) for k in range(3)),  # type: ignore[arg-type]
             nees=metrics.mean(last),
@@ -175,7 +175,7 @@ def in_force(noise: str | Noise, *, bias: bool = True, slip: bool = True) -> Noi
     return Noise(process=model.process if slip else replace(model.process, slip=0.0), odometry=odometry)
 
 
-def drive(count: int, steps: int, seed: int, **options: Any) -> Drives:
+def drive(count: int, steps: int, seed: int, **options: Any) -> _Drives:
     """Drive with random commands, each held for a second, and record.
 
     Args:
@@ -201,10 +201,10 @@ def drive(count: int, steps: int, seed: int, **options: Any) -> Drives:
         for _ in range(min(HOLD, steps - first)):
             note(envs.step(actions)[4])
     envs.close()
-    return Drives(*(np.stack(record[name], axis=1) for name in names))
+    return _Drives(*(np.stack(record[name], axis=1) for name in names))
 
 
-def innovations(drives: Drives, dt: float, middle: float) -> NDArray[np.float64]:
+def innovations(drives: _Drives, dt: float, middle: float) -> NDArray[np.float64]:
     """Return measured minus predicted poses, shape (n, T, 3); m, m, rad; NaN where no measurement arrived."""
     before = drives.estimate[:, :-1]
     twists = before[..., 2:].reshape(-1, 3).tolist()

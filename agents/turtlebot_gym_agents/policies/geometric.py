@@ -180,7 +180,7 @@ class RotateDriveRotatePolicy(BearingPolicy):
         return np.where(near[..., None], turning, self.steer(to.waypoint))
 
 
-class Upcoming(NamedTuple):
+class _Upcoming(NamedTuple):
     """Positions when the next command acts, in the body frame: ahead + 1j left, m."""
 
     waypoint: NDArray[np.complex128]
@@ -190,14 +190,14 @@ class Upcoming(NamedTuple):
     """Remaining turn, rad, in [-pi, pi)."""
 
 
-def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> Upcoming:
+def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
     """Return the positions after an interval at the current speeds."""
     o = _fields(observations)
     moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
     frame = np.exp(-1j * turned)
     waypoint = (o.distance * (o.cos_bearing + 1j * o.sin_bearing) - moved) * frame
     following = (o.next_distance * (o.cos_next + 1j * o.sin_next) - moved) * frame
-    return Upcoming(waypoint, following, wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
+    return _Upcoming(waypoint, following, wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
 
 
 def wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ CONFIDENCE = 0.95
 """Share of the NIS below its line for a consistent filter."""
 
 
-class Plots(NamedTuple):
+class _Plots(NamedTuple):
     """The plots over time."""
 
     figures: list[Figure]
@@ -42,10 +42,10 @@ class _Curve(NamedTuple):
     width: float = 1.4
 
 
-def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
+def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> _Plots:
     """Return the plots; those without any data are left out, unless drives still grow."""
     end = max(float(drive.time[-1] - drive.time[0]) for drive in drives)
-    plots = Plots([], Range1d(start=0.0, end=max(end, 1.0)))
+    plots = _Plots([], Range1d(start=0.0, end=max(end, 1.0)))
     several = len(drives) > 1
 
     def plot(title: str, curves: Sequence[_Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
@@ -88,7 +88,7 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     return plots
 
 
-def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
+def _figure(title: str, plots: _Plots, theme: Theme, floor: float | None) -> Figure:
     """Return an empty plot; a tap on it moves the present there."""
     values = DataRange1d(range_padding=0.12)
     if floor is not None:

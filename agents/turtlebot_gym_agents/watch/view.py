@@ -28,7 +28,7 @@ MOST_RUNS = 6
 """Most runs side by side."""
 
 
-class Run(NamedTuple):
+class _Run(NamedTuple):
     """The columns of a run."""
 
     rows: ColumnDataSource
@@ -47,7 +47,7 @@ class Run(NamedTuple):
 class View(NamedTuple):
     """A view in a document."""
 
-    runs: list[Run]
+    runs: list[_Run]
     again: ColumnDataSource
     """Model whose change reloads the page."""
 
@@ -95,13 +95,13 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     return View(runs, again)
 
 
-def _run(drive: Drive) -> Run:
+def _run(drive: Drive) -> _Run:
     start = float(drive.time[0])
     rows = ColumnDataSource(rows_of(drive, start=start))
-    return Run(rows, ColumnDataSource(scans_of(drive.scans)), start)
+    return _Run(rows, ColumnDataSource(scans_of(drive.scans)), start)
 
 
-def _maps(drives: Sequence[Drive], runs: Sequence[Run], theme: Theme) -> list[Map]:
+def _maps(drives: Sequence[Drive], runs: Sequence[_Run], theme: Theme) -> list[Map]:
     """Return the runs' maps, which are panned and zoomed together."""
     maps: list[Map] = []
     for at, drive in enumerate(drives):

@@ -68,7 +68,7 @@ class Parameters:
         typed(self, "")
 
 
-class Topic(NamedTuple):
+class _Topic(NamedTuple):
     """A recorded topic, with a subscription for each quality of service that its publishers have had.
 
     No subscription is given up for another, since what is sent between the two would be lost.
@@ -112,7 +112,7 @@ class DataLogger(Node):
         if folder.exists():
             raise ValueError(f"parameter 'output' must name a new folder, but {str(folder)!r} exists")
         self._bag = Bag(folder)
-        self._recorded: dict[str, Topic] = {}
+        self._recorded: dict[str, _Topic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
         self._latest: dict[str, tuple[float, type, bytes]] = {}
@@ -180,7 +180,7 @@ class DataLogger(Node):
                 self.destroy_subscription(subscription)
             known = None
         if known is None:
-            known = self._recorded[topic] = Topic(kind, self._writer_of(topic, message, connection), {})
+            known = self._recorded[topic] = _Topic(kind, self._writer_of(topic, message, connection), {})
         for reliable, latched in wanted - known.subscriptions.keys():
             profile = QoSProfile(
                 depth=DEPTH,
