@@ -140,6 +140,25 @@ def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_ter
     assert [path.suffix for path in (tmp_path / "turtlebot_gym").iterdir()] == [".bin"]  # no lock, no part of a file
 
 
+PARAMETERS = """
+from turtlebot_gym.compiled import cache
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.parameters import Noise
+
+def first(noise):
+    return noise.odometry.R[0] + 7.0
+
+loop = cache.compiled(first, "a function of parameters")
+results = [loop(as_tuple(Noise())) for _ in range(3)]
+print(results[0], sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_misses.values()))
+"""
+
+
+def test_parameters_have_the_same_type_in_each_process_so_that_code_is_loaded_once(tmp_path):
+    for expected in (COMPILED, LOADED):
+        assert start(tmp_path, PARAMETERS).communicate(timeout=300)[0].split() == expected
+
+
 def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
     assert here() == COMPILED
     assert here("# one line more\n" + FUNCTION.replace("def double", "def unused(): pass\n@kernel\ndef double")) == LOADED

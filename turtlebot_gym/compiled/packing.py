@@ -28,8 +28,16 @@ def _numbers_of(dataclass_type: type) -> tuple[str, ...]:
 
 @cache
 def _tuple_type(dataclass_type: type) -> type:
-    """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses."""
-    return namedtuple(dataclass_type.__name__, _numbers_of(dataclass_type))  # type: ignore[return-value]  # noqa: PYI024
+    """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses.
+
+    It has a name in this module, by which pickled machine code finds it. A copy of it would be another type to numba, which
+    would then load the code anew at each call.
+    """
+    name = f"{dataclass_type.__module__}.{dataclass_type.__qualname__}".replace(".", "_")
+    kind: Any = namedtuple(name, _numbers_of(dataclass_type))  # noqa: PYI024
+    kind.__module__ = __name__
+    globals()[name] = kind
+    return kind
 
 
 def as_tuple(value: Any) -> Any:
