@@ -20,7 +20,7 @@ from turtlebot_gym.parameters import (
     RoomReward,
     Scale,
 )
-from turtlebot_gym.presets import NOISES, TUTORIAL_FILTER, make_filter, make_noise, make_robot, matched
+from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter, make_noise, make_robot, matched
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import make_parameters
 
@@ -67,6 +67,19 @@ def test_each_noise_has_its_numbers():
             assert set(asdict(given)) == set(expected)
             for field, number in asdict(given).items():
                 assert number == pytest.approx(expected[field], rel=1e-12), (name, field)
+
+
+def test_each_fix_has_its_numbers():
+    # Period and delay, s; share that is lost.
+    assert {name: (fix.period, fix.delay, fix.dropout_probability) for name, fix in FIXES.items()} == {
+        "beacons": (0.5, 0.0, 0.0), "late": (0.5, 0.3, 0.3), "localization": (0.5, 0.2, 0.0), "markers": (0.2, 0.1, 0.5),
+        "motion-capture": (0.1, 0.0, 0.0),
+    }  # fmt: skip
+    for name, R in {
+        "beacons": (0.01, 0.01, math.inf), "late": (0.01, 0.01, math.inf), "localization": (0.0025,) * 3,
+        "markers": (0.0009,) * 3, "motion-capture": (4e-6, 4e-6, 2.5e-5),
+    }.items():  # fmt: skip
+        assert pytest.approx(R, rel=1e-12) == FIXES[name].R, name
 
 
 def test_the_defaults_are_no_noise():
