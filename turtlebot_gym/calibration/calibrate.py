@@ -24,8 +24,8 @@ from turtlebot_gym.calibration.alignment import (
 )
 from turtlebot_gym.calibration.coordinates import value_of, with_values
 from turtlebot_gym.calibration.estimates import ONLY_TRUTH, Estimate, of_share
-from turtlebot_gym.calibration.fitting import POSE, WHEELS, by_innovations, by_truth, lost
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.calibration.fitting import POSE, WHEELS, by_innovations, by_truth
+from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import WHEEL
@@ -134,7 +134,7 @@ def calibrate(
         fit = by_innovations(drive, started, integrator, progress)
     estimates, likeliest = dict(fit.estimates), fit.likeliest
     if kind == POSE:
-        missing, among = lost(drive)
+        missing, among = _lost(drive)
         estimates["dropout_probability"] = of_share(missing, among, "record for longer")
         share = missing / max(among, 1)
         likeliest = replace(likeliest, odometry=replace(likeliest.odometry, dropout_probability=share))
@@ -214,3 +214,10 @@ def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_cert
         if name.startswith("alpha") and math.isinf(estimate.high)
     }
     return with_values(noise, worst)
+
+
+def _lost(drive: Drive) -> tuple[int, int]:
+    """Return how many measured poses were lost, and out of how many, given their usual rate."""
+    gaps = np.diff(drive.time[known(drive.odometry)])
+    among = np.rint(gaps / np.median(gaps))
+    return int((among - 1.0).clip(0.0).sum()), int(among.sum())

@@ -142,10 +142,3 @@ def measured_rows(drive: Drive) -> Rows:
     due = known(drive.odometry)
     poses = np.where(due[:, None], drive.odometry, 0.0)
     return Rows(drive.time, drive.twist, poses, due, np.zeros(len(due), np.bool_), drive.joined)
-
-
-def lost(drive: Drive) -> tuple[int, int]:
-    """Return how many measured poses were lost, and out of how many, given their usual rate."""
-    gaps = np.diff(drive.time[known(drive.odometry)])
-    among = np.rint(gaps / np.median(gaps))
-    return int((among - 1.0).clip(0.0).sum()), int(among.sum())

@@ -6,7 +6,6 @@ import multiprocessing
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -78,10 +77,3 @@ def _in_silence() -> None:
     from turtlebot_gym.compiled import store
 
     store.say = lambda text: None
-
-
-def folder() -> Path:
-    """Return the folder of the cache."""
-    from turtlebot_gym.compiled import store
-
-    return store.folder()

@@ -28,7 +28,8 @@ class Compile:
         """Compile, and print how long each system took and where the results are."""
         from rich.table import Table
 
-        from turtlebot_gym.compiled.filling import SYSTEMS, fill_all, folder
+        from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
+        from turtlebot_gym.compiled.store import folder
 
         names = tuple(SYSTEMS) if self.all else tuple(dict.fromkeys(self.system))
         with progress(len(names)) as advance_to:
