@@ -50,10 +50,11 @@ BASES: dict[str, list[str]] = {
     "export": ["model.zip", "--allow-pickle"],
     "study": ["list.yaml", "--out", "study"],
     "benchmark": ["--check", "empty.json"],
+    "compile": ["--system", "nothing"],
 }
 """What is quick: it takes a moment, or has an input that is refused."""
-LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage"}
-"""Options that reach for other machines, install something, or serve until Ctrl-C."""
+LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage", "all"}
+"""Options that reach for other machines, install something, serve until Ctrl-C, or compile all there is."""
 WORDS = st.one_of(
     st.sampled_from([
         "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e9", "1e308", "True", "None", "x" * 300,
