@@ -13,8 +13,9 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import jacobian, matrix
 from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.models.random import FIX, ROOM, SCAN, SENSOR
 from turtlebot_gym.presets import make_filter
-from turtlebot_gym.systems import system_of
+from turtlebot_gym.systems import imu, system_of
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU, Imu, ImuNoise
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
@@ -28,6 +29,10 @@ SENSES = senses_of(("odometry", "imu"))
 
 def wrap(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def test_the_gyro_shares_its_random_numbers_with_nothing_else_in_an_episode():
+    assert imu._USE not in (ROOM, SCAN, FIX, SENSOR)
 
 
 def test_the_filter_is_the_textbooks_with_six_states():
