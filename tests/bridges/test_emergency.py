@@ -89,10 +89,50 @@ def test_a_button_that_comes_back_among_two():
     assert stop.trouble(54.9) == ""
 
 
-def test_lost_messages_make_no_second_button():
-    stop = play(*(each for k, each in enumerate(button(50.0, 56.0)) if k % 3))
-    assert stop.refusal(55.9, publishers=1) == ""
-    assert stop._expected == 1
+LOST, ENDED = "a message of the emergency stop was lost", "an emergency stop has ended"
+
+
+@pytest.mark.parametrize("others", [(), (1,), (3000,), (700, 90)])
+@pytest.mark.parametrize("lost", [1, 2, 10])
+def test_a_gap_in_the_numbers_of_a_button_may_hide_a_press_and_makes_no_second_button(lost, others):
+    stop = play(*button(50.0, 51.0, 50), *(each for first in others for each in button(50.03, 51.0, first)))
+    assert stop.lost(51.0) == ""  # whatever their first numbers
+    stop.hear(False, now=51.0, number=55 + lost)
+    assert stop.trouble(51.0) == LOST
+    assert len(stop._buttons) == 1 + len(others)
+
+
+def test_a_loss_lasts_half_a_second_and_needs_a_button():
+    stop = play((50.0, 7), (50.2, 9))
+    assert [stop.trouble(at) for at in (50.2, 50.69)] == [LOST, LOST]
+    stop.hear(False, now=50.6, number=10)
+    assert stop.trouble(50.71) == ""
+    stop.count(1, 50.8)
+    stop.count(0, 50.9)
+    assert stop.trouble(51.0) == ENDED
+    for why in (lambda stop: stop.wake(9.0, 50.0), lambda stop: stop.count(1, 50.0) or stop.count(0, 50.0)):
+        stop = EmergencyStop()
+        why(stop)
+        assert stop.trouble(50.0) == ""
+
+
+def test_time_in_which_nobody_listened_may_hide_a_press():
+    for gap, why in ((0.5, ""), (0.75, "the emergency stop was not listened to for 0.8 s")):
+        stop = play(*button(50.0, 51.0))
+        stop.wake(gap, 51.0)
+        assert stop.trouble(51.0) == why
+
+
+def test_a_flood_may_hide_a_press():
+    for number, why in ((50, ""), (51, "the emergency stop is flooded with messages")):
+        assert play(*((50.0 + 0.001 * k, k + 1) for k in range(number))).trouble(50.1) == why
+
+
+def test_a_robot_that_must_have_a_button_is_refused_without_one():
+    stop = EmergencyStop()
+    assert "no emergency stop is heard" in stop.refusal(50.0, 1, required=True)
+    stop.hear(False, now=50.0, number=1)
+    assert stop.refusal(50.1, 1, required=True) == ""
 
 
 def test_what_waited_comes_all_at_once_and_is_still_two():
@@ -141,17 +181,20 @@ def test_nothing_more_is_awaited_of_a_button_that_was_started_again():
     assert stop.spoken_since(53.5)
 
 
-def test_a_button_that_is_started_twice_in_half_a_second_stops_nothing():
+def test_a_button_that_is_started_again_however_soon_may_hide_a_press():
     stop = play((50.0, 1), (50.3, 1), (50.6, 1))
-    assert stop.trouble(50.6) == ""
-    assert stop.refusal(50.6, publishers=1) == ""
+    assert stop.trouble(50.6) == ENDED
     assert stop.spoken_since(50.2)
+    for at in (50.8, 51.0, 51.2, 51.4):
+        stop.hear(False, now=at, number=round(5 * at) - 252)
+    assert stop.refusal(51.55, publishers=1) == ""
 
 
-def test_without_numbers_all_are_one():
+@pytest.mark.parametrize("number", [None, 2**64 - 1])  # the middleware's "not supported"
+def test_without_numbers_all_are_one(number):
     stop = EmergencyStop()
     for k in range(10):
-        stop.hear(False, now=50.0 + 0.1 * k)
+        stop.hear(False, now=50.0 + 0.1 * k, number=number)
     assert stop.refusal(51.0, publishers=1) == ""
     assert stop.refusal(51.0, publishers=2) == "1 of 2 publishers of the emergency stop are not heard"
     assert stop.trouble(51.41) == "the emergency stop is silent"

@@ -106,11 +106,17 @@ class LastButton:
     def trouble(self, now):
         return "pressed" if self.pressed else "silent" if now - self.at > 0.5 else ""
 
-    def refusal(self, now, publishers=0):
+    def refusal(self, now, publishers=0, *, required=False):
         return self.trouble(now)
 
     def spoken_since(self, time):
         return True
+
+    def wake(self, gap, now):
+        pass
+
+    def lost(self, now):
+        return ""
 
 
 def one_button(original):

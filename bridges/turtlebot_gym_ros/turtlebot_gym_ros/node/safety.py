@@ -38,6 +38,7 @@ class Safety:
         self._blocked = blocked
         self._buttons = EmergencyStop()
         self._began: float | None = None
+        self._awake: float | None = None
 
     @property
     def state(self) -> str:
@@ -52,6 +53,7 @@ class Safety:
             buttons: Number of publishers of the emergency stop.
         """
         with self.lock:
+            self._wake(now)
             if why := self._buttons.refusal(now, buttons):
                 return why
             if self._began is not None and now - self._began > self._blocked:
@@ -92,13 +94,25 @@ class Safety:
     def hear_emergency(self, pressed: bool, *, now: float, sent: float | None = None, number: int | None = None) -> None:
         """Process a message of an emergency-stop button; the arguments are those of `EmergencyStop.hear`."""
         with self.lock:
+            self._wake(now)
             self._buttons.hear(pressed, now=now, sent=sent, number=number)
             if pressed:
                 self.stop("emergency stop", now=now, disable=True)
 
+    def count_buttons(self, publishers: int, *, now: float) -> None:
+        """Take the current number of publishers of the emergency stop."""
+        with self.lock:
+            self._buttons.count(publishers, now)
+
+    def _wake(self, now: float) -> None:
+        """Detect a gap in this process, whichever method is called first."""
+        self._buttons.wake(0.0 if self._awake is None else now - self._awake, now)
+        self._awake = now
+
     def tick(self, *, now: float) -> bool:
         """Check for blocked steps and the emergency stop, and return whether a stop must be sent now."""
         with self.lock:
+            self._wake(now)
             if self._began is not None and now - self._began > self._blocked and self.enabled:
                 self.stop(f"fault: a step takes longer than {self._blocked} s", now=now, disable=True)
             why = self._buttons.trouble(now)

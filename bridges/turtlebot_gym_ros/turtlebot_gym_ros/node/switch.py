@@ -10,7 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.base.qos import LATCHED, SENSOR
+from turtlebot_gym_ros.base.qos import EVERY, LATCHED
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.robot.sent import SystemClock, read_clocks
@@ -23,8 +23,8 @@ class Switch:
     """The service ``~/enable`` (SetBool), and the topics ``~/state`` and ``emergency_stop``.
 
     The state (String, latched) is "silent: why", "active" or "stopping: why". Each emergency-stop button (Bool) must publish at
-    5 Hz or more, pressed or not. Any press, however short, stops the robot, and so does half a second of silence from a button
-    that was heard before. Enabling is refused while any button is pressed, or one that was heard is silent.
+    5 Hz or more, reliably, pressed or not. Any press, however short, stops the robot until it is enabled again, and so does
+    whatever could hide one: see `emergency`. Enabling is refused while any button is pressed, or one that was heard is silent.
 
     Args:
         node: The node.
@@ -55,7 +55,7 @@ class Switch:
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
-        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, SENSOR)
+        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY)
         self._tell()
 
     def enable(self) -> str | None:
@@ -81,6 +81,7 @@ class Switch:
     def watch(self) -> None:
         """Send a stop if one is due, and publish the state if it has changed."""
         self._look()
+        self.safety.count_buttons(self._buttons.get_publisher_count(), now=self._now())
         with self.safety.lock:  # so that nothing else is published between the decision and the zeros
             if self.safety.tick(now=self._now()):
                 self._outputs.publish_stops()

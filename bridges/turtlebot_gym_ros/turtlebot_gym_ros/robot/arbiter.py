@@ -21,6 +21,7 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.base.flood import Flood
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits, Scan
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
@@ -32,6 +33,14 @@ ZEROS = 1.0
 """Time for which zeros are sent before silence, s."""
 GAP = 0.1
 """Time between two calls above which the guard counts as having been suspended or starved, s."""
+REPEAT = 0.05
+"""Time after which a motion in force is published again, s: the guard's sign of life for the standby."""
+STANDBY_AGE = 0.5
+"""Age of the standby's last sign of life at which it no longer counts, s."""
+JOINING = 5.0
+"""Time after the start in which a new listener may be a robot that holds a command of an earlier guard, s."""
+HOLD = 0.3
+"""Time for which such a listener gets zeros before any motion, s."""
 BLIND = 0.5
 """Time after such a gap in which a backlog may arrive, s: undated messages are refused, and silence is not yet a press."""
 
@@ -50,6 +59,10 @@ class Parameters:
     """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
     start_enabled: bool = True
     """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
+    require_emergency_stop: bool = False
+    """Whether a live button is needed to enable; commands then never pass from the start, even if ``start_enabled`` is true."""
+    require_standby: bool = False
+    """Whether the robot stands unless ``cmd_vel_standby`` is alive, which stops it if the guard dies."""
     max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
     """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
     rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
@@ -133,8 +146,10 @@ class Arbiter:
         self._distance = (now, math.inf)
         self._awake, self._since, self._blind_until = now, now, now
         self._zeros_until = now + ZEROS
+        self._began, self._hold_until, self._standby = now, -math.inf, -math.inf
+        self._floods: dict[str, Flood] = {}
         self._last, self._last_at, self._due, self._halt = STOP, now, now, False
-        self.enabled = parameters.start_enabled
+        self.enabled = parameters.start_enabled and not parameters.require_emergency_stop
         self.emergency = False
         self.state = "stopped"
         self.refused = {"not finite": 0, "too old": 0, "undated after a gap": 0}
@@ -142,6 +157,7 @@ class Arbiter:
     def _wake(self, now: float) -> None:
         """Detect a gap in the guard's own calls, whichever method is called first."""
         gap, self._awake = now - self._awake, now
+        self.buttons.wake(gap, now)
         if gap > GAP:
             self._blind_until = now + BLIND
         if gap > self._p.max_age:
@@ -152,6 +168,7 @@ class Arbiter:
     def hear(self, source: str, command: Command, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""
         self._wake(now)
+        self._count(source, now)
         sent = now if sent is None else min(sent, now)
         if not math.isfinite(command.v + command.omega):
             command = STOP
@@ -173,22 +190,51 @@ class Arbiter:
         unproved = not dated and now < self._blind_until
         self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number)
 
+    def count_buttons(self, publishers: int, now: float) -> None:
+        """Take the current number of publishers of the emergency stop."""
+        self._wake(now)
+        self.buttons.count(publishers, now)
+
     def locate(self, x: float, y: float, now: float, *, sent: float | None = None) -> None:
         """Take the robot's position, m."""
         self._wake(now)
+        self._count("position", now)
         self._distance = now if sent is None else min(sent, now), math.hypot(x, y)
 
     def hear_scan(self, scan: Scan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a scan of the collision monitor."""
         self._wake(now)
+        self._count("scan", now)
         if not dated and now < self._blind_until:
             self.refused["undated after a gap"] += 1
         elif self.monitor:
             self.monitor.hear(scan, sent=now if sent is None else min(sent, now))
 
+    def hear_standby(self, now: float, *, sent: float) -> None:
+        """Take a sign of life of the standby."""
+        self._wake(now)
+        self._standby = max(self._standby, min(sent, now))
+
+    def lacks_standby(self, now: float) -> bool:
+        """Return whether the standby is required and not alive."""
+        return self._p.require_standby and now - self._standby > STANDBY_AGE
+
+    def _count(self, source: str, now: float) -> None:
+        """Count a message of a topic, to notice a flood."""
+        self._floods.setdefault(source, Flood()).hear(now)
+
+    def flooded(self, now: float) -> list[str]:
+        """Return the sources whose messages come faster than any healthy one sends them."""
+        return [source for source, flood in self._floods.items() if flood.lasts(now)]
+
     def greet(self, now: float) -> None:
-        """Send zeros to a robot that has just connected, unless there is a command, since it may hold an older one."""
+        """Send zeros to a robot that has just connected, since it may hold an older command.
+
+        Later than `JOINING` after the start it can only have started itself, and a command in force reaches it at once.
+        """
         self._zeros_until = now + ZEROS
+        if now - self._began <= JOINING:
+            self._hold_until = now + HOLD
 
     def enable(self, on: bool, now: float, *, buttons: int = 0) -> str:
         """Let commands sent from now on pass, or stop; return the reason for a refusal, or an empty text.
@@ -199,7 +245,7 @@ class Arbiter:
             buttons: Number of publishers of the emergency stop.
         """
         self._wake(now)
-        if on and (why := self.buttons.refusal(now, buttons)):
+        if on and (why := self.buttons.refusal(now, buttons, required=self._p.require_emergency_stop)):
             return why
         if on:
             self.emergency = False
@@ -227,7 +273,8 @@ class Arbiter:
         command = self._ramp(target, min(now - self._last_at, 2.0 / self._p.rate))
         if self.monitor:
             command = self.monitor.limit(command, now)
-        if command == self._last and self.state not in self._news:
+        repeats = command != STOP and now - self._last_at >= REPEAT
+        if command == self._last and self.state not in self._news and not repeats:
             return None
         return self._paced(command, now)
 
@@ -250,11 +297,14 @@ class Arbiter:
         trouble = self.buttons.trouble(now)
         # After a gap of its own the guard stops until it has heard each button again, and with that the whole backlog.
         blind = now < self._blind_until
-        self.emergency |= trouble != "" and not blind
+        self.emergency |= bool(self.buttons.lost(now)) or (trouble != "" and not blind)
         if (
             trouble
             or self.emergency
             or not self.enabled
+            or now < self._hold_until
+            or self.lacks_standby(now)
+            or self.flooded(now)
             or (blind and not self.buttons.spoken_since(self._blind_until - BLIND))
         ):
             return None

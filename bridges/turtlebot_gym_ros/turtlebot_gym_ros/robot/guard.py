@@ -53,10 +53,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.base.flood import MOST
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
@@ -83,6 +84,8 @@ class CmdVelGuard(Node):
         self._hear("cmd_vel_teleop", "teleop")
         self._hear("cmd_vel_in", "program")
         self._buttons = self._subscribe(Bool, "emergency_stop", self._hear_button, EVERY)
+        if p.require_standby:
+            self._subscribe(Empty, "cmd_vel_standby/alive", self._hear_standby, LATEST)
         if p.geofence > 0.0:
             self._subscribe(Odometry, p.geofence_topic, self._locate, LATEST)
         if p.collision_monitor:
@@ -155,24 +158,31 @@ class CmdVelGuard(Node):
         return response
 
     def _take_buttons(self) -> None:
-        """Take all messages of the buttons that no callback has processed yet."""
+        """Take the messages of the buttons that no callback has processed yet; more than so many are a flood, and a stop."""
         handle = self._buttons.handle
         with handle:
-            while (taken := handle.take_message(Bool, False)) is not None:
+            for _ in range(2 * MOST):
+                if (taken := handle.take_message(Bool, False)) is None:
+                    break
                 self._press(*taken)
+        self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
+
+    def _hear_standby(self, message: Empty, info: Mapping[str, Any]) -> None:
+        now = self._now()
+        self._arbiter.hear_standby(now, sent=now - self._age(message, info, now).seconds)
 
     def _step(self) -> None:
         """Publish the command for the wheels, if any."""
         self._take_buttons()
+        robots = self._velocity.get_subscription_count()
+        if robots > self._robots:
+            self._arbiter.greet(self._now())
+        self._robots = robots
         command = self._arbiter.step(self._now())
         if command is not None:
             self._publish(command)
 
     def _tick(self) -> None:
-        robots = self._velocity.get_subscription_count()
-        if robots > self._robots:
-            self._arbiter.greet(self._now())
-        self._robots = robots
         self._step()
         passing = self._arbiter.enabled and not self._arbiter.emergency
         if passing != self._announced:
