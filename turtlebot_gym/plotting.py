@@ -258,7 +258,6 @@ def _draw_places(axes: Axes, trajectories: Sequence[Drive]) -> None:
 
 
 def _draw_errors(axes: Axes, trajectory: Drive, error: Callable[..., NDArray], label: str) -> Axes:
-    """Draw an error of estimate and odometry over time."""
     _plot(axes, trajectory.time, error(trajectory.estimate, trajectory.true_state), _ESTIMATE)
     _plot(axes, trajectory.time, error(trajectory.odometry, trajectory.true_state), _ODOMETRY)
     axes.set_ylim(bottom=0.0)

@@ -130,7 +130,6 @@ class Numbers:
         return tuple(check(f"{name}[{at}]", item) for at, item in enumerate(rows))
 
     def __str__(self) -> str:
-        """Return the rule in words."""
         text = "a sequence of numbers" if self.size is None else f"{self.size} numbers"
         return text + (f" or a diagonal {self.size} x {self.size} matrix of them" if self.diagonal else "")
 
@@ -145,13 +144,11 @@ class Names:
     """The other text in words."""
 
     def check(self, name: str, value: Any) -> str:
-        """Return one of the names."""
         if isinstance(value, str) and (value in self.names or self.or_else(value)):
             return value
         raise ValueError(f"{refusal(name, self, value)}{did_you_mean(value, self.names)}")
 
     def __str__(self) -> str:
-        """Return the rule in words."""
         return f"one of {', '.join(self.names)}{self.other}"
 
 

@@ -98,7 +98,6 @@ def require_file(path: Path) -> None:
 
 
 def _require(where: str, path: Path, kind: Output, inputs: list[Path], *, force: bool) -> None:
-    """Refuse an output by itself."""
     if kind.folder:
         if path.exists() and not path.is_dir():
             raise ValueError(f"{where}: it is a file; a folder is needed.")

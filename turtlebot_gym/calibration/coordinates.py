@@ -16,8 +16,6 @@ VARIANCE, PROBABILITY, SIZE, PLAIN = "variance", "probability", "size", "plain"
 
 
 class _Parameter(NamedTuple):
-    """One parameter of the noise model."""
-
     part: str
     """"process" or "odometry"."""
     field: str
@@ -81,7 +79,6 @@ def _coordinate(name: str, value: float) -> float:
 
 
 def _natural(name: str, x: float) -> float:
-    """Return the value of a parameter at a coordinate."""
     kind = PARAMETERS[name].kind
     if kind == VARIANCE:
         return x * x

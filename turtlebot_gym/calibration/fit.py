@@ -202,8 +202,6 @@ def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tupl
 
 
 class _Interval(NamedTuple):
-    """A coordinate's interval."""
-
     low: float
     high: float
     is_profile: bool

@@ -35,8 +35,6 @@ FALSE_ALARM = 1e-4
 
 
 class _Found(NamedTuple):
-    """Result of a fit."""
-
     estimates: dict[str, Estimate]
     likeliest: Noise
     integrator: str
@@ -128,7 +126,6 @@ def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress:
 
 
 def _better(likelihood: Callable[[float], float]) -> str:
-    """Return the name of the integrator with the higher likelihood."""
     return max(INTEGRATORS, key=lambda name: likelihood(INTEGRATORS[name]))
 
 

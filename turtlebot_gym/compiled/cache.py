@@ -44,7 +44,6 @@ def fingerprint(*functions: Callable[..., Any]) -> str:
 
 
 def _parts(value: Any, seen: set[int]) -> Iterator[str]:
-    """Yield a value's contributions to a fingerprint."""
     if isinstance(value, FunctionType):
         if id(value) in seen:
             return

@@ -52,7 +52,6 @@ class Store:
 
     @property
     def cache_path(self) -> str:
-        """The folder."""
         return str(folder())
 
     def load_overload(self, signature: Any, target: Any) -> Any:
@@ -88,7 +87,6 @@ class Store:
         return folder() / f"{self._name.replace(' ', '-')}-{hashlib.sha256(key.encode()).hexdigest()[:32]}.bin"
 
     def _release(self) -> None:
-        """Let others load the file."""
         if self._lock is not None:
             with suppress(OSError):
                 os.unlink(self._lock.name)

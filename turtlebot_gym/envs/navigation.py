@@ -274,7 +274,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._renderer.draw(self._batch.world(0))
 
     def close(self) -> None:
-        """Close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

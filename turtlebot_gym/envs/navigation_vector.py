@@ -170,7 +170,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return int(self.np_random_seed or 0)
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        """Return which environments to reset."""
         if self._poses and isinstance(options, Mapping) and "world" in options:
             raise ValueError("world must be the same in all episodes of a vector environment: make another one with world=...")
         mask = reset_mask(options, self.num_envs, others=("start", "goal") if self._poses else ())
@@ -270,7 +269,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return self._pictures.draw()
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Release the renderers."""
         self._pictures.close()
 
     def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:

@@ -84,5 +84,4 @@ class Pictures:
         return picture.reshape(height // 2, 2, width // 2, 2, colours).mean(axis=(1, 3)).round().astype(np.uint8)
 
     def close(self) -> None:
-        """Release the renderers."""
         self._renderers = []

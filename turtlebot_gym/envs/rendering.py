@@ -85,7 +85,6 @@ class Renderer:
         self._paper = self._make_paper()
 
     def _to_be_seen(self) -> list[tuple[float, float]]:
-        """Return the points that must be visible."""
         arena = self._task.arena
         corners = [(0.0, 0.0)] if self._waypoints else [(-arena, -arena), (arena, arena)]
         return [*corners, *((x, y) for x, y, _ in self._waypoints)]
@@ -115,7 +114,6 @@ class Renderer:
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one."""
         if self._window is not None:
             self._pygame.display.quit()
             self._window = None
@@ -160,7 +158,6 @@ class Renderer:
         self._pygame.draw.circle(surface, color, centre, radius, round(width * _FINE))
 
     def _draw_heading(self, surface: Surface, color: str, foot: tuple, theta: float, length: float, width: float) -> None:
-        """Draw a line from a point in the direction of a heading."""
         tip = foot[0] + length * math.cos(theta), foot[1] - length * math.sin(theta)
         self._line(surface, color, foot, tip, width)
 
@@ -179,7 +176,6 @@ class Renderer:
         return paper
 
     def _draw_around(self, paper: Surface) -> None:
-        """Draw the arena, if the task has one."""
         if not self._waypoints:
             arena = self._task.arena
             side = self._length(2.0 * arena)
@@ -204,7 +200,6 @@ class Renderer:
                         self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
 
     def _make_legend(self) -> Surface:
-        """Return the strip above the map, which explains the symbols."""
         strip, size, row = self._surface(HEADER), 9 * _FINE, 44 * _FINE
         robot, estimate, odometry, waypoint = ((column * _FINE, row) for column in (26, 176, 336, 448))
         self._draw_robot(strip, robot, 0.0, size)
@@ -222,14 +217,12 @@ class Renderer:
         return strip
 
     def _write_numbers(self, surface: Surface, world: World) -> None:
-        """Write the time and the distance to the waypoint above the legend."""
         row = 18 * _FINE
         self._write(surface, f"time {world.steps * self._dt:.1f} s", BLACK, midleft=(15 * _FINE, row))
         to_go = distance_to(world.body.true_state, world.course.reference)
         self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(163 * _FINE, row))
 
     def _draw_trails(self, before: World, after: World) -> None:
-        """Add a step to the paper."""
         z, truth, mean = after.senses.odometry.pose, after.body.true_state, after.estimate.belief.mean
         self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
         was, believed = before.body.true_state, before.estimate.belief.mean
@@ -237,7 +230,6 @@ class Renderer:
         self._line(self._paper, VERMILLION, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
 
     def _draw_present(self, surface: Surface, world: World) -> None:
-        """Draw everything that moves."""
         self._draw_waypoint(surface, world.course.reference, GREEN, 3.0)
         truth = world.body.true_state
         size = self._length(self._robot.radius)
@@ -247,7 +239,6 @@ class Renderer:
         self._draw_belief(surface, world.estimate.belief, size)
 
     def _draw_waypoint(self, surface: Surface, waypoint: Pose, color: str, width: float) -> None:
-        """Draw the circle within which a waypoint is reached, and its heading."""
         radius = self._length(self._task.radius)
         centre = self._at(waypoint.x, waypoint.y)
         if self._task.heading_tolerance < math.pi:
@@ -267,12 +258,10 @@ class Renderer:
         self._draw_heading(surface, BLACK, centre, theta, size, 4.0)
 
     def _draw_measurement(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
-        """Draw the latest odometry pose, larger than the earlier ones."""
         self._disc(surface, SKY_BLUE, centre, 4.5 * _FINE)
         self._draw_heading(surface, SKY_BLUE, centre, theta, size, 2.5)
 
     def _draw_belief(self, surface: Surface, belief: Belief, size: float) -> None:
-        """Draw the ellipse and the heading of the filter's belief."""
         mean, P = belief
         outline = ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy)))
         self._pygame.draw.lines(surface, VERMILLION, True, [self._at(x, y) for x, y in outline], 2 * _FINE)

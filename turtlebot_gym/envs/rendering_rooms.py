@@ -40,7 +40,6 @@ class RoomRenderer(Renderer):
         return [(x - half_length, y - half_width), (x + half_length, y + half_width)]
 
     def _draw_around(self, paper: Surface) -> None:
-        """Draw the walls and the static obstacles."""
         self._draw_map(paper)
         x, y, half_length, half_width = self._scene.walls.tolist()
         corner, size = (
@@ -54,7 +53,6 @@ class RoomRenderer(Renderer):
         self._draw_circles(paper, walking=False)
 
     def _draw_map(self, paper: Surface) -> None:
-        """Colour pixels that are occupied, outside of the map or unknown."""
         squares = self._scene.squares
         if squares.shape[1] == 0:
             return

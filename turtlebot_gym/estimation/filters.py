@@ -175,7 +175,6 @@ class KalmanFilter:
         self._odometry = z
 
     def _moved(self, command: Command) -> Belief:
-        """Return the belief after a control interval."""
         keep = self._rules.remember_velocity
         return ekf.predict(self.belief, command, self.tuning, self.dt, self._middle, keep)
 

@@ -42,8 +42,6 @@ class Gyro:
 
 
 class _GyroEstimate(NamedTuple):
-    """State that the filter keeps between steps."""
-
     belief: Belief
     nis: float
     """Normalized innovation squared of the last measured pose."""

@@ -37,8 +37,6 @@ class Hypotheses(NamedTuple):
 
 
 class _MixtureEstimate(NamedTuple):
-    """State that the filter keeps between steps."""
-
     belief: Belief
     """The hypotheses, merged."""
     nis: float

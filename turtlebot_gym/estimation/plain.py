@@ -47,8 +47,6 @@ class Plain:
 
 
 class _PlainEstimate(NamedTuple):
-    """State that the filter keeps between steps."""
-
     belief: Belief
     nis: float
     """Normalized innovation squared of the last measured pose, with the covariance before the update."""
@@ -75,7 +73,6 @@ def _name(make: Any) -> str:
 
 
 def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
-    """Return an estimate from a worker's arrays."""
     x, P = np.array(x, np.float64).ravel(), np.array(P, np.float64)
     if P.shape != (len(x), len(x)) or not (np.isfinite(x).all() and np.isfinite(P).all()):
         raise ValueError(f"{_name(make)}: x and P must be finite arrays of fixed size, got {x.tolist()} and {P.tolist()}.")
@@ -86,7 +83,6 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
 
 
 def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return state and covariance of an estimate."""
     x, P = np.array([*estimate.belief.mean, *estimate.more[: size - 5]], np.float64), np.zeros((size, size))
     P[:5, :5][_UPPER] = estimate.belief.covariance
     P[:5, :5] += np.triu(P[:5, :5], 1).T

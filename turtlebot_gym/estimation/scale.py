@@ -18,8 +18,6 @@ from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, Stat
 
 
 class _ScaleEstimate(NamedTuple):
-    """State that the filter keeps between steps."""
-
     belief: Belief
     nis: float
     """Normalized innovation squared of the last measurement."""

@@ -34,8 +34,6 @@ from turtlebot_gym.values import Belief, Command, Pose, Senses, State
 
 
 class _SlipEstimate(NamedTuple):
-    """State that the filter keeps between steps."""
-
     belief: Belief
     """All hypotheses in both modes, merged."""
     nis: float

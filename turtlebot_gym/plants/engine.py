@@ -68,8 +68,6 @@ _MODEL = """
 
 
 class _Driven(NamedTuple):
-    """A robot after a control interval."""
-
     truth: State
     wheels: Pose
     """Pose integrated from the wheel angles."""

@@ -160,7 +160,6 @@ def _grow(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 
 @kernel
 def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
-    """Draw the obstacles and walkers of a room."""
     scene.walls[0], scene.walls[1] = 0.0, 0.0
     scene.walls[2], scene.walls[3] = rules.half_length, rules.half_width
     if rules.kind == CELLULAR:

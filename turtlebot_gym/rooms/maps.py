@@ -69,7 +69,6 @@ def read_grid(path: str | Path) -> GridMap:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    """Return the contents of a YAML file."""
     try:
         content = load(path)
     except OSError as error:

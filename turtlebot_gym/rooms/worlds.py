@@ -76,7 +76,6 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
 
 
 def _pose(name: str, value: Any) -> Pose:
-    """Return a pose from an option."""
     try:
         pose = Pose(*map(float, value))
     except (TypeError, ValueError):

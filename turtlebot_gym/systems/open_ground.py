@@ -45,7 +45,6 @@ def _lay_out(key, p, scene):
 
 @kernel
 def _start(pose):
-    """Return the body at rest in a pose."""
     rest = Command(0.0, 0.0)
     return Body(State(pose.x, pose.y, pose.theta, 0.0, 0.0), rest, (rest, rest, rest), pose, False)
 

@@ -218,7 +218,6 @@ class Options:
 
 
 def _poses(waypoints: Any) -> tuple[Pose, ...]:
-    """Return waypoints with wrapped headings."""
     try:
         poses = tuple(Pose(*map(float, waypoint)) for waypoint in waypoints)
     except (TypeError, ValueError):

@@ -130,7 +130,6 @@ def _observe(world, p):
 
 @kernel
 def _ranges(scene):
-    """Return the pooled ranges of the newest scan."""
     return scene.sectors
 
 

@@ -129,7 +129,6 @@ def _see_nothing(world: World, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
 
 @kernel
 def _leave(world: World, room: tuple[()], outcome: Outcome, p: Any) -> Outcome:
-    """Return an outcome unchanged."""
     return outcome
 
 

@@ -40,13 +40,11 @@ class TransitionReward(gym.Wrapper, RecordConstructorArgs):
         self._before = Moment(None, {})
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._before = moment(observation, info)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Make a step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         after = moment(observation, info)
         transition = Transition(self._before, doubled(action), after, reward, terminated, truncated)
@@ -78,13 +76,11 @@ class AppendSensor(gym.Wrapper, RecordConstructorArgs):
         self.observation_space = self._sensor.space
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._sensor.reset(self.env, seed, _ALL)
         return self._with(observation, info), info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Make a step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._sensor.advance(_ALL)
         return self._with(observation, info), reward, terminated, truncated, info
@@ -113,11 +109,9 @@ class SmoothAction(gym.Wrapper, RecordConstructorArgs):
         self._last: Any = np.zeros_like(require_box(env.action_space, "action").low)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode."""
         self._last = np.zeros_like(self._last)
         return self.env.reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Make a step."""
         self._last = self._last + self._last.dtype.type(self._share) * (np.asarray(action, self._last.dtype) - self._last)
         return self.env.step(self._last)

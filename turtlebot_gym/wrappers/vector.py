@@ -93,7 +93,6 @@ class _RowsWrapper(VectorWrapper):
         return observations, infos, mask
 
     def _step(self, actions: Any) -> _Stepped:
-        """Make a step."""
         waited = self._ended if self._mode is AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, np.bool_)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         self._ended = np.logical_or(terminated, truncated)
@@ -119,7 +118,6 @@ class TransitionReward(_RowsWrapper, RecordConstructorArgs):
         self._before = Moment(None, {})
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes."""
         observations, infos, mask = self._reset(seed, options)
         self._before = moment(observations, infos if mask.all() else _merged(self._before.info, infos, mask))
         return observations, infos
@@ -160,13 +158,11 @@ class AppendSensor(_RowsWrapper, RecordConstructorArgs):
         self._values = np.zeros((env.num_envs, len(self._sensor.low)), np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes."""
         observations, infos, mask = self._reset(seed, options)
         self._sensor.reset(self.env, seed, mask)
         return self._with(observations, infos, mask), infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make a step."""
         it = self._step(actions)
         self._sensor.advance(~it.waited)
         last, final = it.last(), None
@@ -203,13 +199,11 @@ class SmoothAction(_RowsWrapper, RecordConstructorArgs):
         self._last: Any = np.zeros_like(require_box(env.action_space, "action").low)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes."""
         observations, infos, mask = self._reset(seed, options)
         self._last = self._still(mask)
         return observations, infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make a step."""
         self._last = self._last + self._last.dtype.type(self._share) * (np.asarray(actions, self._last.dtype) - self._last)
         it = self._step(self._last)
         self._last = self._still(it.begins(self._mode))
@@ -246,13 +240,11 @@ class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
         self._frames = np.zeros((env.num_envs, stack_size, *box.shape), box.dtype)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes."""
         observations, infos, mask = self._reset(seed, options)
         self._pad(mask, observations)
         return self._frames.copy(), infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Make a step."""
         it = self._step(actions)
         self._frames = final = np.concatenate([self._frames[:, 1:], it.last().observation[:, None]], axis=1)
         begins = it.begins(self._mode)
@@ -262,6 +254,5 @@ class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
         return it.returned(self._frames.copy(), final)
 
     def _pad(self, mask: NDArray[np.bool_], observations: Any) -> None:
-        """Begin the stacks of some rows."""
         self._frames[mask] = observations[mask][:, None] if self._repeats else 0
         self._frames[mask, -1] = observations[mask]

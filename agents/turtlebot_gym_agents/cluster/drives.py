@@ -49,16 +49,13 @@ class DriveUnit:
 
     @property
     def size(self) -> int:
-        """Return the number of episodes."""
         return self.episodes
 
     def about(self) -> dict[str, Any]:
-        """Return all that the result depends on."""
         settings = {name: value for name, value in vars(self).items() if name != "files"}
         return {"drive": plain(settings), "files": hashes(self.files)}
 
     def run(self) -> Result:
-        """Drive the episodes."""
         with unpacked(self.files) as places:
             options = {name: placed(value, places) for name, value in self.options.items()}
             envs = gym.make_vec(

@@ -86,7 +86,6 @@ class Grid:
         return self.compare_with or self.policies[0]
 
     def cells(self) -> list[dict[str, Any]]:
-        """Return the settings of each cell."""
         names = {"env": NAV, **self.grid}
         return [dict(zip(names, values, strict=True)) for values in itertools.product(*map(_listed, names.values()))]
 
@@ -177,7 +176,6 @@ def _all(units: Iterable[Any], workers: Workers, store: Store | None, progress: 
 
 
 def _row(grid: Grid, at: int, cell: Mapping[str, Any], evaluations: Mapping[tuple[int, str], Evaluation]) -> dict[str, Any]:
-    """Return the results of a cell."""
     baseline = evaluations[at, grid.baseline]
     policies = {policy: _beside(evaluations[at, policy], baseline) for policy in grid.policies}
     trainings = {}

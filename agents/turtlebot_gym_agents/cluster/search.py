@@ -47,7 +47,6 @@ class Trial:
     size = 1
 
     def about(self) -> dict[str, Any]:
-        """Return everything that the result depends on."""
         return {"trial": self.training.about(), "earlier": self.earlier}
 
     def run(self) -> Result:
@@ -119,7 +118,6 @@ def search(
 def _drawn(
     before: list[FrozenTrial], space: Mapping[str, BaseDistribution], sampler: Sampler, generation: int
 ) -> list[dict[str, Any]]:
-    """Return the parameters of the next generation."""
     study = optuna.create_study(direction="maximize", sampler=sampler)
     study.add_trials(before)
     drawn = []
@@ -134,7 +132,6 @@ def _on_the_way(trial: FrozenTrial) -> list[float]:
 
 
 def _restored(facts: Mapping[str, Any], **drawn: Any) -> FrozenTrial:
-    """Return a trial as an Optuna object."""
     return create_trial(
         state=TrialState[facts["state"]],
         value=facts["value"],

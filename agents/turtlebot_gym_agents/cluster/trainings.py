@@ -39,7 +39,6 @@ class Training:
         return cls(config=config, files=attach(*config.options.values()))
 
     def about(self) -> dict[str, Any]:
-        """Return all that the result depends on."""
         settings = self.config.settings()
         config = {name: value for name, value in settings.items() if name not in ("config", "checkpoint_seconds")}
         return {"training": config, "hyperparameters": dict(self.config.hyper), "files": hashes(self.files)}
@@ -50,7 +49,6 @@ class Training:
         return replace(self.config, config=self.config.hyper, **options)
 
     def run(self) -> Result:
-        """Train."""
         from turtlebot_gym_agents.training.train import train
 
         with unpacked(self.files) as places, TemporaryDirectory(prefix="turtlebot-gym-") as name:

@@ -105,7 +105,6 @@ def _token() -> dict[str, str]:
 
 @contextmanager
 def _connected(cluster: str, memory: int) -> Iterator[None]:
-    """Connect to an existing cluster."""
     address = _address_of(cluster)
     import ray  # pyright: ignore[reportMissingImports]
 
@@ -164,7 +163,6 @@ def _require_ray(address: str) -> None:
 
 
 def _reason(text: str, cluster: str, otherwise: str) -> str:
-    """Return Ray's error as one line."""
     if "AuthToken" in text or "AuthenticationError" in text:
         return "it asks for a token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN as where `ray start` ran."
     if cluster == "auto" and (otherwise or "ConnectionError" in text):

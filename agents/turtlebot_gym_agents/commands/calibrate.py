@@ -60,7 +60,6 @@ class Calibrate(Writing):
     """Draw measured against fitted here."""
 
     def run(self) -> None:
-        """Calibrate, print tables, and write the requested files."""
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym.calibration import calibrate
         from turtlebot_gym.calibration.plausibility import check
@@ -95,7 +94,6 @@ class Calibrate(Writing):
 
 
 def _result_of(fitted: Calibration) -> dict[str, object]:
-    """Return a calibration as JSON content."""
     plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
     return plain | {
         "noise": asdict(fitted.noise),

@@ -21,7 +21,6 @@ BINS = 60
 
 
 def _basis(fitted: Calibration) -> str:
-    """Describe what a calibration was fitted to."""
     what = "measured poses" if fitted.kind == "pose" else "wheel odometry"
     to = "the truth" if fitted.has_truth else "the innovations alone"
     by = f", alphas over segments, {fitted.segments} of them of {fitted.segment:g} m" if fitted.segment else ""
@@ -97,7 +96,6 @@ def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
 
 
 def _draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, label: str) -> Axes:
-    """Draw the residuals of a component and the fitted density."""
     values, deviations = shown.values[:, at], shown.deviations[:, at]
     axes.hist(values, bins=BINS, density=True, color=BLUE, alpha=0.5, label="measured")
     x = np.linspace(values.min(), values.max(), 300)
@@ -114,7 +112,6 @@ def _draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, 
 
 
 def _draw_drift(axes: Axes, drifts: Drift, at: int, label: str) -> Axes:
-    """Draw the drift of wheel odometry by distance, measured and fitted."""
     axes.plot(drifts.length, drifts.measured[:, at], "o", color=BLUE, label="measured")
     axes.plot(drifts.length, drifts.fitted[:, at], "--", color=ORANGE, label="fitted")
     axes.set(xlabel="way, m", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))

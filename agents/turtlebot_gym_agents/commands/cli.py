@@ -64,7 +64,6 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
     """Draw the first episode here; for several combinations, their paths."""
 
     def run(self) -> None:
-        """Evaluate, print tables, and write the requested files."""
         from turtlebot_gym_agents.commands import report
 
         combinations = list(itertools.product(self.policy, self.noise, self.observation))
@@ -130,7 +129,6 @@ class Video(Writing, Driven):
     """Width of the frames, pixels: even, from 160 to 640."""
 
     def run(self) -> None:
-        """Record the video and print its properties."""
         from turtlebot_gym_agents.commands.video import record
 
         with progress(100) as advance_to:

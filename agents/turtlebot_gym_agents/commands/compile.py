@@ -25,7 +25,6 @@ class Compile:
     """Number of processes that compile at the same time."""
 
     def run(self) -> None:
-        """Compile, and print how long each system took and where the results are."""
         from rich.table import Table
 
         from turtlebot_gym.compiled.filling import SYSTEMS, fill_all

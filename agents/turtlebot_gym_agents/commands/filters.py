@@ -43,7 +43,6 @@ class Estimate(Writing, _ESTIMATED):
     """Draw the errors over time and the bound here."""
 
     def run(self) -> None:
-        """Estimate, print a table, and write the requested files."""
         from turtlebot_gym_agents.commands import report
         from turtlebot_gym_agents.evaluation.estimation import estimate
 
@@ -98,7 +97,6 @@ class Replay(Writing, _REPLAYED):
         return tuple(path.with_stem(f"{path.stem}-{stem}{at}") for stem, at in zip(stems, numbers, strict=True))
 
     def run(self) -> None:
-        """Replay, print a table, and write the requested files."""
         from turtlebot_gym.drives import read
         from turtlebot_gym_agents.commands import report
         from turtlebot_gym_agents.evaluation.replay import dead_reckoning, replay_figure, replay_seeds, replayable

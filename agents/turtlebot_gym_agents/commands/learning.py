@@ -48,7 +48,6 @@ class _Learned(Writing, Setting):
     """Write configuration and results here."""
 
     def training(self, **changes: Any) -> TrainingConfig:
-        """Return the configuration of a training."""
         from turtlebot_gym_agents.training.config import TrainingConfig
 
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Learned)}
@@ -75,7 +74,6 @@ class Train(Placement, _Learned):
     """Send configuration and curves to Weights & Biases; needs the extra [wandb]."""
 
     def run(self) -> None:
-        """Train, print a table, and write the requested files."""
         from turtlebot_gym_agents.training.config import require_no_run
 
         if not self.seeds > 0:
@@ -110,7 +108,6 @@ class Train(Placement, _Learned):
             write_json(self.json, {"runs": runs, "times": times}, config=self.settings())
 
     def _spread(self, configs: list[TrainingConfig], folders: list[Path]) -> Iterator[TrainingResult]:
-        """Train in units of work."""
         from turtlebot_gym_agents.cluster.trainings import Training, train_all
 
         if self.resume:
@@ -164,7 +161,6 @@ class Tune(Placement, _Learned):
     workers. By default trials are drawn one by one, on a cluster 8 together."""
 
     def run(self) -> None:
-        """Search, print a table, and write the requested files."""
         config = self.training()
         with _loading(config), needs("agents"):
             from turtlebot_gym_agents.training.tuning import tune
@@ -195,7 +191,6 @@ class Tune(Placement, _Learned):
         return 8 if self.generation is None and self.spread else self.generation
 
     def _spread(self, **common: Any) -> Study:
-        """Search in generations of units of work."""
         from turtlebot_gym_agents.cluster.search import Trial, search
 
         with self.place(memory=Trial.memory, store=self.out / "units") as place:
@@ -225,7 +220,6 @@ class Export(Writing, _TRAINED):
     """Commands per second; by default 10 unless config.json says otherwise."""
 
     def run(self) -> None:
-        """Export, and print the largest difference between the two."""
         with needs("agents"):
             from turtlebot_gym_agents.policies.bundle import Card
             from turtlebot_gym_agents.policies.fit import describe_robot

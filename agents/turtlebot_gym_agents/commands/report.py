@@ -62,7 +62,6 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
 
 
 def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
-    """Return the results of episodes in rooms."""
     table = Table(
         "", "collision, %", "time-out, %", "SPL", "BARN's score", "least clearance, m", "its 5th percentile, m",
         title="in rooms",

@@ -35,7 +35,6 @@ class Study(Placement, Writing):
     """Write configuration and results here."""
 
     def run(self) -> None:
-        """Run the study, print a table, and write the requested files."""
         from turtlebot_gym_agents.cluster.drives import DriveUnit
         from turtlebot_gym_agents.cluster.grid import read_grid, study
         from turtlebot_gym_agents.cluster.trainings import Training

@@ -38,7 +38,6 @@ class TuneBaseline(Writing, Setting):
     """Also write configuration and all tries here."""
 
     def run(self) -> None:
-        """Search, print a table, and write the requested files."""
         from rich.table import Table
 
         from turtlebot_gym_agents.evaluation.tune_baseline import tune_baseline

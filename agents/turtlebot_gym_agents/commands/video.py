@@ -28,8 +28,6 @@ HOLD = 1.5
 
 
 class _Video(NamedTuple):
-    """Properties of a video."""
-
     size: tuple[int, int]
     """Width and height, pixels."""
     duration: float

@@ -35,7 +35,6 @@ class Watch(Writing, Driven):
     """Port to listen on; 0 for any that is free."""
 
     def run(self) -> None:
-        """Record or read the drives, and write or serve the view."""
         from turtlebot_gym_agents.watch import read_recorded, record_episode
 
         with needs("watch"):

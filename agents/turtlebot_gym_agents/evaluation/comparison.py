@@ -32,7 +32,6 @@ class _Spread(NamedTuple):
     """Numbers of trainings and of episodes."""
 
     def error(self) -> float:
-        """Return the standard error due to both."""
         return float(np.hypot(self.trainings, self.episodes))
 
     def margin(self, confidence: float = CONFIDENCE) -> float:
@@ -47,7 +46,6 @@ class _Spread(NamedTuple):
         return float(np.hypot(t[0] * self.trainings, t[1] * self.episodes))
 
     def interval(self) -> Interval:
-        """Return the mean with its interval."""
         return Interval(self.value, self.value - self.margin(), self.value + self.margin())
 
     def p_value(self) -> float:

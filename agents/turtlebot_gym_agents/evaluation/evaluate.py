@@ -232,7 +232,6 @@ def _record(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int]
 
 
 def _row(info: dict[str, Any], running: NDArray[np.bool_]) -> Record:
-    """Return a row of the record."""
     nothing = np.full(running.shape, np.nan)
     open_ground = {"collision": np.zeros_like(running), "clearance": nothing, "way_left": nothing}
     numbers = open_ground | info

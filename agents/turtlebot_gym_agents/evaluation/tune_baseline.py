@@ -139,12 +139,10 @@ def _propose(policy: str, done: list[Try], tries: int, seed: int) -> dict[str, f
 
 
 def _at(span: Range, share: float) -> float:
-    """Return the value at a share of a range."""
     return span.low * (span.high / span.low) ** share if span.log else span.low + share * (span.high - span.low)
 
 
 def _share(span: Range, value: float) -> float:
-    """Return the position of a value in a range, as a share of it."""
     if span.log:
         return math.log(value / span.low) / math.log(span.high / span.low)
     return (value - span.low) / (span.high - span.low)

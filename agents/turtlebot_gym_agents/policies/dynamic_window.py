@@ -72,7 +72,6 @@ class DynamicWindowPolicy(Baseline):
         self._omega = self._v * _CURVATURES[:, None]
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 50)."""
         to, robot = look(observations, self._robot, self.dt, self.lag), self._robot
         time = self._free_length(to.points)[..., None] / self._v
         arrival = np.abs(to.goal)[..., None, None] / robot.max_linear  # obstacles beyond the goal do not matter

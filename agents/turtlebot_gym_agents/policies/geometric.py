@@ -64,7 +64,6 @@ class ProportionalPolicy(Baseline):
     """Gain on the remaining turn, 1/s."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 13)."""
         o, robot = _fields(observations), self._robot
         turn = np.arctan2(o.sin_turn, o.cos_turn)
         return action_of(self.kv * o.distance / robot.max_linear, self.komega * turn / robot.max_angular)
@@ -94,7 +93,6 @@ class BearingPolicy(Baseline):
     across its goal."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 13)."""
         return self.steer(upcoming(observations, self._robot, self.dt).waypoint)
 
     def steer(self, point: NDArray[np.complex128]) -> NDArray[np.float32]:
@@ -124,7 +122,6 @@ class CornerPolicy(BearingPolicy):
     """That share, less than 1."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 13)."""
         to = upcoming(observations, self._robot, self.dt)
         there, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint: to the robot, to the following one
         robot_away, next_away = np.abs(there), np.abs(onward)
@@ -154,7 +151,6 @@ class PolarPolicy(Baseline):
     """Weight of the final heading."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 13)."""
         robot, to = self._robot, upcoming(observations, self._robot, self.dt)
         direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
         alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
@@ -173,7 +169,6 @@ class RotateDriveRotatePolicy(BearingPolicy):
     """Distance within which it turns instead of driving, m."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 13)."""
         to = upcoming(observations, self._robot, self.dt)
         turning = action_of(np.zeros_like(to.turn), to.turn / (self.dt * self._robot.max_angular))
         near = np.abs(to.waypoint) < self.stop

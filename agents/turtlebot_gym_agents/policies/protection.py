@@ -56,7 +56,6 @@ class SafetyLayer:
         self._radius = self._robot.radius + self.margin
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
-        """Clear the memory of a policy that has one."""
         if isinstance(self.policy, PolicyWithMemory):
             self.policy.reset(mask)
 

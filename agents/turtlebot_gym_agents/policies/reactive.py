@@ -101,7 +101,6 @@ class VectorFieldHistogramPolicy(_Reactive):
         self._last = np.where(mask, np.nan, np.broadcast_to(self._last, np.shape(mask)))
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 50)."""
         to = self._look(observations)
         goal, last = np.angle(to.goal), wrap(np.asarray(self._last - to.omega * self.dt))
         last = np.where(np.isfinite(last), last, goal)
@@ -136,7 +135,6 @@ class FollowTheGapPolicy(_Reactive):
     caution: _Caution = 0.7
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 50)."""
         to = self._look(observations)
         goal = np.angle(to.goal)
         outside = np.abs(wrap(_ANGLES - goal[..., None])) > self.field

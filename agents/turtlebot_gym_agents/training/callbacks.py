@@ -104,7 +104,6 @@ class CheckpointCallback(BaseCallback):
         self.save()
 
     def save(self) -> None:
-        """Save a checkpoint now."""
         begun = time.monotonic()
         save_checkpoint(self.model, self._path)
         self._saved = self.num_timesteps
@@ -171,11 +170,9 @@ class EvaluationCallback(BaseCallback):
 
     @property
     def parameters(self) -> Parameters:
-        """Return the environments' parameters."""
         return parameters_of(self._envs)
 
     def run(self) -> dict[str, float]:
-        """Run an evaluation now."""
         reached = self._evaluate()
         self.history.append(reached)
         for name, value in reached.items():

@@ -77,17 +77,14 @@ class TrainingConfig(Options):
 
     @property
     def title(self) -> str:
-        """Return a short description."""
         return f"{self.env.partition('/')[2]} {self.algo} seed {self.seed}"
 
     @property
     def total(self) -> int:
-        """Return the number of environment steps."""
         return self.steps or self.hyper["n_timesteps"]
 
     @property
     def between_evaluations(self) -> int:
-        """Return the number of environment steps between two evaluations."""
         return max(1, self.total // self.evaluations)
 
     def make(self, num_envs: int) -> VectorEnv:

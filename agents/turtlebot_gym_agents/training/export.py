@@ -150,7 +150,6 @@ class _Graph:
         self.last = begin
 
     def constant(self, values: torch.Tensor | np.ndarray) -> str:
-        """Add an array, and return its name."""
         from onnx import numpy_helper
 
         array = values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else values

@@ -31,7 +31,6 @@ class _Reading:
     read: Callable[[Any], Any]
 
     def check(self, name: str, value: Any) -> Any:
-        """Return the value that is meant, in JSON's types."""
         try:
             return self.read(value)
         except (TypeError, ValueError, LookupError, OverflowError, AttributeError):
@@ -264,7 +263,6 @@ def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
 
 
 def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return hyper-parameters as they are meant."""
     if option := next((key for key in OPTIONS if key in given), None):
         raise ValueError(f"{option} is not a hyper-parameter; use the option {OPTIONS[option]}.")
     if missing := [key for key in ("n_envs", "n_timesteps", "policy") if key not in given]:

@@ -55,7 +55,6 @@ class NormalizedObservation(BaseFeaturesExtractor):
         self.register_buffer("std", torch.tensor(std, dtype=torch.float32))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Return normalized observations."""
         return torch.clamp((spread_ranges(observations) - self.mean) / self.std, -CLIP, CLIP)
 
 

@@ -124,11 +124,9 @@ class Sb3VecEnv(VecEnv):
         return groups
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Store the actions for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Make the step."""
         observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
         self._returns += rewards
         self._lengths += 1
@@ -159,11 +157,9 @@ class Sb3VecEnv(VecEnv):
             return model.policy.predict_values(model.policy.obs_to_tensor(batch)[0]).cpu().numpy().ravel()
 
     def close(self) -> None:
-        """Close the vector environment."""
         self.envs.close()
 
     def _chosen(self, indices: Any) -> list[int]:
-        """Return the rows for some indices."""
         return [int(index) for index in (range(self.num_envs) if indices is None else np.atleast_1d(indices))]
 
     def _rows(self) -> Sequence[gym.Env] | None:

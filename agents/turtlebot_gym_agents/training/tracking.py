@@ -71,7 +71,6 @@ class _Writer(KVWriter):
         self._run = run
 
     def write(self, key_values: Mapping[str, Any], key_excluded: Mapping[str, Any], step: int = 0) -> None:
-        """Log the numbers at an environment step."""
         self._run.log({name: float(value) for name, value in key_values.items() if isinstance(value, Real)}, step=step)
 
     def close(self) -> None:

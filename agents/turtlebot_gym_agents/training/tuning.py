@@ -176,7 +176,6 @@ class Sampler(optuna.samplers.TPESampler):
     def sample_independent(
         self, study: optuna.Study, trial: optuna.trial.FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
-        """Return a parameter."""
         drawn = super().sample_independent(study, trial, param_name, param_distribution)
         return self.given.get(param_name, drawn)
 

@@ -65,7 +65,6 @@ def scans_of(scans: tuple[Seen, ...]) -> dict[str, Any]:
 
 
 def _split(names: tuple[str, ...], table: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Return the first columns of a table by name."""
     return {name: np.ascontiguousarray(table[:, at]) for at, name in enumerate(names)}
 
 

@@ -24,8 +24,6 @@ from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
 
 class _Row(NamedTuple):
-    """Data of an environment at a step."""
-
     info: dict[str, Any]
     room: Obstacles | None
     ranges: NDArray[np.float32] | None

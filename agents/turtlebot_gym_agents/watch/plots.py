@@ -25,8 +25,6 @@ CONFIDENCE = 0.95
 
 
 class _Plots(NamedTuple):
-    """The plots over time."""
-
     figures: list[Figure]
     range: Range1d
     """Times, shared by all, s."""
@@ -117,7 +115,6 @@ def _draw(figure: Figure, source: ColumnDataSource, curve: _Curve, theme: Theme)
 
 
 def _line(figure: Figure, value: float, theme: Theme) -> None:
-    """Draw a limit."""
     limit = Span(location=value, dimension="width", line_width=1.2, line_dash=[5, 3])
     theme.paint(limit, style.LIMIT, "line_color")
     figure.add_layout(limit)

@@ -99,7 +99,6 @@ class Server:
 
     @property
     def url(self) -> str:
-        """URL of the view."""
         return f"http://{socket.gethostname() if self._host in EVERYWHERE else self._host}:{self._port}/"
 
     def _run(self) -> None:

@@ -29,15 +29,12 @@ MOST_RUNS = 6
 
 
 class _Run(NamedTuple):
-    """The columns of a run."""
-
     rows: ColumnDataSource
     scans: ColumnDataSource
     start: float
     """Time that is shown as 0, s."""
 
     def add(self, piece: Drive) -> None:
-        """Append the next piece."""
         if len(piece):
             before = len(self.scans.data["x"])
             self.scans.stream(scans_of(piece.scans))
