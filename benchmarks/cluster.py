@@ -20,9 +20,8 @@ import numpy as np
 import tyro
 
 from turtlebot_gym_agents.cluster.drives import CHUNK, DriveUnit, drives
-from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn, key
+from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn, key
 from turtlebot_gym_agents.cluster.workers import AHEAD, workers_on
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.training.config import TrainingConfig

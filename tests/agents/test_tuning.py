@@ -6,9 +6,9 @@ import optuna
 import pytest
 import yaml
 
+from turtlebot_gym_agents.cluster.search import SPACES, _starting_point, _with_parameters, tune
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.tuning import SPACES, starting_point, tune, with_parameters
 
 # Drawn batches may be larger than these small rollouts.
 pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
@@ -45,7 +45,7 @@ def test_two_trials_and_a_third_later(tmp_path):
     content = yaml.safe_load((tmp_path / "study" / "best.yaml").read_text())
     best = hyperparameters.load("ppo", config.env, tmp_path / "study" / "best.yaml")
     assert set(content) == {config.env}
-    assert best == with_parameters(config, again.best_params).hyper
+    assert best == _with_parameters(config, again.best_params).hyper
     assert best["learning_rate"] == f"lin_{again.best_params['learning_rate']:.6g}"
     with pytest.raises(ValueError, match="another configuration"):
         tune(replace(config, noise="rough"), tmp_path / "study", trials=3)
@@ -62,9 +62,9 @@ def test_trials_that_fall_behind_are_cut_short(tmp_path, monkeypatch):
 @pytest.mark.parametrize("algo", SPACES)
 def test_the_shipped_hyperparameters_lie_in_the_search_space(algo):
     shipped = TrainingConfig(algo=algo)
-    inside = starting_point(SPACES[algo], shipped.hyper)
+    inside = _starting_point(SPACES[algo], shipped.hyper)
     assert {"learning_rate", "gamma", "batch_size", "policy_kwargs.net_arch"} <= set(inside)
-    assert with_parameters(shipped, inside).hyper == shipped.hyper
+    assert _with_parameters(shipped, inside).hyper == shipped.hyper
 
 
 def test_refuses_what_it_cannot_search(tmp_path):

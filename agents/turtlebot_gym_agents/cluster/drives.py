@@ -12,8 +12,7 @@ import numpy as np
 import turtlebot_gym.drives
 from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
-from turtlebot_gym_agents.cluster.store import Result, Store
-from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
 from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate
 from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, batches, drive, require_known
 from turtlebot_gym_agents.evaluation.metrics import Errors

@@ -25,9 +25,8 @@ from typing import Any
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import shown, whole
 from turtlebot_gym_agents.cluster.drives import CHUNK, DriveUnit, drives, evaluation
-from turtlebot_gym_agents.cluster.store import Result, Store
 from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
 from turtlebot_gym_agents.evaluation.comparison import compare
 from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, paired, require_known
 from turtlebot_gym_agents.evaluation.metrics import holm

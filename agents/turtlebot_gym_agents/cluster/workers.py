@@ -21,9 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym_agents.cluster.origin import difference, origin
-from turtlebot_gym_agents.cluster.store import Result
-from turtlebot_gym_agents.cluster.units import Unit, Workers, run
+from turtlebot_gym_agents.cluster.units import Result, Unit, Workers, difference, origin, run
 
 RETRIES = 3
 """Retries of a unit whose worker died."""

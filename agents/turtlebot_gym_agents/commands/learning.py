@@ -19,8 +19,6 @@ from turtlebot_gym_agents.outputs import FOLDER, Output
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
-    from optuna import Study
-
     from turtlebot_gym_agents.training.config import TrainingConfig
     from turtlebot_gym_agents.training.train import TrainingResult
 
@@ -163,7 +161,7 @@ class Tune(Placement, _Learned):
     def run(self) -> None:
         config = self.training()
         with _loading(config), needs("agents"):
-            from turtlebot_gym_agents.training.tuning import tune
+            from turtlebot_gym_agents.cluster.search import Trial, tune
         from rich.console import Console
 
         from turtlebot_gym_agents.commands.learning_report import search_table
@@ -176,8 +174,12 @@ class Tune(Placement, _Learned):
                 status.update(f"{ended} of {self.trials} trials")
 
             common = {"trials": self.trials, "storage": self.storage, "progress": told}
-            spread = self.spread or self.generation is not None
-            study = self._spread(**common) if spread else tune(config, self.out, **common)
+            generation = self._generation()
+            if generation is None:
+                study = tune(config, self.out, **common)
+            else:
+                with self.place(memory=Trial.memory, store=self.out / "units") as place:
+                    study = tune(config, self.out, generation=generation, **common, **place._asdict())
         title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
         print_tables(search_table(study.trials, title=title))
         if self.json is not None:
@@ -189,12 +191,6 @@ class Tune(Placement, _Learned):
 
     def _generation(self) -> int | None:
         return 8 if self.generation is None and self.spread else self.generation
-
-    def _spread(self, **common: Any) -> Study:
-        from turtlebot_gym_agents.cluster.search import Trial, search
-
-        with self.place(memory=Trial.memory, store=self.out / "units") as place:
-            return search(self.training(), self.out, generation=self._generation() or 1, **common, **place._asdict())
 
 
 _TRAINED = flags(robot=None, noise=None, filter=None, observation=None)

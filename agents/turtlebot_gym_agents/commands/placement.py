@@ -13,8 +13,7 @@ import tyro
 from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
-    from turtlebot_gym_agents.cluster.store import Store
-    from turtlebot_gym_agents.cluster.units import Workers
+    from turtlebot_gym_agents.cluster.units import Store, Workers
 
 
 class _Place(NamedTuple):
@@ -49,8 +48,7 @@ class Placement:
             memory: Memory of a unit, bytes.
             store: Default folder for results.
         """
-        from turtlebot_gym_agents.cluster.store import Store
-        from turtlebot_gym_agents.cluster.units import in_turn
+        from turtlebot_gym_agents.cluster.units import Store, in_turn
 
         self.require_cluster()
         folder = self.store or store

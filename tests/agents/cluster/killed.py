@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from turtlebot_gym_agents.cluster.store import Result
+from turtlebot_gym_agents.cluster.units import Result
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import workers as module
 from turtlebot_gym_agents.cluster.drives import drives
-from turtlebot_gym_agents.cluster.origin import origin
+from turtlebot_gym_agents.cluster.units import origin
 from turtlebot_gym_agents.commands.cli import main
 
 SHORT = ["evaluate", "--policy", "bearing", "--episodes", "20"]

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster.grid import Grid, read_grid, study
-from turtlebot_gym_agents.cluster.store import Store
+from turtlebot_gym_agents.cluster.units import Store
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.comparison import compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired

@@ -21,8 +21,7 @@ sys.path.insert(0, str(HERE))  # helpers, which workers import as well
 import processes
 
 from turtlebot_gym_agents.cluster.drives import drives
-from turtlebot_gym_agents.cluster.store import Store
-from turtlebot_gym_agents.cluster.units import complete
+from turtlebot_gym_agents.cluster.units import Store, complete
 from turtlebot_gym_agents.cluster.workers import workers_on
 from turtlebot_gym_agents.commands.cli import main
 

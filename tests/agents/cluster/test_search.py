@@ -15,14 +15,12 @@ from optuna.storages.journal import JournalFileBackend
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import search as module
-from turtlebot_gym_agents.cluster.search import Trial, search
-from turtlebot_gym_agents.cluster.store import Result, Store
+from turtlebot_gym_agents.cluster.search import Trial, tune
 from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import run
+from turtlebot_gym_agents.cluster.units import Result, Store, run
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.tuning import tune
 
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
@@ -67,29 +65,29 @@ def trials_of(study):
 
 def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(tmp_path):
     common = {"trials": 14, "generation": 4}
-    expected = search(config, tmp_path / "one", **common, workers=Imagined())
+    expected = tune(config, tmp_path / "one", **common, workers=Imagined())
     assert [trial.number for trial in expected.trials] == list(range(14))
     assert expected.trials[0].params["learning_rate"] == 0.001  # where the search starts
     assert len({str(trial.params) for trial in expected.trials}) == 14
-    assert trials_of(search(config, tmp_path / "two", **common, workers=Imagined(backwards=True))) == trials_of(expected)
+    assert trials_of(tune(config, tmp_path / "two", **common, workers=Imagined(backwards=True))) == trials_of(expected)
 
     store = Store(tmp_path / "units")
     with pytest.raises(KeyboardInterrupt):
-        search(config, tmp_path / "three", **common, workers=Imagined(limit=6), store=store)
+        tune(config, tmp_path / "three", **common, workers=Imagined(limit=6), store=store)
     later = Imagined()
-    search(config, tmp_path / "three", trials=9, generation=4, workers=later, store=store)
-    assert trials_of(search(config, tmp_path / "three", **common, workers=later, store=store)) == trials_of(expected)
+    tune(config, tmp_path / "three", trials=9, generation=4, workers=later, store=store)
+    assert trials_of(tune(config, tmp_path / "three", **common, workers=later, store=store)) == trials_of(expected)
     assert len(later.seen) == 14 - 6
     content = hyperparameters.load("ppo", config.env, tmp_path / "three" / "best.yaml")
     assert content["learning_rate"] == expected.best_params["learning_rate"]
 
 
 def test_the_size_of_a_generation_belongs_to_the_study(tmp_path):
-    search(config, tmp_path, trials=2, generation=2, workers=Imagined())
+    tune(config, tmp_path, trials=2, generation=2, workers=Imagined())
     with pytest.raises(ValueError, match="another configuration"):
-        search(config, tmp_path, trials=4, generation=4, workers=Imagined())
+        tune(config, tmp_path, trials=4, generation=4, workers=Imagined())
     with pytest.raises(ValueError, match="generation must be a whole number from 1"):
-        search(config, tmp_path, trials=4, generation=0)
+        tune(config, tmp_path, trials=4, generation=0)
 
 
 def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones():
@@ -108,7 +106,7 @@ def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones():
 
 def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "turtlebot_gym_agents.training.tuning.run_trial",
+        "turtlebot_gym_agents.cluster.search._run_trial",
         lambda trial, config: (config.hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
     )
     journal = str(tmp_path / "deep" / "study.journal")
@@ -153,7 +151,7 @@ def test_two_jobs_of_the_script_share_a_journal(tmp_path):
     assert [job.wait() for job in jobs] == [0, 0]
     storage = JournalStorage(JournalFileBackend(str(tmp_path / "shared" / "study.journal")))
     study = optuna.load_study(study_name="turtlebot-gym", storage=storage)
-    finished = module.finished_trials(study)
+    finished = module._finished(study)
     assert 4 <= len(finished) <= 5  # both may have been at their last one
     assert len({str(trial.params) for trial in finished}) == len(finished)
     assert [(tmp_path / "shared" / f"job-{job}" / "best.yaml").is_file() for job in range(2)].count(True) >= 1

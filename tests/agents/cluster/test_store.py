@@ -6,8 +6,7 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster.drives import DriveUnit
-from turtlebot_gym_agents.cluster.store import Result, Store
-from turtlebot_gym_agents.cluster.units import complete, in_turn, key
+from turtlebot_gym_agents.cluster.units import Result, Store, complete, in_turn, key
 
 RESULT = Result(
     facts={"value": 0.1, "nothing": None, "all": [1, float("inf")]},

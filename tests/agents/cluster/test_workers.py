@@ -20,8 +20,7 @@ import processes
 
 from turtlebot_gym_agents import provenance
 from turtlebot_gym_agents.cluster.drives import drives
-from turtlebot_gym_agents.cluster.store import Store
-from turtlebot_gym_agents.cluster.units import complete, key
+from turtlebot_gym_agents.cluster.units import Store, complete, key
 from turtlebot_gym_agents.cluster.workers import workers_on
 from turtlebot_gym_agents.commands.cli import main
 
