@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym import FilterTuning, make_filter, make_noise
 from turtlebot_gym.estimation.consistency import difference, nees
-from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS

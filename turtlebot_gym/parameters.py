@@ -150,7 +150,7 @@ class DeadReckoning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gated:
-    """The extended Kalman filter with a gate on the heading alone, `estimation.gated`."""
+    """The extended Kalman filter with a gate on the heading alone, `estimation.ekf`."""
 
     heading_gate: Annotated[float, POSITIVE_OR_INFINITE]
     """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
@@ -176,7 +176,7 @@ class Mixture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slip(Mixture):
-    """The filter that models heading spikes, and slip as in `FilterTuning.process`: `estimation.slip`."""
+    """The filter that models heading spikes, and slip as in `FilterTuning.process`: `estimation.mixture`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ import pytest
 from turtlebot_gym.compiled import loop, store
 from turtlebot_gym.compiled.cache import fingerprint
 from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
-from turtlebot_gym.estimation.interface import EXTENDED_KALMAN
+from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.systems import Options, open_ground, system_of
 
 

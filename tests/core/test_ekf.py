@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.estimation import ekf, update
-from turtlebot_gym.estimation.filters import entries, jacobian, matrix, reference_filter
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import entries, filter_of, jacobian, matrix, reference_filter
 from turtlebot_gym.estimation.update import Projection, innovation_variance
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance

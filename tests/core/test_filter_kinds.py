@@ -12,8 +12,7 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.stats import multivariate_normal
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
-from turtlebot_gym.estimation.filters import KalmanFilter, matrix
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import KalmanFilter, filter_of, matrix
 from turtlebot_gym.estimation.mixture import exp_minus, merge
 from turtlebot_gym.parameters import Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.estimation.filters import KalmanFilter, entries, matrix, reference_filter
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import KalmanFilter, entries, filter_of, matrix, reference_filter
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import DeadReckoning, Kalman
 from turtlebot_gym.presets import DOCUMENTED, ROUGH, TUTORIAL_FILTER, make_filter, matched

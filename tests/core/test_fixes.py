@@ -12,9 +12,8 @@ from scipy.stats import multivariate_normal
 
 from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.estimation.fixes import no_fix, with_fixes
-from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, Senses, senses_of

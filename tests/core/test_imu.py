@@ -11,8 +11,7 @@ import pytest
 from turtlebot_gym import Episode, Noise, OdometryNoise, Options, make_parameters
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.filters import jacobian, matrix
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import filter_of, jacobian, matrix
 from turtlebot_gym.models.random import FIX, ROOM, SCAN, SENSOR
 from turtlebot_gym.presets import make_filter
 from turtlebot_gym.systems import imu, system_of

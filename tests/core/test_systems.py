@@ -12,8 +12,8 @@ import pytest
 import turtlebot_gym
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.estimation.interface import DEAD_RECKONING, EXTENDED_KALMAN
 from turtlebot_gym.estimation.update import Projection, update
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals

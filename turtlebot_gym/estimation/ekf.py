@@ -1,4 +1,4 @@
-"""An extended Kalman filter for a unicycle whose pose is measured.
+"""An extended Kalman filter for a unicycle whose pose is measured; with a gate on its heading, and without any correction.
 
 State ``[x, y, theta, v, omega]``, input the executed twist, measurement ``[x, y, theta]``. The measured components are
 independent, so the update processes them in turn: three scalar updates equal the joint one, need no matrix inverse, and keep
@@ -13,11 +13,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import Variances, innovation_variance, inverse_of, of_heading, of_x, of_y, update
 from turtlebot_gym.kernel import algebra, kernel
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import execution_variances, motion
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning
+from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Gated
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 
@@ -190,7 +192,7 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
     odometry = senses.odometry
     prior = predict(estimate.belief, odometry.twist, tuning, dt, middle, tuning.kind.remember_velocity)
     posterior, nis = correct(prior, odometry.pose, tuning.R, tuning.kind.wrap_innovation)
-    return settle(estimate, prior, posterior, prior, nis, nis > tuning.kind.gate, odometry, tuning)
+    return _settle(estimate, prior, posterior, prior, nis, nis > tuning.kind.gate, odometry, tuning)
 
 
 @kernel
@@ -201,7 +203,7 @@ def fix(estimate: Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> Esti
 
 
 @kernel
-def settle(
+def _settle(
     estimate: Estimate,
     prior: Belief,
     posterior: Belief,
@@ -213,15 +215,8 @@ def settle(
 ) -> Estimate:
     """Return the estimate after a step whose measurement may be an outlier, or missing.
 
-    Args:
-        estimate: Before the step.
-        prior: After the prediction.
-        posterior: After the correction.
-        spared: Used instead of the posterior if the measurement is an outlier.
-        nis: Normalized innovation squared of the measurement.
-        is_outlier: Whether the measurement is refused.
-        odometry: The measurement.
-        tuning: The ``max_rejections`` of its kind says after how many refusals in a row the filter is lost.
+    An outlier leaves the belief ``spared``; after ``max_rejections`` of them in a row the filter is lost, and starts anew from
+    the measured pose.
     """
     measured = odometry.measured
     refused = measured and is_outlier
@@ -238,3 +233,35 @@ def _restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
     R, P = tuning.R, prior.covariance
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, P.vv, P.vw, P.ww)
     return Belief(State(z.x, z.y, z.theta, prior.mean.v, prior.mean.omega), covariance)
+
+
+@kernel
+def _gated_step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
+    """Predict, and correct by the position, and by the heading if it is plausible; see `interface.Filter`."""
+    odometry = senses.odometry
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
+    turn = innovation(prior.mean, odometry.pose).theta
+    placed, nis, _, turn = correct_position(prior, odometry.pose, tuning.R, turn)
+    turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
+    is_outlier = nis_theta > tuning.kind.heading_gate
+    return _settle(estimate, prior, wrapped(turned), wrapped(placed), nis + nis_theta, is_outlier, odometry, tuning)
+
+
+@kernel
+def _carried_step(
+    estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+) -> Estimate:
+    """Move the belief as the odometry moved, and correct nothing; its covariance grows with the distance."""
+    x, y, theta, _, _ = estimate.belief.mean
+    twist, z = senses.odometry.twist, senses.odometry.pose
+    prior = predict(estimate.belief, twist, tuning, dt, middle)
+    pose = increment(Pose(x, y, theta), before.odometry.pose, z, sincos(theta - before.odometry.pose.theta))
+    return Estimate(Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), prior.covariance), 0.0, 0.0)
+
+
+EXTENDED_KALMAN = Filter(start, step, fix)
+"""Predicts with the executed twist and corrects by the measured pose."""
+DEAD_RECKONING = Filter(start, _carried_step, fix, kind=DeadReckoning())
+"""Moves as the wheel odometry moves, the best that a robot with wheel odometry alone can do."""
+GATED = Filter(start, _gated_step, fix, kind=Gated(heading_gate=6.635))
+"""Refuses an implausible heading, which then does not cost the position."""

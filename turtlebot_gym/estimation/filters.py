@@ -1,6 +1,6 @@
-"""Filters as objects with inspectable state: this package's own, and filterpy's as a reference.
+"""The filter for a tuning; and filters as objects with inspectable state, this package's own and filterpy's as a reference.
 
-Environments and nodes call the functions of `estimation.ekf`; these objects are for interactive use, notebooks and tests.
+Environments and nodes call a filter's functions; the objects are for interactive use, notebooks and tests.
 """
 
 from __future__ import annotations
@@ -12,17 +12,35 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN, GATED, Estimate
+from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.estimation.mixture import MIXTURE, SLIP
+from turtlebot_gym.estimation.scale import SCALE
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import choose, refusal
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 if TYPE_CHECKING:
     from filterpy.kalman import ExtendedKalmanFilter
 
 _UPPER = np.triu_indices(5)
+
+FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED, MIXTURE, SLIP, SCALE)}
+"""Filters by the class of their own numbers."""
+
+
+def filter_of(tuning: FilterTuning) -> Filter:
+    """Return the filter for a tuning; a class of numbers from elsewhere names its filter as its attribute ``filter``.
+
+    Raises:
+        ValueError: If its kind belongs to no filter.
+    """
+    own = getattr(tuning.kind, "filter", None)
+    if not isinstance(own, Filter) and type(tuning.kind) not in FILTERS:
+        known = ", ".join(kind.__name__ for kind in FILTERS)
+        raise refusal("FilterTuning.kind", f"one of {known}, or have a Filter as its attribute 'filter'", tuning.kind)
+    return own if isinstance(own, Filter) else FILTERS[type(tuning.kind)]
 
 
 def matrix(covariance: Covariance) -> NDArray[np.float64]:

@@ -1,13 +1,11 @@
-"""Interface of a filter: three functions with fixed signatures, chosen once from its tuning."""
+"""Interface of a filter: three functions with fixed signatures. Each filter's module builds its own value."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from turtlebot_gym.estimation import dead_reckoning, ekf, gated, mixture, scale, slip
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
-from turtlebot_gym.validation import refusal
+from turtlebot_gym.parameters import FilterTuning, Kalman
 from turtlebot_gym.values import Pose
 
 
@@ -34,35 +32,3 @@ class Filter(NamedTuple):
     """Example of its own numbers, `FilterTuning.kind`; their class chooses the filter."""
     compiled: bool = True
     """Whether the functions are kernels; if not, the step runs as plain Python."""
-
-
-EXTENDED_KALMAN = Filter(ekf.start, ekf.step, ekf.fix)
-"""Predicts with the executed twist and corrects by the measured pose."""
-DEAD_RECKONING = Filter(ekf.start, dead_reckoning.step, ekf.fix, kind=DeadReckoning())
-"""Moves as the wheel odometry moves."""
-_SPIKES = {"spike_probability": 0.02, "spike": 0.3}
-FILTERS = {
-    type(filter.kind): filter
-    for filter in (
-        EXTENDED_KALMAN,
-        DEAD_RECKONING,
-        Filter(ekf.start, gated.step, ekf.fix, kind=Gated(heading_gate=6.635)),
-        Filter(mixture.start, mixture.step, mixture.fix, kind=Mixture(**_SPIKES)),
-        Filter(slip.start, slip.step, slip.fix, kind=Slip(**_SPIKES)),
-        Filter(scale.start, scale.step, scale.fix, kind=Scale()),
-    )
-}
-"""Filters by the class of their own numbers."""
-
-
-def filter_of(tuning: FilterTuning) -> Filter:
-    """Return the filter for a tuning; a class of numbers from elsewhere names its filter as its attribute ``filter``.
-
-    Raises:
-        ValueError: If its kind belongs to no filter.
-    """
-    own = getattr(tuning.kind, "filter", None)
-    if not isinstance(own, Filter) and type(tuning.kind) not in FILTERS:
-        known = ", ".join(kind.__name__ for kind in FILTERS)
-        raise refusal("FilterTuning.kind", f"one of {known}, or have a Filter as its attribute 'filter'", tuning.kind)
-    return own if isinstance(own, Filter) else FILTERS[type(tuning.kind)]

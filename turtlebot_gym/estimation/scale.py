@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict
+from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.sixth import Sixth, correct_both, moved_column
 from turtlebot_gym.estimation.update import Variances
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.parameters import FilterTuning, Scale
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 
@@ -26,7 +27,7 @@ class _ScaleEstimate(NamedTuple):
 
 
 @kernel
-def start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
+def _start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
     """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
     belief = ekf.initialize(senses.odometry.pose, tuning).belief
     deviation = tuning.kind.scale_deviation
@@ -54,7 +55,7 @@ def _predict(
 
 
 @kernel
-def step(
+def _step(
     estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> _ScaleEstimate:
     """Predict with the executed share of the twist, and correct by the measured pose; see `interface.Filter`."""
@@ -66,8 +67,11 @@ def step(
 
 
 @kernel
-def fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
+def _fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
     """Condition on an external pose measurement; see `interface.Filter`."""
     turn = wrap(z.theta - estimate.belief.mean.theta)
     belief, scale, _ = correct_both(estimate.belief, estimate.scale, z, R, turn)
     return _ScaleEstimate(belief, estimate.nis, scale)
+
+
+SCALE = Filter(_start, _step, _fix, kind=Scale())

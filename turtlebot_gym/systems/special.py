@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.interface import EXTENDED_KALMAN
+from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import BELIEVED
 from turtlebot_gym.systems.system import System

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.plausibility import require_units
 from turtlebot_gym.drives import Drive, known, position_error
-from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.models.odometry import sense
 from turtlebot_gym.models.random import MAX_SEED, episode_key
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance

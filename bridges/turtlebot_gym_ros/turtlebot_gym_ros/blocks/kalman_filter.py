@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
-from turtlebot_gym.estimation.interface import filter_of
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.presets import make_filter, make_noise, make_robot

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, Noise
 from turtlebot_gym.presets import matched
