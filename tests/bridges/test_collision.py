@@ -7,8 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from turtlebot_gym.beams import beams_of, gaps_of
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.frames import Mount
+from turtlebot_gym_ros.robot import collision
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import (
     MOUNTS,
@@ -20,9 +22,10 @@ from turtlebot_gym_ros.robot.collision import (
     into,
     limited,
     moved,
+    narrow_gap,
     out_of,
-    points_of,
     times_to_contact,
+    view_of,
 )
 from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 
@@ -50,6 +53,10 @@ def wall(distance, direction=0.0, beams=360, **changes):
 
 def points(*rows):
     return np.array(rows, np.float64).reshape(-1, 3).T
+
+
+def seen_by(scan, body=BODY, limits=LIMITS, reach=10.0):
+    return view_of(scan, body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3)).seen
 
 
 # When a circle on an arc touches a point.
@@ -115,48 +122,45 @@ def test_from_inside_only_what_comes_nearer_is_contact():
 
 def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
     body = Body(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
-    found = points_of(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body, LIMITS, 10.0)
     expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
+    found = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
     np.testing.assert_allclose(found, points(*expected), atol=1e-7)
     turned = scan([1.0, 2.0, 0.5, np.inf], angle_min=0.3, angle_increment=-math.pi / 2.0)
-    x, y, _ = points_of(turned, BODY, LIMITS, 10.0)
+    x, y, _ = seen_by(turned)
     np.testing.assert_allclose(np.arctan2(y, x), [0.3, 0.3 - math.pi / 2.0, 0.3 - math.pi], atol=1e-7)
 
 
 def test_points_out_of_reach_are_left_out_by_their_stop_zone():
-    body, seen = BODY._replace(center_x=-0.5), scan([1.0] * 4, range_min=0.0)
-    assert points_of(seen, body, LIMITS, 0.251)[:2] == pytest.approx(np.array([[-1.0], [0.0]]), abs=1e-6)
-    assert points_of(seen, body, LIMITS, 0.249).shape == (3, 0)
+    body, far = BODY._replace(center_x=-0.5), scan([1.0] * 4, range_min=0.0)
+    assert seen_by(far, body, reach=0.251)[:2] == pytest.approx(np.array([[-1.0], [0.0]]), abs=1e-6)
+    assert seen_by(far, body, reach=0.249).shape == (3, 0)
 
 
-def test_what_was_not_seen_is_free_and_what_is_too_near_counts():
-    found = points_of(scan([np.inf, 0.0, 0.05, -np.inf, 9.0, -0.0]), BODY, LIMITS, 100.0)
-    np.testing.assert_allclose(np.hypot(found[0], found[1]), [0.05, 0.12, 9.0], rtol=1e-6)
+def test_what_returned_nothing_is_free_and_what_is_too_near_counts():
+    x, y, _ = seen_by(scan([np.inf, 0.0, -np.inf, 3.6, -0.0]))
+    np.testing.assert_allclose(np.hypot(x, y), [0.12], rtol=1e-6)
 
 
 BAD = [
-    (scan([1.0, np.nan] * 4), "it has ranges that are NaN"),
-    (scan([1.0, -1.0] * 4), "it has negative ranges"),
-    (scan([], angle_increment=1.0), "it has no ranges"),
-    (scan([1.0] * 8, angle_increment=0.0), "8 ranges with an angle_increment of 0 rad do not cover all directions"),
-    (scan([1.0] * 180, angle_increment=0.0174), "180 ranges with an angle_increment of 0.0174 rad do not cover"),
-    (scan([1.0] * 8, range_min=4.0), r"range_min must be in \[0, range_max\), but they are 4 and 3.5"),
-    (scan([1.0] * 8, range_min=3.5), "range_min must be in"),
-    (scan([1.0] * 8, range_min=-0.1), "range_min must be in"),
+    (scan([], angle_increment=1.0), "the scan has no ranges"),
+    (scan([np.nan, -1.0, 0.1] * 4), "none of the scan's 12 beams says anything"),
+    (scan([1.0] * 720, angle_increment=0.0174), "are more than a whole turn"),
+    *((scan([1.0] * 8, angle_increment=value), "angle_increment must be") for value in (0.0, math.nan, math.inf, -math.inf)),
+    *((scan([1.0] * 8, angle_min=value), "angle_min must be finite") for value in (math.nan, math.inf, -math.inf)),
+    *(
+        (scan([1.0] * 8, range_min=value), r"range_min must be in \[0, range_max\)")
+        for value in (4.0, 3.5, -0.1, math.nan, math.inf)
+    ),
+    *((scan([1.0] * 8, range_max=value), "range_min must be in") for value in (math.nan, -math.inf)),
     (scan([1.0] * 8, frame="rplidar_link"), "its frame is 'rplidar_link', not 'base_scan'"),
     (scan([1.0] * 8, frame=""), "its frame is ''"),
-    *(
-        (scan([1.0] * 8, **{name: value}), f"{name} is {value}")
-        for name in ("angle_min", "angle_increment", "range_min", "range_max")
-        for value in (math.nan, math.inf, -math.inf)
-    ),
 ]
 
 
 @pytest.mark.parametrize(("bad", "why"), BAD)
-def test_a_bad_scan_is_refused_in_one_line_and_stops_until_a_good_one_comes(bad, why):
+def test_a_scan_that_cannot_be_read_is_refused_in_one_line_and_stops_until_a_good_one_comes(bad, why):
     with pytest.raises(ValueError, match=why) as error:
-        points_of(bad, BODY, LIMITS, 1.0)
+        seen_by(bad)
     assert "\n" not in str(error.value)
     monitor = standing()
     monitor.hear(scan([2.0] * 8), sent=T)
@@ -178,16 +182,9 @@ def test_a_lidar_that_is_blind_beyond_the_stop_zone_is_refused():
         BODY._replace(center_x=0.03),
     ):
         away = math.hypot(body.scan.x - body.center_x, body.scan.y)
-        points_of(scan([1.0] * 8, range_min=(0.149 - away) / 0.9), body, LIMITS, 1.0)
+        seen_by(scan([1.0] * 8, range_min=(0.149 - away) / 0.9), body)
         with pytest.raises(ValueError, match=r"sees nothing below range_min, 0.* so the margin must be at least 0.051 m"):
-            points_of(scan([1.0] * 8, range_min=(0.151 - away) / 0.9), body, LIMITS, 1.0)
-
-
-def test_a_scan_all_round_is_one_with_a_gap_of_a_tenth_at_most():
-    step = (2.0 * math.pi - 0.099) / 100
-    assert points_of(scan([1.0] * 100, angle_increment=-step, frame="left/base_scan"), BODY, LIMITS, 9.0).shape == (3, 100)
-    with pytest.raises(ValueError, match="cover"):
-        points_of(scan([1.0] * 100, angle_increment=-step * 0.999), BODY, LIMITS, 9.0)
+            seen_by(scan([1.0] * 8, range_min=(0.151 - away) / 0.9), body)
 
 
 @settings(max_examples=300)
@@ -201,6 +198,73 @@ def test_no_scan_whatever_raises_anything_but_its_refusal(ranges, numbers, frame
     monitor.hear(Scan(np.array(ranges, np.float32), *numbers, frame), sent=T)
     allowed = monitor.limit(Command(0.2, 1.0), T)
     assert (allowed == STOP) == (monitor.trouble(T) != "" or monitor.state.startswith("stopped"))
+
+
+# Where a scan says nothing.
+
+FREE, SLOW, STOPPED = "", "slowed down: the scan says nothing about what is ahead", "stopped"
+AHEAD, BACK = Command(0.2, 0.0), Command(-0.2, 0.0)
+
+
+def with_gap(width_deg, at_deg, around=2.0, beams=360):
+    """A scan that says nothing in a sector around a direction."""
+    off = np.abs((np.arange(beams) * 360.0 / beams - at_deg + 180.0) % 360.0 - 180.0)
+    return scan(np.where(off < 0.5 * width_deg, np.nan, around), range_min=0.0)
+
+
+def part(width_deg):
+    """A LiDAR that looks ahead, over a part of the circle."""
+    beams = width_deg + 1
+    return scan([2.0] * beams, angle_min=-math.radians(0.5 * width_deg), angle_increment=math.radians(1.0))
+
+
+GAPS = {
+    "every second beam": (scan([2.0, np.nan] * 180), FREE, FREE),
+    "a tenth of the beams, anywhere": (scan(np.where(np.arange(360) % 10 == 3, np.nan, 2.0)), FREE, FREE),
+    "20 degrees ahead, as wide as the robot further away": (with_gap(20.0, 0.0), FREE, FREE),
+    "20 degrees ahead, between near things": (with_gap(20.0, 0.0, around=0.165), STOPPED, STOPPED),
+    "60 degrees ahead": (with_gap(60.0, 0.0), SLOW, FREE),
+    "60 degrees behind": (with_gap(60.0, 180.0), FREE, SLOW),
+    "60 degrees to the left": (with_gap(60.0, 90.0), FREE, FREE),
+    "60 degrees that returned nothing": (scan([np.inf] * 30 + [2.0] * 301 + [np.inf] * 29), FREE, FREE),
+    "all but the back": (with_gap(240.0, 0.0), SLOW, FREE),
+    "a LiDAR of 240 degrees": (part(240), FREE, SLOW),
+    "a LiDAR of 180 degrees": (part(180), FREE, SLOW),
+    "a LiDAR that closes the circle": (scan([2.0] * 361, angle_increment=math.radians(1.0)), FREE, FREE),
+    "clockwise, from behind": (scan([2.0] * 360, angle_min=math.pi, angle_increment=-math.radians(1.0)), FREE, FREE),
+}
+
+
+@pytest.mark.parametrize(("gap", "ahead", "back"), GAPS.values(), ids=GAPS)
+def test_a_gap_narrower_than_the_robot_is_filled_and_a_wider_one_slows_down_who_drives_into_it(gap, ahead, back):
+    for command, said in ((AHEAD, ahead), (BACK, back)):
+        monitor = standing()
+        monitor.hear(gap, sent=T)
+        allowed = monitor.limit(command, T)
+        assert monitor.state.startswith(said)
+        assert (allowed == command) == (said == FREE)
+        if said == SLOW:
+            assert 0.0 < abs(allowed.v) <= LIMITS.escape_speed * 1.02
+        assert monitor.limit(Command(0.0, 2.0), T) == Command(0.0, 2.0)  # it may look round
+
+
+def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_moved_where_it_sees():
+    monitor, way, now = standing(), 0.0, T
+    for _ in range(200):
+        monitor.hear(with_gap(60.0, 0.0), sent=now)
+        allowed = monitor.limit(AHEAD, now)
+        assert allowed.v <= LIMITS.escape_speed * 1.02
+        monitor.told(allowed, now)
+        way, now = way + 0.02 * allowed.v, now + 0.02
+    assert 0.5 < way / (LIMITS.escape_speed * LIMITS.time) < 1.0
+    assert monitor.state == "stopped: the scan says nothing about what is ahead"
+    for command in (BACK, AHEAD):
+        assert monitor.limit(command, now).v * command.v >= 0.0
+        monitor.told(monitor.limit(command, now), now)
+        now += 0.2
+        monitor.hear(with_gap(60.0, 0.0), sent=now)
+        monitor.limit(STOP, now)
+    assert monitor.limit(AHEAD, now).v > 0.0
 
 
 def test_the_footprints_hold_the_bodies():
@@ -271,6 +335,60 @@ def test_what_passes_is_the_time_limit_away_from_every_stop_zone_and_leads_out_o
         later = into(moved((0.0, 0.0, 0.0), allowed, 1e-4), before)
         there = gaps(before, center_x) <= 0.0
         assert (gaps(later, center_x)[there] >= gaps(before, center_x)[there] - 1e-6 * speed - ROUNDING).all()
+
+
+def border_of(gap, bodies, limits, room):
+    """The range from which a gap counts as solid, at each missing beam."""
+    beams = beams_of(gap.ranges, first=0.0, increment=gap.angle_increment, range_min=0.0, range_max=9.0)
+    border = np.full(len(gap.ranges), np.nan)
+    for first, last, width, shorter in gaps_of(beams):
+        inside = (beams.directions - first + 1e-9) % (2.0 * math.pi) <= last - first + 2e-9
+        narrow = width <= narrow_gap(bodies, limits, 0.3)
+        border[inside] = shorter if narrow else collision._edge(beams.directions[inside], bodies, limits, room)
+    return border
+
+
+def through(scan, command, body, limits, room):
+    """The command that passes by a scan."""
+    view = view_of(scan, body, limits, reach=9.0, narrow=narrow_gap(body, limits, 0.3), room=room)
+    return limited(view.unknown, limited(view.seen, command, body.center_x, limits), body.center_x, limits)
+
+
+def is_slower_than_with_the_missing_beams(draw, command, room, body, limits):
+    """Whether no more passes than if the missing beams had returned anything from the borders of their gaps on."""
+    beams = int(draw.integers(24, 200))
+    ranges = draw.uniform(0.2, 1.5, beams).astype(np.float32)
+    start, width = draw.integers(0, beams), draw.integers(0, beams // 2)
+    missing = (draw.random(beams) < draw.choice([0.05, 0.3, 0.7])) | ((np.arange(beams) - start) % beams < width)
+    missing[start - 1] = False
+    gap = scan(np.where(missing, np.nan, ranges), range_min=0.0, range_max=9.0)
+    border = border_of(gap, body, limits, room)
+    behind = border + draw.choice([0.0, 0.05, 1.0]) * draw.random(beams) * (draw.random(beams) < 0.8)
+    full = scan(np.where(missing, np.minimum(behind, 8.9) * (1.0 + 1e-6), ranges), range_min=0.0, range_max=9.0)
+    least, most = through(gap, command, body, limits, room), through(full, command, body, limits, room)
+    return abs(least.v) <= abs(most.v) * (1.0 + GRAZED) and abs(least.omega) <= abs(most.omega) * (1.0 + GRAZED)
+
+
+STILL = LIMITS._replace(escape_speed=0.0)
+"""Inside of a stop zone the robot stands."""
+
+
+@settings(max_examples=400)
+@given(st.integers(0, 2**32), COMMANDS, st.floats(0.0, 0.1), st.sampled_from([0.0, -0.05, 0.1]), st.sampled_from([0.0, -0.04]))
+def test_missing_beams_never_let_more_pass_than_any_ranges_behind_the_gaps_border(seed, command, room, center_x, y):
+    body = Body(0.1, center_x, MOUNT._replace(x=0.02, y=y, yaw=0.5))
+    assert is_slower_than_with_the_missing_beams(np.random.default_rng(seed), command, room, body, STILL)
+
+
+def test_a_monitor_that_takes_only_the_near_side_of_a_gap_for_solid_is_noticed(monkeypatch):
+    def near_side(first, last, border, **_):
+        angles = np.linspace(first, last, 9)
+        return collision._points(angles, border(angles), BODY, STILL)
+
+    monkeypatch.setattr(collision, "_solid", near_side)
+    rng = np.random.default_rng(0)
+    commands = [Command(*rng.uniform((-0.3, -3.0), (0.3, 3.0))) for _ in range(300)]
+    assert not all(is_slower_than_with_the_missing_beams(rng, command, 0.05, BODY, STILL) for command in commands)
 
 
 def test_the_speed_falls_with_the_distance_and_ends_at_the_slowest():
@@ -470,10 +588,10 @@ def test_with_a_prefix_the_guard_sees_by_its_own_lidar_only():
     for prefix, good, bad in (with_prefix, without):
         monitor = Arbiter(Parameters(collision_monitor=True, frame_prefix=prefix), T).monitor
         for frame in good:
-            points_of(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits, monitor._reach)
+            seen_by(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits)
         for frame in bad:
             with pytest.raises(ValueError, match="its frame is"):
-                points_of(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits, monitor._reach)
+                seen_by(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits)
 
 
 def test_undated_scans_after_a_gap_of_the_guard_do_not_count():

@@ -11,6 +11,7 @@ import pytest
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.rooms.lidar import (
     LIDARS,
+    NEAR,
     SECTORS,
     SIGHT,
     Lidar,
@@ -20,6 +21,7 @@ from turtlebot_gym.rooms.lidar import (
     bias_of,
     divide,
     is_drawn,
+    leave_out_blind,
     pool,
     reading,
     reading_of,
@@ -35,7 +37,7 @@ QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
 
 def room(half_length, half_width, lidar):
     """Return an empty room with a LiDAR in it."""
-    scene = FloorPlan(walls=(0.0, 0.0, half_length, half_width)).scene(beams=8)
+    scene = FloorPlan(walls=(0.0, 0.0, half_length, half_width)).scene(beams=lidar.beams)
     aim(scene.beams, lidar)
     divide(scene.spans, lidar.yaw, lidar.beams)
     return scene
@@ -177,6 +179,11 @@ def test_the_presets_are_what_the_data_sheets_say():
     assert LIDARS["lds01"] == Lidar(range_min=0.12, range_max=3.5, x=-0.032, stamped_at_end=True, **lds)
     assert LIDARS["lds02"] == Lidar(range_min=0.16, range_max=8.0, x=-0.032, **lds)
     assert LIDARS["ideal"] == Lidar(beams=36, rate=10.0, range_min=0.0, range_max=3.5, turning=False, stamped_at_end=True)
+    hokuyo = LIDARS["urg04lx"]  # 240 degrees, 0.36 degrees apart, 10 Hz, 0.02 to 5.6 m, 1 %
+    assert replace(hokuyo, dead=()) == Lidar(
+        beams=1024, rate=10.0, range_min=0.02, range_max=5.6, deviation=0.005, deviation_share=0.005, quantization=0.001
+    )
+    assert hokuyo.dead[0] == pytest.approx((math.radians(120.0), math.radians(120.0)))
     a1 = LIDARS["a1"]
     assert replace(a1, dead=(), rate=5.0) == Lidar(
         beams=269, rate=5.0, range_min=0.15, range_max=12.0, deviation=0.0, deviation_share=0.01, accuracy=0.0,
@@ -186,3 +193,16 @@ def test_the_presets_are_what_the_data_sheets_say():
     posts = [first + 0.5 * width for first, width in a1.dead]
     assert posts == pytest.approx([math.radians(angle) for angle in (45.0, 135.0, 225.0, 315.0)])
     assert [width for _, width in a1.dead] == pytest.approx([0.1] * 4)
+
+
+def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_and_never_far():
+    lidar = replace(LIDARS["urg04lx"], deviation=0.0, deviation_share=0.0)
+    for half_length, half_width, behind in ((3.0, 3.0, NEAR), (3.0, 0.6, 0.6 / math.sin(math.radians(115.0)))):
+        scene = room(half_length, half_width, lidar)
+        leave_out_blind(scene.spans, scene.beams, lidar.beams)
+        stand = Pose(0.0, 0.0, 0.0)
+        measure(scene, stand, stand, -lidar.beams, 0, 0.0, 7, lidar, 0.1)
+        unknown = scene.sectors[13:24] * SIGHT
+        assert (unknown == unknown[0]).all()
+        assert unknown[0] == pytest.approx(behind, rel=0.01)
+        assert (scene.sectors[[12, 24]] * SIGHT > 0.6).all()

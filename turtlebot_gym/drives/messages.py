@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.beams import beams_of
 from turtlebot_gym.drives.alignment import Stream
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.models.angles import yaw_of_rotation
@@ -86,11 +87,9 @@ def _nis(message: Any) -> float:
 
 
 def _scan(message: Any) -> Scan:
-    """Return a scan; a beam that is not a number or beyond the sensor's limits returned nothing."""
-    ranges = np.array(message.ranges, np.float32)
-    ranges[~((ranges >= message.range_min) & (ranges <= message.range_max))] = np.inf
-    increment = max(float(message.time_increment), 0.0)
-    return Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max, increment)
+    first, increment, least, most = message.angle_min, message.angle_increment, message.range_min, message.range_max
+    beams = beams_of(message.ranges, first=first, increment=increment, range_min=least, range_max=most)
+    return Scan(beams.ranges, first, increment, least, most, max(float(message.time_increment), 0.0))
 
 
 def _room(message: Any) -> Obstacles | None:

@@ -8,21 +8,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.rooms.lidar import SECTORS, Lidar, divide, pool
+from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
+from turtlebot_gym.rooms.lidar import SECTORS, SIGHT, UNKNOWN, Driver, Lidar, fill
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import Pose, State
 
 
 class Scan(NamedTuple):
-    """The ranges of a full revolution, counter-clockwise."""
+    """The ranges of a revolution, or of the part of it that a LiDAR sees."""
 
     ranges: NDArray[np.float32]
-    """Ranges, shape (B,), m; infinite where nothing was returned."""
+    """Ranges, shape (B,), m; infinite where nothing was returned, NaN where a beam is missing."""
     first: float
     """Direction of the first beam in the LiDAR's frame, rad."""
     increment: float
-    """Angle between two beams, rad."""
+    """Angle from one beam to the next, rad; negative if clockwise."""
     range_min: float
     """Shorter ranges are not returned, m."""
     range_max: float
@@ -68,8 +68,40 @@ def obstacles_of(scene: Scene) -> Obstacles:
     )
 
 
+def as_sent(scan: Scan, driver: Driver, rng: np.random.Generator) -> Scan:
+    """Return a scan as the driver of a real robot's LiDAR sends it, which `beams.beams_of` reads.
+
+    Args:
+        scan: A full revolution, from direction 0 counter-clockwise.
+        driver: The driver.
+        rng: Draws the missing beams and the number of ranges.
+    """
+    number = int(rng.integers(*driver.beams, endpoint=True))
+    ranges = np.where(np.isinf(scan.ranges), np.float32(driver.nothing), scan.ranges)
+    ranges[rng.random(len(ranges)) < driver.missing] = np.nan
+    first, increment = 0.0, scan.increment
+    if driver.sees < TWO_PI:
+        first = -0.5 * driver.sees
+        ranges = np.roll(ranges, number // 2)[:number]
+    elif number != len(ranges) or driver.missing > 0.0:
+        # Put where they point, of several the nearest; a motor that varies makes the angle between beams vary.
+        increment, placed = TWO_PI / number, np.full(number, np.nan, np.float32)
+        at = (scan.increment * np.arange(len(ranges)) / increment).astype(np.int64)
+        np.fmin.at(placed, at, ranges)
+        ranges = placed
+    limits = driver.range_min, driver.range_max
+    return Scan(ranges, first, increment, *limits, scan.period / number, scan.period)
+
+
+EDGE = 1e-5
+"""Share of a sector by which a beam on its edge may miss it: directions travel in single precision."""
+
+
 class Pooling:
     """Pools scans into the sectors of a policy, as the environment does.
+
+    Each beam counts where it points, so the number of beams, their increment and its sign may differ from scan to scan. Sectors
+    without a beam are unknown, see `lidar.fill`.
 
     Args:
         yaw: Direction of the LiDAR's frame in the robot's frame, rad.
@@ -78,8 +110,6 @@ class Pooling:
 
     def __init__(self, *, yaw: float = 0.0, beams: int = 0) -> None:
         self._yaw, self._beams = yaw, beams
-        self._divided: tuple[float, int] | None = None
-        self._spans = np.zeros((SECTORS, 2), np.int64)
 
     def __call__(self, scan: Scan) -> list[float]:
         """Return the shortest range in each sector, as shares of `lidar.SIGHT`.
@@ -90,10 +120,12 @@ class Pooling:
         beams = len(scan.ranges)
         if self._beams not in (0, beams):
             raise ValueError(f"the scan has {beams} beams, but lidar_beams says {self._beams}")
-        first = self._yaw + scan.first
-        if self._divided != (first, beams):
-            divide(self._spans, first, beams)
-            self._divided = first, beams
-        sectors = np.zeros(SECTORS, np.float32)
-        pool(scan.ranges, self._spans, beams, sectors)
+        there = np.flatnonzero(~np.isnan(scan.ranges))
+        directions = self._yaw + scan.first + scan.increment * there
+        at = np.floor(directions / TWO_PI * SECTORS + 0.5 + EDGE).astype(np.int64) % SECTORS
+        shortest = np.full(SECTORS, np.inf)
+        np.minimum.at(shortest, at, scan.ranges[there])
+        sectors = (np.minimum(shortest, SIGHT) / SIGHT).astype(np.float32)
+        sectors[np.bincount(at, minlength=SECTORS) == 0] = UNKNOWN
+        fill(sectors)
         return sectors.tolist()

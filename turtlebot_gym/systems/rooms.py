@@ -19,7 +19,7 @@ from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
-from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide
+from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide, leave_out_blind
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
@@ -89,6 +89,7 @@ def _first_look(world, key, p, scene):
     pose, lidar = _pose(world), p.room.lidar
     aim(scene.beams, lidar)
     divide(scene.spans, lidar.yaw, int(lidar.beams))
+    leave_out_blind(scene.spans, scene.beams, int(lidar.beams))
     measure(scene, pose, pose, -int(lidar.beams), 0, 0.0, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
     return Around(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0)

@@ -1,8 +1,7 @@
 """What a robot sees and what surrounds it, as messages: scans, clearances, obstacles and maps.
 
-Ranges are bit-exact. By the definition of `sensor_msgs/LaserScan`, ranges outside its limits are discarded: such a beam
-returned nothing, and becomes infinite, except for minus infinity, which by REP 117 means that something is nearer than
-``range_min``. A scan without valid directions or ranges is refused.
+Ranges are bit-exact. What each beam of a scan says is defined in `turtlebot_gym.beams`; a scan is refused only if it cannot be
+read at all.
 
 A room's walls and obstacles are visualization markers, which RViz draws and `Recorder` reads back. The resolution of a map is
 sent in single precision, and read as the shortest decimal nearest to it, such as 0.05 m.
@@ -22,13 +21,11 @@ from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from turtlebot_gym.beams import TURN, beams_of
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, write_pose
 
-TURN = 2.0 * math.pi
-SLACK = 1.5
-"""Tolerance on a scan's full revolution, in beams, since drivers count both ends or one."""
 HEIGHT = 0.3
 """Height at which obstacles are drawn, m."""
 LINE = 0.05
@@ -39,27 +36,9 @@ _GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
 
 
 def _read_scan(message: LaserScan) -> Scan:
-    """Return a scan that covers a full revolution counter-clockwise, within possible limits, without NaN."""
-    ranges, increment = np.array(message.ranges, np.float32), message.angle_increment
-    beams = len(ranges)
-    if not beams:
-        raise ValueError("the scan has no ranges")
-    if not 0.0 < increment < math.inf:
-        raise ValueError(f"the scan's angle_increment must be positive and finite, got {increment:g}")
-    if not math.isfinite(message.angle_min):
-        raise ValueError(f"the scan's angle_min must be finite, got {message.angle_min:g}")
-    if abs(beams * increment - TURN) > SLACK * increment:
-        raise ValueError(f"the scan must look around a whole turn, but {beams} beams {increment:g} rad apart do not")
-    if not 0.0 <= message.range_min < message.range_max:
-        raise ValueError(f"the scan's range_min must be below range_max, got {message.range_min:g} and {message.range_max:g}")
-    if lost := int(np.isnan(ranges).sum()):
-        raise ValueError(f"{lost} of the scan's {beams} ranges are not numbers (NaN)")
-    least, most = np.float32(message.range_min), np.float32(message.range_max)
-    ranges[ranges == -np.inf] = least
-    ranges[(ranges < least) | (ranges > most)] = np.inf
-    return Scan(
-        ranges, message.angle_min, increment, message.range_min, message.range_max, message.time_increment, message.scan_time
-    )
+    first, increment, least, most = message.angle_min, message.angle_increment, message.range_min, message.range_max
+    beams = beams_of(message.ranges, first=first, increment=increment, range_min=least, range_max=most)
+    return Scan(beams.ranges, first, increment, least, most, message.time_increment, message.scan_time)
 
 
 def _write_scan(scan: Scan, header: Header) -> LaserScan:

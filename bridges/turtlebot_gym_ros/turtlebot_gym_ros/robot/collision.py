@@ -1,7 +1,8 @@
 """Limits on commands by LiDAR measurements: the mathematics of the guard's collision monitor.
 
-It shares nothing with any policy or simulation, and uses only numpy and the type of a command. Frames: x ahead, y
-to the left, the origin in the middle of the wheels' axle, about which the robot turns.
+It shares nothing with any policy or simulation but the definition of a scan's beams (`turtlebot_gym.beams`), and uses only
+numpy and the type of a command. Frames: x ahead, y to the left, the origin in the middle of the wheels' axle, about which the
+robot turns.
 
 The robot is a circle around ``center_x``, which may lie behind the axle. Each point that the LiDAR saw is an obstacle. A
 constant command moves the circle along an arc, on which the time until it touches a point has a closed form, see
@@ -10,6 +11,12 @@ constant command moves the circle along an arc, on which the time until it touch
 **Two zones.** Around each point is the stop zone: the robot's radius, the margin, and the error of the point's range. Outside
 it, a command is scaled down, on the same arc, to a speed at which the stop zone is at least ``time`` away. Inside it, motion
 towards the point is stopped, and motion away from it is limited to ``escape_speed``.
+
+**Gaps.** Where a scan says nothing, see `beams.gaps_of`, space is solid from a range on. In a narrow gap that is the shorter of
+the ranges beside it: whatever is as wide as the robot shows at an edge of the gap before the robot must brake, so only thinner
+things can hide there, as they can between two beams. A wider gap is unknown: it is solid from the stop zone on, but for the
+``room`` that `monitor` leaves, so the robot enters it slowly and then stops. A gap behind does not hold up a robot that drives
+ahead. If the missing beams had returned any ranges beyond where a gap is taken for solid, no command would pass more slowly.
 
 **Why it stops in time.** At a speed ``s`` the stop zone is at least ``d >= s time`` away. A command is held for one period of
 the guard, ``h``, before it is judged again, and then the wheels brake with a deceleration ``a``. That takes ``s h + s^2 / (2
@@ -21,17 +28,21 @@ command the speed falls with the distance, and the robot comes to rest before th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.beams import beams_of, gaps_of
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.frames import Mount
 
-ALL_ROUND = 2.0 * math.pi - 0.1
-"""Least angle that a scan must cover, rad: the robot moves in all directions, and unseen space is not free."""
+GRAIN = 0.02
+"""Distance between the points that stand for the border of a solid gap, m."""
+COVER = 0.6 * GRAIN
+"""Width by which the stop zones of such points are wider, m: so they hold those of all points between them."""
 SLOWEST = 0.01
 """Speed below which a robot that must slow down stops instead, m/s; firmware truncates commands to multiples of it."""
 _STRAIGHT = 1e-9
@@ -85,56 +96,122 @@ class Scan(NamedTuple):
     frame: str
 
 
-def points_of(scan: Scan, body: Body, limits: Limits, reach: float) -> NDArray[np.float64]:
-    """Return the positions of obstacles, and the distance that the footprint's centre must keep from each.
+class View(NamedTuple):
+    """What a scan says, as positions of obstacles and the distance that the footprint's centre must keep from each.
 
-    An infinite range, or 0 in some drivers, means that the beam saw nothing and is free. A LiDAR reports the same for objects
-    nearer than its ``range_min``, so that distance must lie inside the stop zone: on a Burger, 0.12 m of an LDS-01 do, since
-    its stop zone begins at 0.155 m. Other ranges below ``range_min`` are used as they are; -inf, "too near", counts as
-    ``range_min``.
+    Shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
+    """
+
+    seen: NDArray[np.float64]
+    """Points that returned something, and the borders of narrow gaps."""
+    unknown: NDArray[np.float64]
+    """Borders of wide gaps."""
+
+
+def narrow_gap(body: Body, limits: Limits, speed: float) -> float:
+    """Return the angle of a gap that is as wide as the robot at the distance from where it must brake at full speed, rad.
+
+    Args:
+        body: The footprint.
+        limits: The stop zone, and the time until it is entered.
+        speed: The robot's greatest speed, m/s.
+    """
+    return 2.0 * math.asin(body.radius / (body.radius + limits.margin + speed * limits.time))
+
+
+def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
+    """Return what a scan says.
+
+    A LiDAR reports that nothing returned for objects nearer than its ``range_min`` too, so that distance must lie inside the
+    stop zone: on a Burger, 0.12 m of an LDS-01 do, since its stop zone begins at 0.155 m.
 
     Args:
         scan: The scan.
         body: Mount and footprint.
         limits: The stop zone.
         reach: Distance from the footprint's centre beyond which stop zones are left out, m.
-
-    Returns:
-        Shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
+        narrow: Angle up to which a gap is narrow, rad; see `narrow_gap`.
+        room: Free distance before the stop zone of a wide gap, m.
 
     Raises:
-        ValueError: With one line, if the scan is malformed, is of another frame, or does not cover all directions.
+        ValueError: With one line, if the scan cannot be read, or is of another frame.
     """
-    ranges, mount = np.asarray(scan.ranges, np.float64), body.scan
+    mount = body.scan
     if mount.frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a configured prefix, any is accepted
         raise ValueError(f"its frame is {scan.frame!r}, not {mount.frame!r}: is the mount that of another LiDAR?")
-    for name in ("angle_min", "angle_increment", "range_min", "range_max"):
-        if not math.isfinite(getattr(scan, name)):
-            raise ValueError(f"{name} is {getattr(scan, name)}")
-    if not 0.0 <= scan.range_min < scan.range_max:
-        raise ValueError(f"range_min must be in [0, range_max), but they are {scan.range_min:g} and {scan.range_max:g}")
-    if ranges.size == 0:
-        raise ValueError("it has no ranges")
-    if ranges.size * abs(scan.angle_increment) < ALL_ROUND:
-        raise ValueError(
-            f"{ranges.size} ranges with an angle_increment of {scan.angle_increment:g} rad do not cover all directions"
-        )
+    beams = beams_of(
+        scan.ranges, first=scan.angle_min, increment=scan.angle_increment, range_min=scan.range_min, range_max=scan.range_max
+    )
     blind = math.hypot(mount.x - body.center_x, mount.y) + scan.range_min * (1.0 - limits.error)
     if scan.range_min > 0.0 and blind > body.radius + limits.margin:
         raise ValueError(
             f"it sees nothing below range_min, {scan.range_min:g} m, so the margin must be at least {blind - body.radius:.3f} m"
         )
-    if np.isnan(ranges).any():
-        raise ValueError("it has ranges that are NaN")
-    ranges = np.where(ranges == -np.inf, scan.range_min, ranges)
-    if (ranges < 0.0).any():
-        raise ValueError("it has negative ranges")
-    seen = np.flatnonzero((ranges > 0.0) & np.isfinite(ranges))
-    angles, ranges = scan.angle_min + scan.angle_increment * seen + mount.yaw, ranges[seen]
-    x, y = mount.x + ranges * np.cos(angles), mount.y + ranges * np.sin(angles)
+    returned = np.isfinite(beams.ranges)
+    seen = _points(beams.directions[returned], beams.ranges[returned].astype(np.float64), body, limits)
+    gaps_there = gaps_of(beams)
+    wide = gaps_there[:, 2] > narrow
+    far = reach + (body.radius + limits.margin + GRAIN) / (1.0 - limits.error) + blind
+    solid = partial(_solid, spacing=beams.spacing, far=far, body=body, limits=limits)
+    fills = [solid(first, last, partial(np.full_like, fill_value=shorter)) for first, last, _, shorter in gaps_there[~wide]]
+    borders = [
+        solid(first, last, partial(_edge, body=body, limits=limits, room=room)) for first, last, _, _ in gaps_there[wide]
+    ]
+    near = (each[:, gaps(each, body.center_x) <= reach] for each in (_joined([seen, *fills]), _joined(borders)))
+    return View(*near)
+
+
+def _joined(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.empty((3, 0)), *parts], axis=1)
+
+
+def _points(angles: NDArray[np.float64], ranges: NDArray[np.float64], body: Body, limits: Limits) -> NDArray[np.float64]:
+    """Return points at ranges in directions of the LiDAR's frame, with their stop zones."""
+    mount, angles = body.scan, angles + body.scan.yaw
     radius = body.radius + limits.margin + limits.error * ranges
-    points = np.stack((x, y, radius))
-    return points[:, gaps(points, body.center_x) <= reach]
+    return np.stack((mount.x + ranges * np.cos(angles), mount.y + ranges * np.sin(angles), radius))
+
+
+def _edge(angles: NDArray[np.float64], body: Body, limits: Limits, room: float) -> NDArray[np.float64]:
+    """Return the ranges in directions of the LiDAR's frame at which the stop zone of a wide gap is ``room`` away."""
+    x, y = body.scan.x - body.center_x, body.scan.y
+    away = math.hypot(x, y)
+    wider = COVER - 0.5 * GRAIN * (1.0 - limits.error)  # of the points just behind the border
+    distance = (body.radius + limits.margin + wider + room + limits.error * away) / (1.0 - limits.error)
+    across = x * np.cos(angles + body.scan.yaw) + y * np.sin(angles + body.scan.yaw)
+    return np.sqrt(across * across + distance * distance - away * away) - across
+
+
+def _solid(
+    first: float, last: float, border: Callable[..., NDArray[np.float64]], *,
+    spacing: float, far: float, body: Body, limits: Limits,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return points for a gap that is solid from a border on: on the border, just behind it, and on both edges.
+
+    Their stop zones hold those of all points in the gap: on the way to one, the border or an edge is crossed, and the error, a
+    share of the range, grows more slowly than the range.
+
+    Args:
+        first: Direction of the first missing beam, rad.
+        last: Direction of the last one, rad.
+        border: Ranges at directions, m.
+        spacing: Angle between two beams, rad.
+        far: Range beyond which nothing counts, m.
+        body: Mount and footprint.
+        limits: The stop zone.
+    """
+    nearest = float(border(np.array([first]))[0])
+    if not nearest < far:
+        return np.empty((3, 0))
+    beams = round((last - first) / spacing) * math.ceil(spacing * nearest / GRAIN)  # the missing ones, and between them
+    across = np.linspace(first, last, beams + 1)
+    ranges = border(across)
+    behind = np.arange(1.5 * GRAIN, far - nearest + GRAIN, GRAIN)
+    angles = np.concatenate((across, np.full_like(behind, first), np.full_like(behind, last)))
+    depths = np.concatenate((ranges + 0.5 * GRAIN, ranges[0] + behind, ranges[-1] + behind))
+    inside = _points(angles, depths, body, limits)
+    inside[2] += COVER
+    return np.concatenate((_points(across, ranges, body, limits), inside), axis=1)
 
 
 def times_to_contact(points: NDArray[np.float64], command: Command, center_x: float) -> NDArray[np.float64]:
@@ -149,7 +226,7 @@ def times_to_contact(points: NDArray[np.float64], command: Command, center_x: fl
     turning rate, so arcs may be arbitrarily straight: with ``omega = 0`` it is the quadratic of a straight line.
 
     Args:
-        points: Shape (3, n): see `points_of`.
+        points: Shape (3, n): see `View`.
         command: m/s, rad/s.
         center_x: The circle's centre, m.
 
@@ -182,7 +259,7 @@ def limited(points: NDArray[np.float64], command: Command, center_x: float, limi
     Turning on the spot does not move a footprint that is round about the axle, so it is always allowed.
 
     Args:
-        points: Shape (3, n): see `points_of`.
+        points: Shape (3, n): see `View`.
         command: m/s, rad/s.
         center_x: The footprint's centre, m.
         limits: See there.

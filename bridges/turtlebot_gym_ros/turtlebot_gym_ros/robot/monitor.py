@@ -7,8 +7,12 @@ placed as if it had been measured at each of `LAYERS` times between ``period + r
 which it was sent; all of these points count, and thus the worst. At rest they coincide.
 
 **Valid scan.** The newest one, while it is younger than ``age`` since it was sent (see `sent`; the ``period`` is subtracted
-from a header's age, as some drivers stamp the first beam). A scan that cannot be read, see `collision.points_of`, replaces the
+from a header's age, as some drivers stamp the first beam). A scan that cannot be read, see `turtlebot_gym.beams`, replaces the
 previous one. Without a valid scan the robot stands and does not turn either.
+
+**Unknown space**, see `collision`, is entered slowly, at ``escape_speed`` at most, and only for the way that this makes in the
+time to contact: then the robot stops before it. Motion over ground that the scan shows gives the way back, since the robot may
+return over what it has left.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, into, limited, moved, out_of, points_of
+from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, into, limited, moved, narrow_gap, out_of, view_of
 
 LAYERS = 5
 """Number of times at which a scan is placed: every 0.1 s if ``period`` and ``reaction`` are 0.2 s each."""
@@ -58,7 +62,11 @@ class Monitor:
         # Farther than the robot can move in the time to contact plus the whole validity of a scan.
         used = limits.time + timing.age + timing.period + timing.reaction
         self._reach = (speed + turning * abs(body.center_x)) * used
-        self._points, self._sent, self._bad = np.empty((3, 0)), -math.inf, "no scan has arrived"
+        self._narrow = narrow_gap(body, limits, speed)
+        self._room = limits.escape_speed * limits.time
+        self._enters, self._judged = False, now
+        self._points, self._unknown = np.empty((3, 0)), np.empty((3, 0))
+        self._sent, self._bad = -math.inf, "no scan has arrived"
         self._times, self._poses, self._told = [now], [(0.0, 0.0, 0.0)], [STOP]
         self.state = ""
 
@@ -68,13 +76,14 @@ class Monitor:
             return
         self._sent, self._bad = sent, ""
         try:
-            points = points_of(scan, self._body, self._limits, self._reach)
+            view = view_of(scan, self._body, self._limits, reach=self._reach, narrow=self._narrow, room=self._room)
         except ValueError as error:
             self._bad = f"a scan was refused: {error}"
             return
         span = self._timing.period + self._timing.reaction
-        layers = [out_of(self._pose(sent - span * layer / (LAYERS - 1)), points) for layer in range(LAYERS)]
+        layers = [out_of(self._pose(sent - span * layer / (LAYERS - 1)), view.seen) for layer in range(LAYERS)]
         self._points = np.concatenate(layers, axis=1)
+        self._unknown = out_of(self._pose(sent), view.unknown)  # a blind sector turns with the robot: only the last pose counts
 
     def told(self, command: Command, now: float) -> None:
         """Record the command of the wheels from now on."""
@@ -97,12 +106,24 @@ class Monitor:
         self.state = self.trouble(now)
         if self.state:
             return STOP
-        points, center_x = into(self._pose(now), self._points), self._body.center_x
-        allowed = limited(points, command, center_x, self._limits)
+        self._walk(now)
+        pose, center_x = self._pose(now), self._body.center_x
+        points = into(pose, self._points)
+        seen = limited(points, command, center_x, self._limits)
+        allowed = limited(into(pose, self._unknown), seen, center_x, self._limits)
+        self._enters = allowed != seen
         if allowed != command:
-            near = "in the stop zone" if gaps(points, center_x).min() <= 0.0 else "ahead"
-            self.state = f"{'stopped' if allowed == STOP else 'slowed down'}: an obstacle is {near}"
+            near = "in the stop zone" if gaps(points, center_x).min(initial=math.inf) <= 0.0 else "ahead"
+            why = "the scan says nothing about what is ahead" if self._enters else f"an obstacle is {near}"
+            self.state = f"{'stopped' if allowed == STOP else 'slowed down'}: {why}"
         return allowed
+
+    def _walk(self, now: float) -> None:
+        """Count the way into unknown space, or the way over known ground since the last call."""
+        v, omega = self._told[-1]
+        way = math.hypot(v, omega * self._body.center_x) * (now - self._judged)
+        room = self._room - way if self._enters else self._room + way
+        self._room, self._judged = min(max(room, 0.0), self._limits.escape_speed * self._limits.time), now
 
     def _pose(self, at: float) -> tuple[float, float, float]:
         """Return the pose to which the commands have led at a time."""

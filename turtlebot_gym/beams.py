@@ -1,0 +1,94 @@
+"""What each beam of a LiDAR's scan says: defined once, for policies, the collision monitor and recorded drives.
+
+By the definition of ``sensor_msgs/LaserScan`` and ROS's REP 117 each beam is judged by itself:
+
+====================================  ==================================  ==========
+range                                 meaning                             becomes
+====================================  ==================================  ==========
+from ``range_min`` to ``range_max``   measured                            itself
++inf, 0, above ``range_max``          nothing returned: free              +inf
+-inf                                  something is nearer than that       range_min
+NaN, negative, below ``range_min``    missing: it says nothing            NaN
+====================================  ==================================  ==========
+
+An LDS-01 sends 0 where nothing returned, an LDS-02 NaN where a beam is missing. The number of beams, their increment, its sign
+and the first direction may differ from scan to scan, and a scan may cover a part of the circle. It is refused only if it cannot
+be read at all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+TURN = 2.0 * math.pi
+SLACK = 2.5
+"""Beams by which a scan may exceed a full turn: drivers count both ends, and the speed of a motor varies within a turn."""
+TOUCHING = 0.001
+"""Range of something nearer than a ``range_min`` of 0, m; 0 itself means that nothing returned."""
+
+
+class Beams(NamedTuple):
+    """The beams of a scan."""
+
+    directions: NDArray[np.float64]
+    """Directions in the LiDAR's frame, shape (B,), rad; they rise or fall."""
+    ranges: NDArray[np.float32]
+    """Ranges, shape (B,), m: infinite where nothing returned, NaN where a beam is missing."""
+    spacing: float
+    """Angle between two beams, rad; positive."""
+
+
+def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: float, range_max: float) -> Beams:
+    """Return the beams of a scan.
+
+    Args:
+        ranges: As sent, shape (B,), m.
+        first: Direction of the first beam in the LiDAR's frame, rad.
+        increment: Angle from one beam to the next, rad; negative if clockwise.
+        range_min: Least range that the LiDAR measures, m.
+        range_max: Greatest range that it measures, m.
+
+    Raises:
+        ValueError: With one line, if the scan cannot be read.
+    """
+    lengths = np.array(ranges, np.float32).reshape(-1)
+    if not len(lengths):
+        raise ValueError("the scan has no ranges")
+    if not math.isfinite(first):
+        raise ValueError(f"the scan's angle_min must be finite, got {first:g}")
+    if not 0.0 < abs(increment) < math.inf:
+        raise ValueError(f"the scan's angle_increment must be finite and not 0, got {increment:g}")
+    if (len(lengths) - SLACK) * abs(increment) > TURN:
+        raise ValueError(f"the scan's {len(lengths)} beams, {abs(increment):g} rad apart, are more than a whole turn")
+    if not 0.0 <= range_min < range_max:
+        raise ValueError(f"the scan's range_min must be in [0, range_max), got {range_min:g} and {range_max:g}")
+    least, most = np.float32(range_min), np.float32(range_max)
+    lengths[lengths == -np.inf] = max(least, np.float32(TOUCHING))
+    free = (lengths > most) | (lengths == 0.0)
+    lengths[~(lengths >= least) & ~free] = np.nan  # also NaN itself
+    lengths[free] = np.inf
+    if np.isnan(lengths).all():
+        raise ValueError(f"none of the scan's {len(lengths)} beams says anything")
+    return Beams(first + increment * np.arange(len(lengths)), lengths, abs(increment))
+
+
+def gaps_of(beams: Beams) -> NDArray[np.float64]:
+    """Return the gaps of a scan: where beams are missing, or the LiDAR does not look.
+
+    Returns:
+        Shape (n, 4): the direction of the first and of the last missing beam, counter-clockwise from one to the other, the
+        angle between the beams around them, rad, and the shorter of these beams' ranges, m.
+    """
+    there = np.flatnonzero(~np.isnan(beams.ranges))
+    around = beams.directions[there] % TURN
+    order = np.argsort(around, kind="stable")
+    around, ranges = around[order], beams.ranges[there][order].astype(np.float64)
+    widths = np.diff(around, append=around[0] + TURN)
+    at = np.flatnonzero(widths > 1.5 * beams.spacing)
+    inside = np.minimum(beams.spacing, 0.5 * widths[at])
+    shorter = np.minimum(ranges, np.roll(ranges, -1))[at]
+    return np.stack((around[at] + inside, around[at] + widths[at] - inside, widths[at], shorter), axis=1)
