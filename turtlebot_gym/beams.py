@@ -73,7 +73,7 @@ def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: fl
     lengths[free] = np.inf
     if np.isnan(lengths).all():
         raise ValueError(f"none of the scan's {len(lengths)} beams says anything")
-    return Beams(first + increment * np.arange(len(lengths)), lengths, abs(increment))
+    return Beams(first + increment * np.arange(len(lengths), dtype=np.float64), lengths, abs(increment))
 
 
 def gaps_of(beams: Beams) -> NDArray[np.float64]:

@@ -45,6 +45,8 @@ COVER = 0.6 * GRAIN
 """Width by which the stop zones of such points are wider, m: so they hold those of all points between them."""
 SLOWEST = 0.01
 """Speed below which a robot that must slow down stops instead, m/s; firmware truncates commands to multiples of it."""
+MOST = 2000
+"""Most beams of a gap that are told apart."""
 _STRAIGHT = 1e-9
 """Turning rate below which an arc is a straight line, rad/s."""
 
@@ -203,7 +205,7 @@ def _solid(
     nearest = float(border(np.array([first]))[0])
     if not nearest < far:
         return np.empty((3, 0))
-    beams = round((last - first) / spacing) * math.ceil(spacing * nearest / GRAIN)  # the missing ones, and between them
+    beams = min(round((last - first) / spacing), MOST) * math.ceil(spacing * nearest / GRAIN)  # the missing ones, and between
     across = np.linspace(first, last, beams + 1)
     ranges = border(across)
     behind = np.arange(1.5 * GRAIN, far - nearest + GRAIN, GRAIN)
