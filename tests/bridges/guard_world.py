@@ -1,21 +1,32 @@
 """A world around the guard's decisions, and a judge of the commands to the wheels.
 
-The world is a schedule played in true time: senders, buttons, a network that delays, a process that is suspended while messages
-wait, a system clock that is set. It calls the guard's parts as the node does. The judge knows nothing of them: it reads the log
+The world is a schedule played in true time: senders, buttons, a chain of two nodes between odometry and the guard, a network
+that delays, loses, holds back and repeats, processes that are suspended while messages wait, system clocks that are set. It
+calls the parts of guard and nodes as these do. The judge knows nothing of them: it reads the log
 of what was *truly* sent, pressed and allowed, and what the wheels received, and holds the law with literal numbers.
 """
 
 import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
-from turtlebot_gym.values import Command
-from turtlebot_gym_ros.robot import arbiter, sent
+from guard_judge import EPSILON
+
+from turtlebot_gym.values import Command, State
+from turtlebot_gym_ros.base import sent
+from turtlebot_gym_ros.node import feed
+from turtlebot_gym_ros.node.block import Input
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.robot import arbiter
 
 TICK = 0.02
 COMMANDS = [(0.1, 0.2), (0.15, 0.0), (-0.1, 0.0), (0.0, 1.0), (9.0, -3.0), (0.0, 0.0), (math.nan, 0.1), (0.0, 1e9)]
-STAMPS = ["none", "set", "simulated", "minute", "ahead", "behind", "unset"]
-"""What the sender's times say: no header, a good one, one of a simulation, one a minute old; a computer whose clock is 5 s
-ahead (its times tell nothing) or 0.2 s behind; no source time at all."""
+STAMPS = ["none", "set", "simulated", "minute", "old", "behind", "unset"]
+"""What the sender's times say: no header, that of a fresh measurement, one of a simulation, measurements of a minute and of
+0.2 s ago; a computer whose clock is 0.2 s behind; no source time at all."""
+LAPTOP = [0.0, 0.775, -0.775, 1.9, 5.0, -2.0, 0.3, 0.09]
+"""What a person's computer is ahead of the robot, s."""
+DELAYS = [0.0, 0.02, 0.3, 0.6, 1.0, 5.0, 30.0]
 JUMPS = [-7200.0, -30.0, -1.0, -0.3, 0.05, 0.3, 1.0, 30.0, 7200.0]
 
 
@@ -29,9 +40,13 @@ class Message:
     value: object
     stamp: str
     made: float
-    """True time of sending."""
+    """True time of sending ..."""
+    measured: float
+    """... and of the measurement on which it rests."""
     source: float
     header: float
+    ahead: float
+    """What the sender's clock was ahead when it was sent."""
     number: int = 0
     button: int = -1
     pressed: float = -math.inf
@@ -57,6 +72,44 @@ class Log:
     refused: list = field(default_factory=list)
 
 
+class Relay:
+    """A node of the chain, on the robot or on the laptop: what its input hears goes on with the stamp on which it rests."""
+
+    def __init__(self, world):
+        self.world, self.clock, self.queue, self.held = world, sent.SystemClock(), [], None
+        self.suspended_until = -math.inf
+        self.look()
+        declared = Input(topic="chain", type=State)
+        self.feed = feed.Feed(declared, conversion(State), lock_step=False, clock=self.clock)
+
+    def look(self):
+        self.clock.look(system=self.world.system("chain"), steady=self.world.t)
+
+    def arrive(self, stamp, measured, source):
+        """Queue a message, ten at most, and handle what waits."""
+        self.queue = [*self.queue[-9:], (stamp, measured, source)]
+        if self.world.t >= self.suspended_until:
+            self.run()
+
+    def run(self):
+        """Publish the step during which it was suspended, then handle the queue, and yield what goes on."""
+        queue, self.queue = self.queue, []
+        self.look()
+        results, self.held = [self.held] if self.held else [], None
+        for stamp, measured, source in queue:
+            header = SimpleNamespace(stamp=SimpleNamespace(sec=int(stamp), nanosec=round(stamp % 1.0 * 1e9)))
+            times = dict.fromkeys(("source_timestamp", "received_timestamp"), round(source * 1e9))
+            info = {**times, "received_timestamp": round(self.world.system("chain") * 1e9)}
+            try:
+                age = self.feed.age(SimpleNamespace(header=header), info, self.world.t)
+            except ValueError:
+                continue
+            self.feed.accept(None, self.world.t, round(stamp * 1e9), age)
+            results.append((feed.resting_on([self.feed], round(self.world.system("chain") * 1e9)) * 1e-9, measured))
+        for result in results:
+            self.world.relay(self, *result)
+
+
 class World:
     """Plays a schedule: a list of (kind, a, b), where ``a`` is 0 to 7 and ``b`` 0 to 9."""
 
@@ -70,6 +123,15 @@ class World:
         parameters = arbiter.Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
+        self.laptop, self.chain_on_laptop, self.losing = 0.0, False, 0
+        self.ages = {topic: sent.Ages(self.clock) for topic in ("program", "teleop", "button")}
+        self.known, self.least = 0.0, {}
+        """The laptop's lead before it was last set. By topic, when it was first heard since then, or since the estimate of
+        leads began, and its least delay."""
+        self.nodes = [Relay(self), Relay(self)]
+        self.moving, self.events, self.last_result = 0.1, 0, None
+        self.later = []
+        """What the network holds, or has still to deliver to the chain: (time, count, node, stamp, measured, source)."""
         self.guard = arbiter.Arbiter(parameters, self.t)
         if not parameters.start_enabled:
             self.log.enabled.append((self.t, False))
@@ -83,7 +145,7 @@ class World:
 
     def send(self, a, b, topic="program", delays=(0.0, 0.001, 0.005, 0.3, 0.9)):
         stamp = STAMPS[(a + b) % 7]
-        delay = delays[b % len(delays)] if stamp not in ("ahead", "unset") else 0.005  # of these it cannot be seen
+        delay = delays[b % len(delays)] if stamp != "unset" else 0.005  # of which it cannot be seen
         self.command(topic, COMMANDS[a], stamp, delay)
         self.wait(0.01)
 
@@ -139,6 +201,8 @@ class World:
     def enable(self, a, b, on=True):
         if self.t < self.suspended_until:
             return
+        if on:
+            self.begin()
         answer = self.guard.enable(on, self.look(), buttons=sum(button[3] for button in self.seen.values()))
         (self.log.refused if answer else self.log.enabled).append((self.t, on))
         self.step()
@@ -169,6 +233,56 @@ class World:
         self.press(a, b % 4)
         self.drive(0, 4)
 
+    def set_laptop(self, a, b):
+        """Set the laptop's clock, on which the chain may run."""
+        self.known = max(self.laptop, self.known)
+        self.laptop, self.least, self.chain_on_laptop = LAPTOP[a], {}, b > 6
+        self.wait(0.03)
+
+    def person(self, a, b):
+        """Let a person at the laptop command at 10 Hz, at last over a slow connection."""
+        for k in range(13 + b):
+            late = DELAYS[a % 7] if k > 12 or (b == 9 and not k) else 0.001
+            self.command("teleop", COMMANDS[1], "set" if a % 2 else "none", late)
+            self.wait(0.1)
+
+    def lose(self, a, b):
+        """Lose some of the next messages."""
+        self.losing = a + 1
+        self.drive(1, b)
+
+    def odometry(self, a, b):
+        """Measure at 20 Hz for a while; the network is late."""
+        for _ in range(4 + 2 * b):
+            self.measure(DELAYS[a % 7])
+            self.wait(0.05)
+
+    def stall(self, a, b):
+        """Let the network deliver all at once what was measured while it stood still, and nothing afterwards."""
+        end = (0.3, 0.5, 1.0, 2.0)[a % 4] + 0.05 * b
+        for k in range(30):
+            self.measure(end, since=0.05 * k)
+        self.wait(end + 0.1 * b)
+
+    def hang(self, a, b):
+        """Suspend a node of the chain, in a step or between two, while odometry lives or dies."""
+        self.odometry(0, 1)
+        node = self.nodes[a % 2]
+        node.suspended_until = self.t + (0.2, 0.45, 0.6, 1.0, 1.8, 3.2)[b % 6]
+        if a > 3:
+            node.held = (self.system("robot"), self.t)
+        for _ in range(3 * a):
+            self.measure(0.001)
+            self.wait(0.05)
+        self.wait(max(0.0, node.suspended_until - self.t) + 0.3)
+
+    def repeat(self, a, b):
+        """Send the last commands of the chain again, as a careless relay does."""
+        self.odometry(0, 0)
+        for k in range(4 + 2 * b if self.last_result else 0):
+            self.relay(self.nodes[1], *self.last_result)
+            self.wait(0.1 if k % 2 else 0.02)
+
     def jump(self, a, b):
         """Set the system clock, but not twice between two checks of the guard, which could not detect the time in between."""
         if not self.jumped:
@@ -178,17 +292,57 @@ class World:
 
     # How it happens.
 
+    def system(self, where):
+        """Return the system clock of the robot, of a person's computer ("teleop"), or of the chain's."""
+        ahead = self.laptop if where == "teleop" or (where == "chain" and self.chain_on_laptop) else 0.0
+        return self.t + self.offset + ahead
+
+    def begin(self):
+        """Let the leads be estimated anew."""
+        self.known, self.least = 0.0, {}
+        for ages in (*self.ages.values(), *(node.feed.ages for node in self.nodes)):
+            ages.begin()
+
+    def lost(self):
+        """Return whether the network loses this message: every second one."""
+        self.losing = max(0, self.losing - 1)
+        return self.losing % 2 == 1
+
     def command(self, topic, value, stamp, delay):
-        system = self.t + self.offset + {"ahead": 5.0, "behind": -0.2}.get(stamp, 0.0)
-        header = {"set": system, "simulated": self.t - 1200.0, "minute": system - 60.0}.get(stamp, 0.0)
+        system, back = self.system(topic), {"minute": 60.0, "old": 0.2}.get(stamp, 0.0)
+        system -= 0.2 if stamp == "behind" else 0.0
+        header = {"simulated": self.t - 1200.0}.get(stamp, system - back if stamp in ("set", "minute", "old") else 0.0)
         source = 0.0 if stamp == "unset" else system
-        self.flying.append(Message(self.t + delay, topic, Command(*value), stamp, self.t, source, header))
+        if not self.lost():
+            ahead, value = system - self.system("robot"), Command(*value)
+            message = Message(self.t + delay, topic, value, stamp, self.t, self.t - back, source, header, ahead)
+            self.flying.append(message)
+
+    def measure(self, delay, since=0.0):
+        """Let odometry be measured now, or later, and reach the first node after a delay, or at a time."""
+        made = self.t + since
+        if not self.lost():
+            self.events += 1
+            system = self.offset + made
+            self.later.append((self.t + max(delay, since), self.events, self.nodes[0], system, made, system))
+
+    def relay(self, node, stamp, measured):
+        """Send what a node makes of a measurement: to the next node, or as a command to the guard."""
+        if node is self.nodes[0]:
+            self.events += 1
+            self.later.append((self.t + 0.001, self.events, self.nodes[1], stamp, measured, self.system("chain")))
+        else:
+            self.last_result, self.moving = (stamp, measured), 0.25 - self.moving
+            message = Message(self.t + 0.001, "program", Command(self.moving, 0.0), "set", self.t, measured, 0.0, stamp, 0.0)
+            message.source = self.system("chain")
+            self.flying.append(message)
 
     def speak(self, which, pressed):
         button = self.seen[which]
         button[0] += 1
         button[1], button[2] = pressed, self.t + 0.1
-        message = Message(self.t + 0.0002, "button", pressed, "none", self.t, self.t + self.offset, 0.0, button[0], button[4])
+        message = Message(self.t + 0.0002, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
+        message.number, message.button = button[0], button[4]
         if button[4] in self.log.spoken:
             message.pressed = max(message.at, self.suspended_until)
         self.flying.append(message)
@@ -202,11 +356,19 @@ class World:
             message = min(self.flying, key=lambda each: each.at, default=None)
             arrives = math.inf if message is None else message.at
             tick = max(self.next_tick, self.suspended_until)
-            self.t = max(self.t + 1e-7, min(end, soonest[0], arrives, tick))  # no two things at the same moment
+            chained = min(self.later, default=(math.inf,))
+            wakes = min((node.suspended_until for node in self.nodes if node.queue or node.held), default=math.inf)
+            # No two things at the same moment.
+            self.t = max(self.t + 1e-7, min(end, soonest[0], arrives, tick, chained[0], wakes))
             if self.t >= end:
                 return
             if soonest[0] <= self.t:
                 self.speak(soonest[1], self.seen[soonest[1]][1])
+            elif wakes <= self.t:
+                next(node for node in self.nodes if node.suspended_until == wakes).run()
+            elif chained[0] <= self.t:
+                self.later.remove(chained)
+                chained[2].arrive(*chained[3:])
             elif arrives <= self.t:
                 self.flying.remove(message)
                 self.arrive(message)
@@ -243,19 +405,38 @@ class World:
         self.waiting.remove(message)
         now, log, seen = self.look(), self.log, self.t
         arrival = message.at + self.offset
-        age = self.clock.age(steady=now, source=message.source, arrival=arrival, header=message.header)
+        steps, ages = self.clock.steps, self.ages[message.topic]
+        if ages._steps != steps:
+            self.known = 0.0
+            self.least.pop(message.topic, None)
+        age = ages.age(steady=now, source=message.source, arrival=arrival, header=message.header)
         if message.topic == "button":
             log.spoken.setdefault(message.button, []).append((seen, message.made, message.value))
             if message.value:
                 log.presses.append(message.pressed if message.pressed > -math.inf else seen)
-            self.guard.hear_emergency(message.value, now, sent=now - age.seconds, dated=age.dated, number=message.number)
+            self.guard.hear_emergency(message.value, now, sent=now - age.sent, dated=age.dated, number=message.number)
         else:
-            made = message.made - (60.0 if message.stamp == "minute" else 0.0)
             # A message without its own time may be older than it seems: by its delay, and by a gap too short to be detected.
-            lasts = 0.4 + (0.2 if message.stamp in ("ahead", "unset") else 0.0)
+            hidden = self.hidden(message)
+            lasts = 0.2 if message.stamp == "unset" else hidden
+            until = min(message.made + 0.4, message.measured + 0.5) + lasts
             v, omega = message.value
-            log.commands.append((made, made + lasts, seen, math.isfinite(v + omega) and (v, omega) != (0.0, 0.0)))
-            self.guard.hear(message.topic, message.value, now, sent=now - age.seconds, dated=age.dated)
+            log.commands.append((message.made + hidden, until, seen, math.isfinite(v + omega) and (v, omega) != (0.0, 0.0)))
+            times = {"sent": now - age.sent, "measured": now - age.measured}
+            self.guard.hear(message.topic, message.value, now, **times, dated=age.dated)
+
+    def hidden(self, message):
+        """Return the age that the lead of a clock may hide: a delay that no message so far fell below.
+
+        In the first second that is only a delay which makes the lead look as if it had not changed.
+        """
+        first, least = self.least.get(message.topic, (self.t, math.inf))
+        least = min(least, self.t - message.measured)
+        self.least[message.topic] = first, least
+        ahead = max(0.0, message.ahead)
+        if self.t - first < 1.0 and ahead - least > self.known + 0.1 + EPSILON:
+            return 0.0
+        return min(ahead, least) + (5e-4 * 100.0 if ahead else 0.0)
 
     def step(self):
         for message in [each for each in self.waiting if each.topic == "button" and self.t >= self.held_until]:

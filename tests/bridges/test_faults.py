@@ -57,6 +57,8 @@ class Robot:
         self.x = 0.0
         self.spoil = lambda message: message
         self._odometry = peer.speak("odom", Odometry)
+        self.send = self._odometry.publish
+        self.made, self.measured = 0, 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -78,13 +80,15 @@ class Robot:
         while not self._over.wait(0.05):
             message = Odometry()
             message.header.frame_id = "odom"
-            message.header.stamp = Time(nanoseconds=time.time_ns()).to_msg()
+            self.made = time.time_ns()
+            message.header.stamp = Time(nanoseconds=self.made).to_msg()
             self.x += 0.05 * (self.commands[-1].twist.linear.x if self.commands else 0.0)
             message.pose.pose.position.x = self.x
             message.pose.pose.orientation.w = 1.0
             message = self.spoil(message)
             if message is not None:
-                self._odometry.publish(message)
+                self.measured = self.made * 1e-9
+                self.send(message)
 
     @property
     def speeds(self):
@@ -128,6 +132,17 @@ def bad_position(message):
     return message
 
 
+class Late:
+    """Odometry that comes late, honestly stamped."""
+
+    def __init__(self, delay):
+        self.delay, self.waiting = delay, []
+
+    def __call__(self, message):
+        self.waiting.append((time.monotonic() + self.delay, message))
+        return self.waiting.pop(0)[1] if self.waiting[0][0] <= time.monotonic() else None
+
+
 class Repeats:
     """Odometry that says the same again and again, stamp included; and one that comes in the wrong order."""
 
@@ -143,8 +158,12 @@ class Repeats:
 
 @pytest.mark.parametrize(
     "spoil",
-    [lambda message: None, *(pytest.param(each, marks=pytest.mark.nightly) for each in (bad_position, Repeats(1)))],
-    ids=["stops", "nan", "out of order"],
+    [
+        lambda message: None,
+        Late(1.0),
+        *(pytest.param(each, marks=pytest.mark.nightly) for each in (bad_position, Repeats(1), Late(5.0))),
+    ],
+    ids=["stops", "late", "nan", "out of order", "very late"],
 )
 def test_invalid_odometry_stops_the_robot(robot, spoil):
     robot.drive()
@@ -155,6 +174,70 @@ def test_invalid_odometry_stops_the_robot(robot, spoil):
     finally:
         robot.spoil = lambda message: message
     robot.wait_for(lambda: robot.speeds[-1] > 0.09)  # it goes on by itself
+
+
+def moved_at(robot):
+    """Return the times at which motion was published from now on: a list that grows."""
+    times = []
+
+    def hear(message, info):
+        if message.twist.linear.x or message.twist.angular.z:
+            times.append(info["source_timestamp"] * 1e-9)
+
+    return times, robot.peer.node.create_subscription(TwistStamped, "cmd_vel", hear, 1000)
+
+
+@pytest.mark.parametrize(
+    ("name", "duration"),
+    [
+        ("velocity_controller", 1.2),
+        *(
+            pytest.param(name, duration, marks=pytest.mark.nightly)
+            for name in ("velocity_controller", "kalman_filter")
+            for duration in (0.6, 1.2, 1.8, 3.2)
+        ),
+    ],
+)
+def test_a_node_that_was_suspended_while_its_source_died_moves_nothing_when_it_goes_on(robot, name, duration):
+    robot.drive()
+    robot.processes[name].send_signal(signal.SIGSTOP)
+    try:
+        time.sleep(0.5 * duration)
+        robot.spoil = lambda message: None
+        time.sleep(0.1)
+        last = robot.measured
+        times, subscription = moved_at(robot)
+        time.sleep(0.5 * duration)
+        robot.processes[name].send_signal(signal.SIGCONT)
+        time.sleep(1.5)
+        assert max(times, default=0.0) <= last + 0.6
+        assert robot.speeds[-1] == 0.0
+        robot.peer.node.destroy_subscription(subscription)
+    finally:
+        robot.processes[name].send_signal(signal.SIGCONT)
+        robot.spoil = lambda message: message
+    robot.wait_for(lambda: robot.speeds[-1] > 0.09)
+
+
+def test_odometry_that_comes_all_at_once_from_a_dead_source_moves_nothing(robot):
+    """As after a stall of the network: thirty messages, the newest 0.6 s old."""
+    robot.drive()
+    held = []
+    robot.spoil = held.append
+    try:
+        robot.wait_for(lambda: len(held) >= 30)
+        robot.spoil = lambda message: None
+        robot.wait_for(lambda: robot.speeds[-1] == 0.0)
+        time.sleep(0.6)
+        times, subscription = moved_at(robot)
+        for message in held:
+            robot.send(message)
+        time.sleep(1.0)
+        assert times == []
+        robot.peer.node.destroy_subscription(subscription)
+    finally:
+        robot.spoil = lambda message: message
+    robot.wait_for(lambda: robot.speeds[-1] > 0.09)
 
 
 @pytest.mark.nightly

@@ -1,5 +1,6 @@
 """An input as it arrives, told the time by the test: how old it is, what a step is given, what the diagnostics say."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -8,9 +9,10 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
 
 from turtlebot_gym.values import Command, State
+from turtlebot_gym_ros.base.sent import Age, SystemClock
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.node.feed import Feed
+from turtlebot_gym_ros.node.feed import Feed, resting_on
 
 
 class FakeNode:
@@ -22,9 +24,17 @@ class FakeNode:
         return SimpleNamespace(topic_name=f"/robot/{topic}")
 
 
+def unconnected(kind=State, *, lock_step=False, headers=True, **options):
+    """Return an input on a machine whose system and steady clocks agree."""
+    clock = SystemClock()
+    clock.look(system=0.0, steady=0.0)
+    declared = Input(topic="odom", type=kind, **options)
+    return Feed(declared, conversion(kind), lock_step=lock_step, clock=clock, headers=headers)
+
+
 def make(*, lock_step=False, **options):
     """Return an input of odometry and the node that it is connected to."""
-    feed, node = Feed(Input(topic="odom", type=State, **options), conversion(State), lock_step=lock_step), FakeNode()
+    feed, node = unconnected(lock_step=lock_step, **options), FakeNode()
     node.endpoint = feed.connect(node, "hear", "told")
     return feed, node
 
@@ -65,8 +75,7 @@ def test_a_message_in_another_frame_is_refused():
     for other in ("map", "odom_combined"):
         with pytest.raises(ValueError, match=f"its frame is '{other}' instead of 'odom'"):
             feed.read(odometry(other), "odom")
-    command = Feed(Input(topic="cmd_vel", type=Command), conversion(Command), lock_step=False)
-    assert command.read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
+    assert unconnected(Command).read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
 
 
 def test_an_input_is_awaited_and_then_old_half_a_second_after_it_came():
@@ -81,6 +90,62 @@ def test_an_input_is_awaited_and_then_old_half_a_second_after_it_came():
     assert feed.take(100.5625, 0) is None
     feed.accept("there", 101.0, 8)
     assert feed.take(101.0, 0) == "there"
+
+
+def message(*, sent, measured=None):
+    """Return odometry that was sent and measured at times, s, with its info: it arrives at once."""
+    nanoseconds = round(sent * 1e9)
+    stamp = SimpleNamespace(sec=0, nanosec=0 if measured is None else round(measured * 1e9))
+    info = {"source_timestamp": nanoseconds, "received_timestamp": nanoseconds}
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp)), info
+
+
+@pytest.mark.parametrize(
+    ("options", "at", "times", "age"),
+    [
+        ({}, 100.5, {"sent": 100.0}, 0.5),
+        ({}, 100.5625, {"sent": 100.0}, None),  # it waited in a queue
+        ({}, 100.0, {"sent": 100.0, "measured": 99.5}, 0.5),
+        ({}, 100.0, {"sent": 100.0, "measured": 99.4375}, None),  # it was sent again, or held back
+        ({}, 100.0, {"sent": 100.0, "measured": 102.125}, None),  # by a clock that is ahead
+        ({"lasts": 0.25}, 100.0, {"sent": 100.0, "measured": 99.25}, 0.5),
+        ({"lasts": 0.25}, 100.0, {"sent": 100.0, "measured": 99.125}, None),
+        ({"max_age": 2.0}, 100.0, {"sent": 100.0, "measured": 98.0}, 2.0),
+        ({"headers": False}, 100.0, {"sent": 100.0, "measured": 40.0}, 0.0),  # simulated time
+        ({"max_age": None}, 100.0, {"sent": 40.0}, 0.0),
+        ({"lock_step": True}, 100.0, {"sent": 40.0, "measured": 20.0}, 0.0),
+    ],
+)
+def test_a_message_is_judged_by_when_it_was_sent_and_measured_whenever_it_is_handled(options, at, times, age):
+    feed = unconnected(**options)
+    if age is None:
+        with pytest.raises(ValueError, match=r"synchronize both clocks \(chrony\)"):
+            feed.age(*message(**times), at)
+    else:
+        assert feed.age(*message(**times), at).since(feed.declared.lasts) == age
+
+
+def test_a_value_ages_from_its_measurement():
+    feed, _ = make()
+    feed.accept("here", 100.0, 7, Age(0.125, 0.25, True, "its header's stamp"))
+    assert feed.missing(100.25) is None
+    assert feed.missing(100.3125) == "/robot/odom is older than 0.5 s"
+
+
+def test_a_command_rests_on_the_oldest_of_the_newest_required_measurements():
+    estimate, scan, other = unconnected(), unconnected(lasts=0.25), unconnected(required=False)
+    reference = unconnected(measured=False)
+    feeds = (estimate, scan, other, reference)
+    assert resting_on(feeds, 99) == 99
+    for feed in (other, reference):
+        feed.accept("there", 10.0, 1)
+    estimate.accept("here", 10.0, 9_000_000_000)
+    assert resting_on(feeds, 99) == 9_000_000_000
+    for at, measured, rests in ((8.5, 1.5, 8.75), (8.5, 0.125, 8.625), (8.9, 1.1, 9.0)):  # it lasts until now at most
+        scan.accept("wall", 10.0, round(at * 1e9), Age(0.0, measured, True, "its header's stamp"))
+        assert resting_on(feeds, 99) == rests * 1e9
+    estimate.accept("here", 10.0, 0, sent=7_500_000_000)  # without a stamp
+    assert resting_on(feeds, 99) == 7_500_000_000
 
 
 def test_an_optional_input_is_none_where_it_is_missing_or_old():
@@ -145,6 +210,8 @@ def test_the_diagnostics_count_and_tell_the_age():
     for _ in range(3):
         feed.refuse("its frame is wrong")
     assert feed.figures(101.25) == {"/robot/odom": "0.25 s ago, 2 received, 3 refused"}
+    feed.age(*message(sent=101.5, measured=101.25), 101.5)
+    assert feed.figures(101.5) == {"/robot/odom": "0.50 s ago, 2 received, 3 refused, clock -0.25 s"}
 
 
 def test_an_aged_value_comes_with_the_difference_of_the_stamps():
@@ -160,7 +227,8 @@ def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_tha
     feed, _ = make()
     feed.accept("here", 0.0, 7)
     assert feed.step == 7
-    rare = Feed(Input(topic="odom", type=State, lock_step="newest"), conversion(State), lock_step=True)
+    rare = unconnected(State, lock_step=True)
+    rare.declared = replace(rare.declared, lock_step="newest")
     assert rare.step is None
     rare.accept("here", 0.0, 7)
     assert rare.step is None

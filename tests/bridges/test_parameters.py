@@ -51,6 +51,7 @@ RULES = {
     "cmd_vel_guard": {
         "robot": "one of burger, waffle, turtlebot4, tutorial, or a FILE.yaml",
         "max_age": "a number above 0 and at most 0.5 s",
+        "measured_age": "a number above 0 and at most 0.5 s",
         "rate": "a number from 50 to 200 Hz",
         "max_acceleration": "a number above 0 and at most 1000 m/s^2",
         "speed_scale": "a number above 0 and at most 1",
@@ -146,6 +147,7 @@ def test_the_guards_defaults_are_these_and_do_not_change():
         "frame_prefix": "",
         "start_enabled": True,
         "max_age": 0.4,
+        "measured_age": 0.5,
         "rate": 50.0,
         "max_acceleration": 2.5,
         "speed_scale": 1.0,

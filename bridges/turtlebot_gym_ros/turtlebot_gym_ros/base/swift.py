@@ -13,7 +13,10 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.subscription import Subscription
 
+MOST = 100
+"""Most messages of a topic that are delivered in one turn."""
 OTHERS = 0.05
 """Longest time that services, timers and slow topics wait for their turn, s."""
 
@@ -70,10 +73,13 @@ class SwiftExecutor(SingleThreadedExecutor):
 
     @staticmethod
     def _take(subscription: Any) -> None:
-        """Deliver all messages that have arrived on a topic."""
+        """Deliver the messages that have arrived on a topic, at most `MOST` at a time, so that a flood cannot block others."""
+        with_info = subscription._callback_type is Subscription.CallbackType.WithMessageInfo
         with subscription.handle:
-            while (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is not None:
-                subscription.callback(taken[0])
+            for _ in range(MOST):
+                if (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is None:
+                    return
+                subscription.callback(*taken if with_info else taken[:1])
 
     def _run_others(self) -> None:
         """Run the other entities that are ready, at most for as long as the swift ones ran."""

@@ -65,7 +65,7 @@ class VelocityController:
     inputs = {
         "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False),
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
-        "reference": Input(topic="reference", type=Pose, lock_step="same"),
+        "reference": Input(topic="reference", type=Pose, lock_step="same", measured=False),
         "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same"),
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
@@ -78,7 +78,7 @@ class VelocityController:
         self._warned = False
         layout = layout_of(self._policy) or OBSERVATION_LAYOUT
         if layout == ROOM_LAYOUT:
-            scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, reliable=False)
+            scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
         self._pool = Pooling(yaw=params.lidar_yaw, beams=params.lidar_beams)
         self.observation: NDArray[np.float32] = np.zeros(SIZES[layout], np.float32)

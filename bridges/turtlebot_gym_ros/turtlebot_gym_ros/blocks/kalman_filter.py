@@ -88,7 +88,7 @@ class KalmanFilter:
             self._executed = lambda odometry, command: limit(command or STOP, self._robot)
         if params.takes_fixes:
             self._filter = with_fixes(self._filter, REMEMBERED)
-            fix = Input(topic="pose_fix", type=Fix, required=False, lock_step="newest", aged=True, reliable=False)
+            fix = Input(topic="pose_fix", type=Fix, required=False, max_age=1.0, lock_step="newest", aged=True, reliable=False)
             self.inputs = {**self.inputs, "fix": fix}
         self.notice: str | None = None
         """Notice of the last fix that came too late."""

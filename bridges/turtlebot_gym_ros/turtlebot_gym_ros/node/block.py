@@ -22,7 +22,12 @@ class Input:
     type: type
     """Value type registered in `convert`, such as `Pose`, `Estimate` or `Command`; never a message type."""
     max_age: float | None = 0.5
-    """Age at which the value counts as missing, s, by the steady clock; None holds the last value indefinitely."""
+    """Age at which the value counts as missing, s, since it was sent and since it was measured (`base.sent`); None holds the
+    last value indefinitely."""
+    lasts: float = 0.0
+    """Time for which a measurement stands, s: the period of a sensor that is slower than others. Its age counts from then."""
+    measured: bool = True
+    """Whether its stamps are those of a measurement, on which a command then rests; not so for a reference."""
     required: bool = True
     """Whether ``step`` needs the value: if it is missing, ``step`` is not called and the outputs stop. A missing optional value
     is None."""

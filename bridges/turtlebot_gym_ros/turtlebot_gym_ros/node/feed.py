@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,11 +12,15 @@ from sensor_msgs.msg import TimeReference
 
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
 from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
 from turtlebot_gym_ros.node.triggers import SECOND
+
+NEW = Age(0.0, 0.0, False, "its arrival")
+"""The age of a message that has no times."""
 
 
 class Feed:
@@ -26,25 +30,32 @@ class Feed:
         declared: The block's declaration.
         conversion: Conversion of its values.
         lock_step: Whether stamps are used instead of ages by the steady clock.
+        clock: This computer's clock.
+        headers: Whether the headers' stamps are by a system clock, not by a simulated one.
     """
 
-    def __init__(self, declared: Input, conversion: Conversion, *, lock_step: bool) -> None:
+    def __init__(
+        self, declared: Input, conversion: Conversion, *, lock_step: bool, clock: SystemClock, headers: bool = True
+    ) -> None:
         self.declared = replace(declared, max_age=None) if lock_step else declared
-        self._lock_step = lock_step
+        self._lock_step, self._headers = lock_step, headers
+        self.ages = Ages(clock)
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
+        self.measured_at: int | None = None
+        """Stamp of the measurement that the latest value is, or, if it lasts, of the end of this time so far, ns."""
         self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value up to it, if any
         self.conversion = conversion
         self.refusal: str | None = None
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
-    def connect(self, node: Node, hear: Callable[[Any], None], newest_told: Callable[[], None]) -> Endpoint:
+    def connect(self, node: Node, hear: Any, newest_told: Callable[[], None]) -> Endpoint:
         """Subscribe to its topic, and return it as an endpoint for the diagnostics.
 
         Args:
             node: The node.
-            hear: Called with each message.
+            hear: Called with each message and its info, which rclpy supports but its types do not show.
             newest_told: Called when the step of the newest value becomes known.
         """
         kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
@@ -76,6 +87,19 @@ class Feed:
         step, newest = self._newest or (None, None)
         return step if newest == self.stamp else None
 
+    def age(self, message: Any, info: Mapping[str, Any], steady: float) -> Age:
+        """Return a message's age at a steady time, s, if ages count.
+
+        Raises:
+            ValueError: If it is too old.
+        """
+        if (limit := self.declared.max_age) is None:
+            return NEW
+        age = self.ages.age_of(info, getattr(message, "header", None) if self._headers else None, steady)
+        if why := age.complaint(limit, lasts=self.declared.lasts):
+            raise ValueError(why)
+        return age
+
     def read(self, message: Any, frame: str) -> Any:
         """Return a message's value.
 
@@ -87,9 +111,18 @@ class Feed:
             raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameters frame_prefix and frame)")
         return self.conversion.read(message)
 
-    def accept(self, value: Any, now: float, stamp: int) -> None:
-        """Store a value as the latest one."""
-        self._latest, self.stamp, self.refusal = (value, now), stamp, None
+    def accept(self, value: Any, now: float, stamp: int, age: Age = NEW, sent: int = 0) -> None:
+        """Store a value as the latest one.
+
+        Args:
+            value: The value.
+            now: Current steady time, s.
+            stamp: Its stamp, ns; 0 if it has none.
+            age: Its age.
+            sent: The time at which it was sent by the node's clock, ns, if it has no stamp.
+        """
+        self._latest, self.stamp, self.refusal = (value, now - age.since(self.declared.lasts)), stamp, None
+        self.measured_at = stamp + round(min(self.declared.lasts, age.measured) * SECOND) if stamp else sent
         self._received += 1
 
     def refuse(self, why: str) -> bool:
@@ -100,8 +133,9 @@ class Feed:
         return news
 
     def forget(self) -> None:
-        """Forget the latest value."""
+        """Forget the latest value, and all that is known of the senders' clocks."""
         self._latest = self.stamp = self._newest = None
+        self.ages.begin()
 
     def _is_fresh(self, now: float) -> bool:
         latest, limit = self._latest, self.declared.max_age
@@ -127,4 +161,14 @@ class Feed:
         """Return its figures for the diagnostics."""
         latest = self._latest
         age = "never" if latest is None else f"{now - latest[1]:.2f} s ago"
-        return {self.topic: f"{age}, {self._received} received, {self._refused} refused"}
+        return {self.topic: f"{age}, {self._received} received, {self._refused} refused{self.ages.figures()}"}
+
+
+def resting_on(feeds: Iterable[Feed], present: int) -> int:
+    """Return the stamp of a command, ns: that of the measurement on which it rests; the present without one.
+
+    That is the oldest of the required measurements, of each the newest, since none of them can be missing. A measurement that
+    lasts counts from its end. A measurement without a stamp is dated by the time at which it was sent.
+    """
+    resting = [feed.measured_at for feed in feeds if feed.declared.required and feed.declared.measured]
+    return min((each for each in resting if each is not None), default=present)

@@ -35,7 +35,7 @@ class Outputs:
         node: The node.
         declared: The block's outputs.
         common: Frames, and whether velocities are stamped.
-        time: Current time of the block's clock, ns.
+        time: Stamp of a command, ns.
     """
 
     def __init__(self, node: Node, declared: Mapping[str, Output], common: Common, time: Callable[[], int]) -> None:
@@ -72,8 +72,9 @@ class Outputs:
     def message(self, key: str, value: Any, stamp: int) -> Any:
         """Return the message of an output's value.
 
-        Commands are stamped with the current time, other values with the step's stamp, ns, less their age. In lock-step
-        commands have the step's stamp too, since they answer a step.
+        Commands, and stops among them, are stamped with the time of the measurement on which they rest, see `feed.resting_on`;
+        other values with the step's stamp, ns, less their age. In lock-step commands have the step's stamp too, since they
+        answer a step.
 
         Raises:
             ValueError: If the value is not finite.
@@ -83,8 +84,8 @@ class Outputs:
         way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
         own = self._common.sensor(mount) if mount else self._common.body
         frame = self._common.world if way.in_world else own
-        now = is_command and not self._common.lock_step
-        at = Time(nanoseconds=self._time() if now else stamp).to_msg()
+        rests = is_command and not self._common.lock_step
+        at = Time(nanoseconds=self._time() if rests else stamp).to_msg()
         message = way.write(value, Header(stamp=at, frame_id=frame))
         if hasattr(message, "child_frame_id"):
             message.child_frame_id = self._common.body

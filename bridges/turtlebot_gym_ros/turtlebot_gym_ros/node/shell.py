@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from threading import Event, Thread
@@ -29,14 +28,16 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
+from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
 from turtlebot_gym_ros.node.block import Block, Every, Notices
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
 from turtlebot_gym_ros.node.drives import Hands, make_drive
-from turtlebot_gym_ros.node.feed import Feed
+from turtlebot_gym_ros.node.feed import Feed, resting_on
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
+from turtlebot_gym_ros.node.triggers import SECOND
 
 P = TypeVar("P")
 
@@ -77,7 +78,7 @@ class Shell:
         context: Context | None = None,
         overrides: Mapping[str, Any] | None = None,
         arguments: Sequence[str] = (),
-        now: Callable[[], float] = time.monotonic,
+        now: Callable[[], float] = lambda: read_clocks()[1],
     ) -> None:
         self.node = Node(
             name or re.sub(r"(?<!^)(?=[A-Z])", "_", make.__name__).lower(),
@@ -109,11 +110,19 @@ class Shell:
         self._steps = self._overruns = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
 
-        self.outputs = Outputs(node, block.outputs, self.common, lambda: self._drive.present())
+        self._clock, headers = SystemClock(), not node.get_parameter("use_sim_time").value
+        self._look()
         self._feeds = {
-            key: Feed(each, conversion(each.type, stamped=self.common.enable_stamped_cmd_vel), lock_step=lock_step)
+            key: Feed(
+                each,
+                conversion(each.type, stamped=self.common.enable_stamped_cmd_vel),
+                lock_step=lock_step,
+                clock=self._clock,
+                headers=headers,
+            )
             for key, each in block.inputs.items()
         }
+        self.outputs = Outputs(node, block.outputs, self.common, self._resting_on)
         hands = Hands(
             node=node, feeds=self._feeds, outputs=self.outputs, now=self._now,
             step=self._step, begin=self._begin_anew, may_move=lambda: self.switch is None or self.switch.safety.enabled,
@@ -138,11 +147,24 @@ class Shell:
         ignores_clock = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignores_clock, jumped=self._jumped, now=self._now())
 
-    def _receive(self, key: str, message: Any) -> None:
+    def _resting_on(self) -> int:
+        """Return the stamp of a command, ns: outside lock-step, that of the measurement on which it rests."""
+        present = self._drive.present()
+        return present if self.common.lock_step else resting_on(self._feeds.values(), present)
+
+    def _look(self) -> float:
+        """Compare the clocks, for the ages of messages, and return the steady time."""
+        system, steady = read_clocks()
+        self._clock.look(system=system, steady=steady)
+        return steady
+
+    def _receive(self, key: str, message: Any, info: Mapping[str, Any]) -> None:
         """Handle a message, and run the block if it makes a step due."""
         feed, drive = self._feeds[key], self._drive
-        stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else drive.present()
+        present = drive.present()
+        stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else present
         try:
+            age = feed.age(message, info, self._look())
             value = feed.read(message, self.common.world)
             if not drive.takes(key, stamp):
                 return
@@ -150,7 +172,7 @@ class Shell:
             if feed.refuse(str(error)):
                 self._log.warning(f"{feed.topic}: refused: {error}")
             return
-        feed.accept(value, self._now(), stamp)
+        feed.accept(value, self._now(), stamp, age, present - round(age.sent * SECOND))
         drive.heard(key, stamp)
 
     def _step(self, stamp: int) -> bool:
@@ -196,6 +218,10 @@ class Shell:
                     switch.stop("done")
                     if self.common.lock_step:  # at rest, but time advances
                         self.outputs.publish_answer(self.outputs.stops(stamp), stamp)
+            elif answers and (stale := self._missing(self._now())):  # it was suspended during the step
+                self._waits = stale
+                switch.stop(stale)
+                answers = False
             elif switch.safety.activate(ticket):
                 self.outputs.publish_answer(messages, stamp)
             else:
@@ -219,6 +245,8 @@ class Shell:
 
     def _enabled(self) -> None:
         self._trouble = None
+        for feed in self._feeds.values():
+            feed.ages.begin()
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -252,6 +280,7 @@ class Shell:
         next_report = self._now() + REPORT_PERIOD
         while not self._closing.wait(WATCH_PERIOD):
             now = self._now()
+            self._look()
             if self.switch:
                 stale = self._missing(now)
                 if stale and self.switch.safety.phase == "active":

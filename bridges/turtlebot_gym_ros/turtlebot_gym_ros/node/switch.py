@@ -11,9 +11,9 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED
+from turtlebot_gym_ros.base.sent import Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
-from turtlebot_gym_ros.robot.sent import SystemClock, read_clocks
 
 BLIND = "It sees no obstacles: watch the robot while it is enabled."
 SEEING = "It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
@@ -49,6 +49,7 @@ class Switch:
     ) -> None:
         self.safety = Safety(enabled=enabled, blocked=blocked)
         self._clock = SystemClock()
+        self._ages = Ages(self._clock)
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
         self._warning = f"enabled. {SEEING if sees else BLIND}"
@@ -64,6 +65,7 @@ class Switch:
             refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
             if refusal:
                 return refusal
+            self._ages.begin()
             self._restart()
             self._log.warning(self._warning)
         self._tell()
@@ -101,7 +103,7 @@ class Switch:
         return response
 
     def _hear_emergency(self, message: Bool, info: Mapping[str, Any]) -> None:
-        age = self._clock.age_of(info, None, self._look()).seconds
+        age = self._ages.age_of(info, None, self._look()).sent
         now, number = self._now(), info["publication_sequence_number"]
         self.safety.hear_emergency(message.data, now=now, sent=now - age, number=number)
         self.watch()

@@ -1,12 +1,13 @@
 """The guard's decisions: which command reaches the wheels. Does not depend on ROS and takes steady times as arguments.
 
-The law: **no motion later than** ``max_age`` **after the newest command that was sent, none while any emergency stop is pressed
-or silent, none while disabled, none above the limits** (axis, wheel, acceleration of a start), and no more messages than
-``rate``; a stop is never delayed, neither by the ramp nor by the rate. If the collision monitor is switched on, see `monitor`,
-it has the last word on every command, whoever sent it: it can slow a command down but never speed it up.
+The law: **no motion later than** ``max_age`` **after the newest command that was sent, nor than** ``measured_age`` **after the
+newest measurement on which it rests, none while any emergency stop is pressed or silent, none while disabled, none above
+the limits** (axis, wheel, acceleration of a start), and no more messages than ``rate``; a stop is never delayed, neither by the
+ramp nor by the rate. If the collision monitor is switched on, see `monitor`, it has the last word on every command, whoever
+sent it: it can slow a command down but never speed it up.
 
-The age of a command counts from when it was sent, see `sent`. The rule of the emergency stop is in `emergency`. The arbiter
-builds only on these and on the core's pure limits; the node around it is in `guard`.
+The ages of commands are those of `base.sent`. The rule of the emergency stop is in `emergency`. The arbiter builds only on
+these and on the core's pure limits; the node around it is in `guard`.
 """
 
 from __future__ import annotations
@@ -65,6 +66,8 @@ class Parameters:
     """Whether the robot stands unless ``cmd_vel_standby`` is alive, which stops it if the guard dies."""
     max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
     """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
+    measured_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.5
+    """Age from which a command no longer counts, s, since the measurement on which it rests: its header's stamp."""
     rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
     """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
     max_acceleration: Annotated[float, Range(0.0, 1000.0, open_low=True, unit="m/s^2")] = 2.5
@@ -111,9 +114,10 @@ class Parameters:
 
 
 class _Heard(NamedTuple):
-    """A command with the steady time at which it was sent, s."""
+    """A command, with the steady times of sending and of the measurement on which it rests, s."""
 
     sent: float
+    measured: float
     command: Command
 
 
@@ -132,8 +136,9 @@ def _monitor_of(p: Parameters, now: float) -> Monitor | None:
 class Arbiter:
     """Decide at every moment which command the wheels receive.
 
-    ``now`` is a steady time, s. Messages also have a time ``sent``, when they were credibly sent at the latest (None: now), and
-    a flag ``dated``, whether that time is the sender's or only that of their arrival here.
+    ``now`` is a steady time, s. Messages also have a time ``sent``, when they were sent at the earliest (None: now), and a flag
+    ``dated``, whether that time is the sender's or only that of their arrival here; commands also a time ``measured``, of the
+    measurement on which they rest (None: sent).
     """
 
     def __init__(self, parameters: Parameters, now: float) -> None:
@@ -165,21 +170,34 @@ class Arbiter:
             self._heard.clear()
             self._halt, self._zeros_until = True, now + ZEROS
 
-    def hear(self, source: str, command: Command, now: float, *, sent: float | None = None, dated: bool = True) -> None:
+    def hear(
+        self,
+        source: str,
+        command: Command,
+        now: float,
+        *,
+        sent: float | None = None,
+        measured: float | None = None,
+        dated: bool = True,
+    ) -> None:
         """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""
         self._wake(now)
         self._count(source, now)
         sent = now if sent is None else min(sent, now)
+        heard = _Heard(sent, sent if measured is None else min(measured, sent), command)
         if not math.isfinite(command.v + command.omega):
-            command = STOP
+            heard = heard._replace(command=STOP)
             self.refused["not finite"] += 1
         if not dated and now < self._blind_until:
             self.refused["undated after a gap"] += 1
-        elif now - sent > self._p.max_age:
+        elif not self._is_fresh(heard, now):
             self.refused["too old"] += 1
         elif sent >= self._since and (source not in self._heard or sent >= self._heard[source].sent):
-            self._heard[source] = _Heard(sent, command)
+            self._heard[source] = heard
             self._news.add(source)
+
+    def _is_fresh(self, heard: _Heard, now: float) -> bool:
+        return now - heard.sent <= self._p.max_age and now - heard.measured <= self._p.measured_age
 
     def hear_emergency(
         self, pressed: bool, now: float, *, sent: float | None = None, dated: bool = True, number: int | None = None
@@ -310,7 +328,7 @@ class Arbiter:
             return None
         for source in ("teleop", "program"):
             heard = self._heard.get(source)
-            if heard is None or now - heard.sent > self._p.max_age:
+            if heard is None or not self._is_fresh(heard, now):
                 continue
             self.state = source
             if source == "program" and self.outside(now):

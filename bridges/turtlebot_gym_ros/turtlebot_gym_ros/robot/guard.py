@@ -3,7 +3,7 @@
 It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. Unless
 ``collision_monitor`` is switched on it does NOT SEE OBSTACLES. It does not use the shell of the other nodes and shares little
 with them: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a message
-(`sent`), and `base`.
+(`base.sent`), and `base`.
 
 **Its own death is not covered**: a TurtleBot3 holds its last command indefinitely, so a killed guard leaves the robot moving.
 The launch file respawns it, and a guard's first messages are zeros.
@@ -13,9 +13,9 @@ Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a 
 Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``. Outputs: ``/cmd_vel``, ``/diagnostics``
 (1 Hz), ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
-**The age of a command counts from when it was sent**, see `sent`: by DDS's source time and by the header's stamp if these are
-credible, by its arrival otherwise; the oldest counts. With ``use_sim_time`` the header is ignored. A guard that was suspended
-or starved stops first, and obeys messages of its backlog only if they prove to be younger than ``max_age``.
+**A command has two ages**, see `base.sent`: since it was sent (``max_age``), and since the measurement on which it rests
+(``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known. A guard
+that was suspended or starved stops first, and obeys messages of its backlog only if they prove to be young enough.
 
 **The collision monitor**, see `monitor` and `collision`, slows down every command that would lead into an obstacle, including a
 person's, and judges it again in each period. A stale, missing or unreadable scan is a stop, and is reported.
@@ -61,10 +61,10 @@ from turtlebot_gym_ros.base.flood import MOST
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
+from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.report import Report
-from turtlebot_gym_ros.robot.sent import Age, SystemClock, read_clocks
 
 
 class CmdVelGuard(Node):
@@ -74,6 +74,7 @@ class CmdVelGuard(Node):
         super().__init__("cmd_vel_guard", context=context, automatically_declare_parameters_from_overrides=True)
         (p,) = declare(self, Parameters)
         self._p, self._clock_watch = p, SystemClock()
+        self._ages: dict[str, Ages] = {}
         self._arbiter = Arbiter(p, self._now())
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._headers_count = not self.get_parameter("use_sim_time").value
@@ -103,8 +104,12 @@ class CmdVelGuard(Node):
         self._clock_watch.look(system=system, steady=now)
         return now
 
-    def _age(self, message: Any, info: Mapping[str, Any], now: float) -> Age:
-        return self._clock_watch.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
+    def _age(self, topic: str, message: Any, info: Mapping[str, Any], now: float) -> Age:
+        """Return the age of a topic's message, and note it."""
+        ages = self._ages.setdefault(topic, Ages(self._clock_watch))
+        age = ages.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
+        self._report.note(self.resolve_topic_name(topic), age, now, ages.figures())
+        return age
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:
         """Subscribe with a callback that also takes the message's times, which rclpy supports but its types do not show."""
@@ -115,13 +120,11 @@ class CmdVelGuard(Node):
 
         def hear(message: Any, info: Mapping[str, Any]) -> None:
             twist, now = (message.twist if self._p.enable_stamped_cmd_vel else message), self._now()
-            age = self._age(message, info, now)
-            self._report.note(subscription.topic_name, age, now)
-            command = Command(twist.linear.x, twist.angular.z)
-            self._arbiter.hear(source, command, now, sent=now - age.seconds, dated=age.dated)
+            age, command = self._age(topic, message, info, now), Command(twist.linear.x, twist.angular.z)
+            self._arbiter.hear(source, command, now, sent=now - age.sent, measured=now - age.measured, dated=age.dated)
             self._step()
 
-        subscription = self._subscribe(self._type, topic, hear, LATEST)
+        self._subscribe(self._type, topic, hear, LATEST)
 
     def _hear_button(self, message: Bool, info: Mapping[str, Any]) -> None:
         self._press(message, info)
@@ -129,31 +132,33 @@ class CmdVelGuard(Node):
 
     def _press(self, message: Bool, info: Mapping[str, Any]) -> None:
         now = self._now()
-        age = self._age(message, info, now)
-        self._report.note(self._buttons.topic_name, age, now)
+        age = self._age("emergency_stop", message, info, now)
         number = info["publication_sequence_number"]
-        self._arbiter.hear_emergency(message.data, now, sent=now - age.seconds, dated=age.dated, number=number)
+        self._arbiter.hear_emergency(message.data, now, sent=now - age.sent, dated=age.dated, number=number)
 
     def _locate(self, message: Odometry, info: Mapping[str, Any]) -> None:
         position, now = message.pose.pose.position, self._now()
-        self._arbiter.locate(position.x, position.y, now, sent=now - self._age(message, info, now).seconds)
+        age = self._age(self._p.geofence_topic, message, info, now)
+        self._arbiter.locate(position.x, position.y, now, sent=now - age.measured)
 
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
-        age, stamped = self._clock_watch.age_of(info, None, now), self._age(message, info, now)
-        # The stamp may be that of the first beam. Beyond this it counts like that of a command.
-        seconds = max(age.seconds, stamped.seconds - self._p.scan_period)
+        age = self._age("scan", message, info, now)
         scan = Scan(
             message.ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max,
             message.header.frame_id,
         )  # fmt: skip
-        self._arbiter.hear_scan(scan, now, sent=now - seconds, dated=stamped.dated)
+        # The stamp may be that of the first beam.
+        self._arbiter.hear_scan(scan, now, sent=now - age.since(self._p.scan_period), dated=age.dated)
         self._step()
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._take_buttons()
         response.message = self._arbiter.enable(request.data, self._now(), buttons=self._buttons.get_publisher_count())
         response.success = not response.message
+        if request.data and response.success:
+            for ages in self._ages.values():
+                ages.begin()
         self._step()
         return response
 
@@ -169,7 +174,7 @@ class CmdVelGuard(Node):
 
     def _hear_standby(self, message: Empty, info: Mapping[str, Any]) -> None:
         now = self._now()
-        self._arbiter.hear_standby(now, sent=now - self._age(message, info, now).seconds)
+        self._arbiter.hear_standby(now, sent=now - self._age("cmd_vel_standby/alive", message, info, now).sent)
 
     def _step(self) -> None:
         """Publish the command for the wheels, if any."""

@@ -7,8 +7,8 @@ from rclpy.node import Node
 
 from turtlebot_gym_ros.base.names import node_name, type_name
 from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
+from turtlebot_gym_ros.base.sent import Age
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.sent import Age
 
 RECENT = 2.0
 """Time for which a problem with a message's time is reported, s."""
@@ -28,15 +28,13 @@ class Report:
         self._node, self._arbiter, self._p, self._type = node, arbiter, parameters, velocity
         self._said = ""
         self._times: dict[str, tuple[float, str]] = {}
+        self._ages: dict[str, str] = {}
 
-    def note(self, topic: str, age: Age, now: float) -> None:
-        """Record the age of a topic's message at its arrival."""
-        if age.seconds > self._p.max_age:
-            why = f"{topic}: messages are {age.seconds:.2f} s old by {age.by} when they come, more than {self._p.max_age} s: "
-            self._times[topic] = now, why + "are both clocks synchronized (NTP), and is the connection fast enough?"
-        elif age.ahead > 0.0:
-            why = f"{topic}: the sender's clock is {age.ahead:.2f} s ahead of this computer's, so only arrival times count: "
-            self._times[topic] = now, why + "synchronize both clocks (NTP)"
+    def note(self, topic: str, age: Age, now: float, clock: str) -> None:
+        """Record the age of a topic's message at its arrival, and the lead of its clock."""
+        self._ages[topic] = f"{age.measured:.2f} s old{clock}"
+        if why := age.complaint(self._p.measured_age, sent=self._p.max_age):
+            self._times[topic] = now, f"{topic}: {why}"
 
     def message(self, now: float, *, robots: int) -> DiagnosticArray:
         """Return the diagnostics of this second, and log new problems.
@@ -50,7 +48,7 @@ class Report:
         if text != self._said:
             log(node, level, text)
         self._said = text
-        values = {f"refused, {why}": count for why, count in self._arbiter.refused.items()}
+        values = {f"refused, {why}": count for why, count in self._arbiter.refused.items()} | self._ages
         return report(node, level, text, hardware=f"{node.get_namespace()}/{self._p.robot}".strip("/"), values=values)
 
     def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
