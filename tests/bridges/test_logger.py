@@ -1,13 +1,17 @@
 """The logger: what it keeps when it is killed, and that its bag holds whatever an independent subscriber saw."""
 
 import csv
+import errno
 import math
+import os
+import resource
 import shutil
 import signal
 import sys
 import time
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Goals, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -51,6 +55,54 @@ def test_an_unfinished_transaction_is_taken_back(tmp_path, storage, size, read_b
         assert "transient_local" in str(reader.connections[0].ext.offered_qos_profiles).lower()
     bag.close("sqlite3")
     assert len(read_bag(tmp_path / "run")["/text"]) == 200
+
+
+@pytest.mark.parametrize("size", [3000, 100_000])
+@pytest.mark.parametrize("limit", [61_000, 300_000])
+@pytest.mark.parametrize("every", [7, 10**6])  # without a commit, sqlite writes when its cache of 2 MB is full
+def test_a_full_disk_leaves_a_complete_bag_of_what_came_first(tmp_path, size, limit, every, read_bag):
+    bag = Bag(tmp_path / "run")
+    connection = bag.add("/text", "std_msgs/msg/String", latched=False)
+    bag.commit()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))  # as a disk without space, for each file
+    written, committed = [], []
+
+    def write_on():
+        while True:
+            bag.write(connection, NOW + len(written), serialize_message(text(len(written), size)))
+            written.append(text(len(written), size))
+            if len(written) % every == 0:
+                bag.commit()
+                committed[:] = written
+
+    try:
+        with pytest.raises(Bag.FULL):
+            write_on()
+        bag.end_early()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    held = read_bag(tmp_path / "run").get("/text", [])
+    assert held == written[: len(held)]
+    assert len(held) >= len(committed)
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.db3"]
+    with Reader(tmp_path / "run") as reader:
+        assert reader.message_count == len(held)
+
+
+def test_a_disk_too_small_for_the_conversion_keeps_the_database(tmp_path, monkeypatch, read_bag):
+    bag = Bag(tmp_path / "run")
+    bag.write(bag.add("/text", "std_msgs/msg/String", latched=False), NOW, serialize_message(text(1)))
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("turtlebot_gym_ros.recording.bag.rebuild", refuse)
+    with pytest.raises(OSError, match="No space"):
+        bag.close("mcap")
+    bag.end_early()
+    assert read_bag(tmp_path / "run") == {"/text": [text(1)]}
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.db3"]
 
 
 def test_a_type_that_rosbags_does_not_know_is_learned(tmp_path, monkeypatch, read_bag):
@@ -167,6 +219,38 @@ def test_a_kill_without_commits_is_noticed(start, peer, matched, wait_for, tmp_p
     rebuild(tmp_path / "run" / "run.db3", tmp_path / "whole")
     with Reader(tmp_path / "whole") as reader:
         assert reader.message_count == 0
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_a_recorder_on_a_full_disk_says_so_once_and_keeps_what_it_has(
+    start, peer, matched, wait_for, tmp_path, storage, read_bag
+):
+    process = start(f"storage:={storage}")
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    speaker = peer.speak("text", String, DEEP)
+    matched(speaker)
+    speaker.publish(text(0))
+
+    def levels():
+        return [each.status[0].level for each in reports if each.status[0].name == "/data_logger"]
+
+    wait_for(levels)
+    database = tmp_path / "run" / "run.db3"
+    hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)[1]
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (database.stat().st_size + 1_000_000, hard))
+    sent = [text(0)]
+    while DiagnosticStatus.ERROR not in levels():
+        sent.append(text(len(sent), 10_000))
+        speaker.publish(sent[-1])
+        time.sleep(0.05)
+    (said,) = {each.status[0].message for each in reports if each.status[0].level == DiagnosticStatus.ERROR}
+    assert said.startswith(f"the recording ended, and what was recorded is readable in {tmp_path / 'run'}: ")
+    held = read_bag(tmp_path / "run")["/text"]
+    assert held == sent[: len(held)]
+    assert len(held) > 20
+    stderr = end(process)
+    assert "Traceback" not in stderr
+    assert stderr.count("[ERROR]") == 1
 
 
 def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener, matched, tmp_path, read_bag):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -9,14 +10,17 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
-from turtlebot_gym.parameters import MAX_FIX_AGE
+from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import Range, choose, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, senses_of
+from turtlebot_gym_ros.blocks.credible import Credible, Gate, Seat, bounded
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 
 REMEMBERED = depth_of(0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
+STANDS = Command(0.01, 0.05)
+"""Twist up to which the odometry of a robot says that it stands; m/s, rad/s."""
 _SENSES = senses_of(("odometry", "fix"))
 
 
@@ -30,8 +34,13 @@ class KalmanFilter:
 
     With ``takes_fixes`` it also uses external pose measurements, each at its own stamp, up to 0.5 s late.
 
+    Odometry that the robot cannot have driven, and fixes that its belief rules out, are refused, see `credible`: counted,
+    reported, and not used. A person puts the robot elsewhere by a pose on ``initialpose``, as RViz sends it, while it stands:
+    the filter starts anew from there, with the stated variances, and from then on reads odometry from there.
+
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); with ``twist`` "commanded", ``command`` (`Command`, on
-    ``cmd_vel``; optional, the last value holds); and with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional).
+    ``cmd_vel``; optional, the last value holds); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); and ``seat``
+    (`Fix`, on ``initialpose``, optional).
     Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp and in its frame.
     Parameters: those of `Params`.
@@ -70,7 +79,10 @@ class KalmanFilter:
             if self.period > self.max_gap:
                 raise ValueError(f"period must be at most max_gap, {self.max_gap!r} s, got {self.period!r}.")
 
-    inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
+    inputs = {
+        "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
+        "seat": Input(topic="initialpose", type=Fix, required=False, once=True),
+    }
     outputs = {"nis": Output(topic="nis", type=Nis), "estimate": Output(topic="estimate", type=Estimate)}
 
     def __init__(self, params: Params) -> None:
@@ -81,6 +93,7 @@ class KalmanFilter:
         self._robot = make_robot(params.robot)
         self._tuning = make_filter(params.filter, make_noise(params.noise))
         self._filter = filter_of(self._tuning)
+        self._credible, self._gate = Credible(self._robot, self._tuning, longest=params.max_gap), Gate()
         self._middle = choose("integrator", params.integrator, INTEGRATORS)
         if choose("twist", params.twist, {"executed": False, "commanded": True}):
             command = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="refused")
@@ -91,7 +104,9 @@ class KalmanFilter:
             fix = Input(topic="pose_fix", type=Fix, required=False, max_age=1.0, lock_step="newest", aged=True, reliable=False)
             self.inputs = {**self.inputs, "fix": fix}
         self.notice: str | None = None
-        """Notice of the last fix that came too late."""
+        """Why the last message was refused, until the next one of its kind is accepted."""
+        self.figures = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
+        """Number of messages that were refused, by kind."""
         self.reset()
 
     @staticmethod
@@ -104,36 +119,98 @@ class KalmanFilter:
         self._estimate: Estimate | None = None
         self._senses = _SENSES(Odometry(Pose(0.0, 0.0, 0.0), STOP, False), no_fix())
         self._time = 0.0
+        self._unused = 0.0
         self._last_fix: tuple[Fix, float] | None = None
+        self._seat: Seat | None = None
+        self._credible.begin(None)
+        self._gate.forget()
         self.notice = None
 
-    def step(self, dt: float, odometry: Odometry, command: Command | None = None, fix: Aged | None = None) -> dict[str, Any]:
-        """Return the estimate after an odometry message that is ``dt`` later than the one before."""
+    def step(
+        self,
+        dt: float,
+        odometry: Odometry,
+        command: Command | None = None,
+        fix: Aged | None = None,
+        seat: Fix | None = None,
+    ) -> dict[str, Any]:
+        """Return the estimate after an odometry message that is ``dt`` later than the one before; nothing if it is refused."""
         self._time += dt
+        tuning = self._take_seat(odometry, seat) if seat else self._tuning
+        begins = self._estimate is None or dt <= 0.0  # the first message, or the first after a pause
+        if begins:
+            self._credible.begin(None)
+            self._unused = 0.0
+        if why := self._credible.refusal(odometry, dt):
+            self._unused += dt
+            self._refuse("odometry", why)
+            return {}
+        self._accept("odometry")
+        dt, self._unused = dt + self._unused, 0.0
         now = odometry._replace(twist=self._executed(odometry, command))
-        senses = _SENSES(now, self._new(fix))
-        if self._estimate is None or dt <= 0.0:  # the first message, or the first after a pause
-            estimate = self._filter.start(senses, self._tuning)
+        now = self._seat(now) if self._seat else now
+        senses = _SENSES(now, no_fix())
+        after = self._filter.start(senses, tuning) if begins else self._advance(senses, dt)
+        self._gate.remember(self._time, after.belief)
+        if (new := self._new(fix)).arrived and not begins:
+            senses = _SENSES(now, new)
+            after = self._advance(senses, dt)
+            self._gate.remember(self._time, after.belief)
+        self._estimate, self._senses = after, senses
+        return {"nis": Nis(after.nis), "estimate": after}
+
+    def _advance(self, senses: Any, dt: float) -> Any:
+        """Return the estimate ``dt`` after the last one, s, by what the sensors say then."""
+        estimate, before = self._estimate, self._senses
+        nothing = _SENSES(Odometry(before.odometry.pose, senses.odometry.twist, False), no_fix())
+        n = max(1, round(dt / self._period))
+        share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
+        for _ in range(n - 1):
+            estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
+        return self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
+
+    def _take_seat(self, odometry: Odometry, seat: Fix) -> FilterTuning:
+        """Start anew where a person says that the robot is, if it stands; return the tuning to start with."""
+        v, omega = odometry.twist
+        if abs(v) > STANDS.v or abs(omega) > STANDS.omega or not odometry.measured:
+            self._refuse("initial poses", f"the robot must stand, but drives with {v:g} m/s and {omega:g} rad/s")
+        elif seat.R[2] == math.inf:
+            self._refuse("initial poses", "it has no heading")
+        elif why := Gate().refusal(seat, self._time):
+            self._refuse("initial poses", why)
         else:
-            estimate, before = self._estimate, self._senses
-            nothing = _SENSES(Odometry(before.odometry.pose, now.twist, False), no_fix())
-            n = max(1, round(dt / self._period))
-            share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
-            for _ in range(n - 1):
-                estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
-            estimate = self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
-        self._estimate, self._senses = estimate, senses
-        return {"nis": Nis(estimate.nis), "estimate": estimate}
+            time = self._time
+            self.reset()
+            self._time, self._seat = time, Seat(odometry.pose, seat.pose)
+            return replace(self._tuning, R=bounded(seat).R, from_origin=False)
+        return self._tuning
 
     def _new(self, fix: Aged | None) -> Fix:
-        """Return a fix with its age, if it is new and recent enough."""
+        """Return a fix with its age, if it is new, recent enough and credible."""
         if fix is None:
             return no_fix()
         stamp = self._time - fix.age
         last, self._last_fix = self._last_fix, (fix.value, stamp)
         if last is not None and last[0] == fix.value and abs(last[1] - stamp) < 1e-6:
             return no_fix()
-        if not -self._period <= fix.age <= MAX_FIX_AGE + 1e-6:
-            self.notice = f"a fix was {fix.age:.2f} s old: steps are stored for {MAX_FIX_AGE} s."
+        if fix.age < -self._period:
+            why = f"stamped {-fix.age:.2f} s in the future: are the clocks synchronized (NTP)?"
+        elif fix.age > MAX_FIX_AGE + 1e-6:
+            why = f"{fix.age:.2f} s old: steps are stored for {MAX_FIX_AGE} s"
+        else:
+            why = self._gate.refusal(bounded(fix.value), stamp)
+        if why:
+            self._refuse("fixes", why)
             return no_fix()
-        return fix.value._replace(age=max(fix.age, 0.0))
+        self._accept("fixes")
+        return bounded(fix.value)._replace(age=max(fix.age, 0.0))
+
+    def _refuse(self, kind: str, why: str) -> None:
+        """Count a refused message, and report it."""
+        self.figures[f"refused {kind}"] += 1
+        self.notice = f"{kind} refused: {why}"
+
+    def _accept(self, kind: str) -> None:
+        """End the report on refused messages of a kind."""
+        if self.notice and self.notice.startswith(kind):
+            self.notice = None

@@ -31,6 +31,8 @@ class Input:
     required: bool = True
     """Whether ``step`` needs the value: if it is missing, ``step`` is not called and the outputs stop. A missing optional value
     is None."""
+    sole: bool = False
+    """Whether only one node may publish it: with a second one, the value counts as missing."""
     once: bool = False
     """Whether each value is delivered to one step only."""
     lock_step: str = "latest"
@@ -124,7 +126,10 @@ class On:
 
 @runtime_checkable
 class Notices(Protocol):
-    """A block with a notice for users, which is logged and shown in the diagnostics."""
+    """A block with a notice for users, which is logged and shown in the diagnostics.
+
+    It may also have ``figures``, numbers by name, which the diagnostics show.
+    """
 
     @property
     def notice(self) -> str | None:

@@ -103,7 +103,10 @@ def _state_to_message(state: State, header: Header) -> Odometry:
 
 
 def _odometry_of(message: Odometry) -> values.Odometry:
-    measured = float(message.pose.covariance[0]) >= 0.0
+    first = float(message.pose.covariance[0])
+    if math.isnan(first):
+        raise ValueError("pose.covariance[0] is NaN: it states a variance, 0 if none is known, or -1 if there is no pose")
+    measured = first >= 0.0
     return values.Odometry(read_pose(message.pose.pose), read_twist(message.twist.twist), measured)
 
 

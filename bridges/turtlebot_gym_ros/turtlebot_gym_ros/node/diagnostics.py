@@ -34,6 +34,8 @@ class Endpoint(NamedTuple):
     publishes: bool
     moves: bool = False
     """Whether messages on the topic move the robot."""
+    sole: bool = False
+    """Whether the node refuses its messages if there is a second publisher."""
 
 
 def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -> Problem:
@@ -67,6 +69,10 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
             problems.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
+        elif not mine.publishes and len(publishers) > 1:
+            names = " and ".join(sorted(map(node_name, publishers)))
+            what = "refused until there is one" if mine.sole else "which of them counts is undefined"
+            problems.append(Problem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {what}."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [node_name(other) for other in subscriptions]
             strangers = {node_name(other) for other in subscriptions if other.node_name not in NODES}

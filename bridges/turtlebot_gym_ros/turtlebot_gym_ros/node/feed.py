@@ -77,7 +77,7 @@ class Feed:
             qos_overriding_options=overridable(),
         )
         self.topic: str = self._subscription.topic_name
-        return Endpoint(self.topic, type_name(kind), False)
+        return Endpoint(self.topic, type_name(kind), False, sole=self.declared.sole)
 
     @property
     def step(self) -> int | None:
@@ -143,6 +143,8 @@ class Feed:
 
     def missing(self, now: float) -> str | None:
         """Return why a step has to wait for this input, if so."""
+        if self.declared.sole and (count := self._subscription.get_publisher_count()) > 1:
+            return f"{count} nodes publish {self.topic}, where one may"
         if not self.declared.required or self._is_fresh(now):
             return None
         return f"waits for {self.topic}" if self._latest is None else f"{self.topic} is older than {self.declared.max_age} s"

@@ -301,6 +301,7 @@ class Shell:
         problems += [Problem(ERROR, why) for why in (self._drive.trouble(), self._trouble) if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
+        values |= getattr(self.block, "figures", {})
         for feed in self._feeds.values():
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)

@@ -2,9 +2,10 @@
 
 It subscribes to every topic as it appears, without configuration. In a namespace it records the topics below it and those of
 the root, such as ``/tf``, which robots share; topics of other robots are left to their own recorders. A ``kill -9`` loses at
-most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``. If the disk is full, the bag
+ends, is complete, and ``/diagnostics`` (1 Hz) has an error.
 
-Parameters: see `Parameters`. Publishes nothing.
+Parameters: see `Parameters`.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ import csv
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
@@ -34,6 +38,7 @@ from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
+from turtlebot_gym_ros.base.reports import ERROR, OK, report
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.recording.bag import Bag
 
@@ -116,19 +121,46 @@ class DataLogger(Node):
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
         self._latest: dict[str, tuple[float, type, bytes]] = {}
+        self._ended: str | None = None
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._collected = _Collected()
-        self.create_timer(COLLECT_PERIOD, self._collect, clock=steady)
-        self.create_timer(0.1, self._discover, clock=steady)
-        self.create_timer(1.0, self._commit, clock=steady)
+        for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
+            self.create_timer(period, partial(self._unless_full, work), clock=steady)
+        self.create_timer(1.0, self._report, clock=steady)
         self._csv = None
         if p.snapshot_period > 0.0:
             self._csv = (folder / "snapshots.csv").open("w", encoding="utf-8", newline="")
             self._rows = csv.writer(self._csv)
             self._rows.writerow(["time", *(f"{topic}_{name}" for topic, kind in SNAPSHOTS.items() for name in kind._fields)])
             self._topics = {topic: self.resolve_topic_name(topic) for topic in SNAPSHOTS}
-            self.create_timer(p.snapshot_period, self._snapshot)
+            self.create_timer(p.snapshot_period, partial(self._unless_full, self._snapshot))
         self.get_logger().info(f"recording to {folder}")
+
+    def _unless_full(self, work: Callable[[], None]) -> None:
+        """Do some work of the recording, and end the recording if the disk refuses it."""
+        if self._ended:
+            return
+        try:
+            work()
+        except Bag.FULL as error:
+            self._ended = f"the recording ended, and what was recorded is readable in {self._bag.folder}: {error}"
+            self.get_logger().error(self._ended)
+            for topic in self._recorded.values():
+                for subscription in topic.subscriptions.values():
+                    self.destroy_subscription(subscription)
+            try:
+                self._bag.end_early()
+            except Bag.FULL as left:
+                self._ended += f"; without metadata.yaml ({left}): ros2 bag reindex makes it"
+            if self._csv is not None:
+                with suppress(OSError):
+                    self._csv.close()
+
+    def _report(self) -> None:
+        level, text = (ERROR, self._ended) if self._ended else (OK, f"records {len(self._recorded)} topics")
+        space = self.get_namespace().strip("/") or "turtlebot_gym_ros"
+        self._diagnostics.publish(report(self, level, text, hardware=space, values={"folder": self._bag.folder}))
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
@@ -246,11 +278,14 @@ class DataLogger(Node):
     def close(self) -> None:
         """Record messages in transit, and finish the files."""
         time.sleep(IN_FLIGHT)
+        self._unless_full(self._finish)
+        self.get_logger().info(f"recorded {len(self._recorded)} topics in {self._bag.folder}")
+
+    def _finish(self) -> None:
         self._collect()
         if self._csv is not None:
             self._csv.close()
         self._bag.close(self._p.storage)
-        self.get_logger().info(f"recorded {len(self._recorded)} topics in {self._bag.folder}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
