@@ -322,6 +322,26 @@ def test_half_a_metre_is_a_fence():
     assert not new().outside(T)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"frame": "map"}, "its frame is 'map', not 'r/odom'"),
+        ({"frame": "odom"}, "its frame is 'odom', not 'r/odom'"),
+        ({"publishers": 2}, "2 nodes publish it"),
+        ({"x": math.nan}, "it is at (nan, 0)"),
+    ],
+)
+def test_a_pose_of_another_frame_or_of_two_sources_proves_nothing(wrong, said):
+    arbiter = new(geofence=0.5, frame_prefix="r/")
+    right = {"x": 0.0, "y": 0.0, "frame": "r/odom", "publishers": 1}
+    arbiter.locate(now=T, **right)
+    assert (arbiter.outside(T), arbiter.lost) == (False, "")
+    arbiter.locate(now=T, **{**right, **wrong})
+    assert (arbiter.outside(T), arbiter.lost) == (True, said)
+    arbiter.locate(now=T, **right)
+    assert (arbiter.outside(T), arbiter.lost) == (False, "")
+
+
 def test_a_pose_is_as_old_as_what_was_sent():
     arbiter = new(geofence=0.5)
     assert arbiter.outside(T)  # nothing is known

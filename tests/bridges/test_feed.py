@@ -43,7 +43,7 @@ def test_it_subscribes_to_its_topic_by_the_name_that_the_graph_gives_it():
     feed, node = make()
     assert feed.topic == "/robot/odom"
     assert (node.kind, node.hear) == (Odometry, "hear")
-    assert node.endpoint == ("/robot/odom", "nav_msgs/msg/Odometry", False, False)
+    assert node.endpoint == ("/robot/odom", "nav_msgs/msg/Odometry", False, False, False)
     assert node.overridable.policy_kinds
 
 

@@ -121,6 +121,12 @@ def test_geofence(start, probe, peer, topic):
     probe.until_standing("only a person drives")
     pose, speaker = Odometry(), peer.speak(topic, Odometry)
     probe.node.create_timer(0.05, lambda: speaker.publish(pose))
+    probe.until_standing("its frame is '', not 'odom'")
+    pose.header.frame_id = "odom"
+    probe.until_driving()
+    rival = peer.speak(topic, Odometry)
+    probe.until_standing("2 nodes publish it")
+    peer.node.destroy_publisher(rival)
     probe.until_driving()
     pose.pose.pose.position.y = -1.1
     probe.until_standing("only a person drives")

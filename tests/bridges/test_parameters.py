@@ -153,6 +153,7 @@ def test_the_guards_defaults_are_these_and_do_not_change():
         "speed_scale": 1.0,
         "geofence": 0.0,
         "geofence_topic": "odom",
+        "geofence_frame": "odom",
         "collision_monitor": False,
         "collision_margin": 0.05,
         "collision_time": 1.0,

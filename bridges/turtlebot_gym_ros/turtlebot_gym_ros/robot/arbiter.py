@@ -78,6 +78,8 @@ class Parameters:
     """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
     geofence_topic: Annotated[str, Names(("odom", "estimate"))] = "odom"
     """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
+    geofence_frame: str = "odom"
+    """Frame of the pose for the geofence, without a prefix; a pose in another one does not count."""
     collision_monitor: bool = False
     """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
     collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
@@ -149,6 +151,8 @@ class Arbiter:
         self._heard: dict[str, _Heard] = {}
         self._news: set[str] = set()
         self._distance = (now, math.inf)
+        self.lost = ""
+        """Why the last pose for the geofence does not count, or an empty text."""
         self._awake, self._since, self._blind_until = now, now, now
         self._zeros_until = now + ZEROS
         self._began, self._hold_until, self._standby = now, -math.inf, -math.inf
@@ -213,11 +217,20 @@ class Arbiter:
         self._wake(now)
         self.buttons.count(publishers, now)
 
-    def locate(self, x: float, y: float, now: float, *, sent: float | None = None) -> None:
-        """Take the robot's position, m."""
+    def locate(
+        self, x: float, y: float, now: float, *, sent: float | None = None, frame: str | None = None, publishers: int = 1
+    ) -> None:
+        """Take the robot's position, m, in a frame (None: the right one), from a topic with a number of publishers."""
         self._wake(now)
-        self._count("position", now)
-        self._distance = now if sent is None else min(sent, now), math.hypot(x, y)
+        wanted = self._p.frame_prefix + self._p.geofence_frame
+        self.lost = ""
+        if frame not in (None, wanted):
+            self.lost = f"its frame is {frame!r}, not {wanted!r}"
+        elif publishers > 1:
+            self.lost = f"{publishers} nodes publish it"
+        elif not math.isfinite(x + y):
+            self.lost = f"it is at ({x:g}, {y:g})"
+        self._distance = now if sent is None else min(sent, now), math.inf if self.lost else math.hypot(x, y)
 
     def hear_scan(self, scan: Scan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a scan of the collision monitor."""

@@ -88,7 +88,7 @@ class CmdVelGuard(Node):
         if p.require_standby:
             self._subscribe(Empty, "cmd_vel_standby/alive", self._hear_standby, LATEST)
         if p.geofence > 0.0:
-            self._subscribe(Odometry, p.geofence_topic, self._locate, LATEST)
+            self._pose = self._subscribe(Odometry, p.geofence_topic, self._locate, LATEST)
         if p.collision_monitor:
             self._subscribe(LaserScan, "scan", self._scan, LATEST)
         self.create_service(SetBool, "~/enable", self._enable)
@@ -138,8 +138,9 @@ class CmdVelGuard(Node):
 
     def _locate(self, message: Odometry, info: Mapping[str, Any]) -> None:
         position, now = message.pose.pose.position, self._now()
-        age = self._age(self._p.geofence_topic, message, info, now)
-        self._arbiter.locate(position.x, position.y, now, sent=now - age.measured)
+        sent, publishers = now - self._age(self._p.geofence_topic, message, info, now).measured, self._pose.get_publisher_count()
+        frame = message.header.frame_id
+        self._arbiter.locate(position.x, position.y, now, sent=sent, frame=frame, publishers=publishers)
 
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()

@@ -66,7 +66,8 @@ class Report:
             why = self._arbiter.buttons.trouble(now) or "the emergency stop was pressed, or silent"
             return ERROR, (f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"')
         if self._arbiter.outside(now):
-            return WARN, f"not known to be within {self._p.geofence} m of the origin: only a person drives"
+            why = f" ({self._p.geofence_topic}: {self._arbiter.lost})" if self._arbiter.lost else ""
+            return WARN, f"not known to be within {self._p.geofence} m of the origin{why}: only a person drives"
         monitor = self._arbiter.monitor
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")

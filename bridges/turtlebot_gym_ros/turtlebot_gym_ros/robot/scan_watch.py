@@ -1,0 +1,185 @@
+"""Whether a LiDAR measures at all, and looks where its mount says. Does not depend on ROS and takes steady times as arguments.
+
+**Frozen.** A scan that repeats another to the bit while the robot has moved is no measurement: noise alone changes some of ten
+ranges of 1 mm in each scan. A simulated LiDAR without noise repeats itself at rest, and along a corridor whose ends are out of
+its sight. So motion counts, after all delays: a turn by `TURNED`, or `DRIVEN` with a return near the line of travel, which then
+must change, or `DRIVEN_BLIND` without one. With a time to contact of 1 s the robot stops before it has driven to where the
+frozen scan showed something: it then takes 0.02 m, one scan and the delays, 0.7 s at 0.2 m/s.
+
+**Covered.** A scan with hardly a return for `DARK` s looks like a hall, and like a covered LiDAR. The robot stands.
+
+**Mount.** Points of a scan, moved as the robot has moved since, must lie where the next scan has returns. If they fit that scan
+clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. Walls fit
+in many ways, so one comparison alone proves little. Other people move, wheels slip and rooms are symmetrical: all of these
+make both fits equally bad, or equally good, and are no vote.
+
+A frozen or covered LiDAR counts again when its scans change; a wrong mount until `forget`, when a person enables the robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.robot.collision import moved
+
+LEAST_RETURNS = 10
+"""Number of returns from which equal scans mean something: noise leaves ten ranges equal once in 1e10 scans."""
+TURNED, DRIVEN, DRIVEN_BLIND = 0.02, 0.02, 0.3
+"""Motion after which a scan must have changed, rad and m."""
+NEAR_LINE = math.radians(15.0)
+"""Angle from the line of travel within which a return must change by nearly the whole way."""
+DARK = 0.5
+"""Time without enough returns after which a LiDAR counts as covered, s."""
+STEP = 0.06
+"""Way between two scans that are compared for the mount, m: twice the noise of a range at 1 m."""
+WIDE = 1.0
+"""Turn between two scans from which they are not compared, rad."""
+BINS = 180
+"""Most directions in which two scans are compared, however many beams they have."""
+CAP = 0.15
+"""Largest difference of a range that counts, m: a larger one is an edge, or somebody who walks."""
+BETTER = 0.6
+"""Share of the mount's own misfit below which another mount fits clearly better."""
+COMMON = 15
+"""Least number of directions with returns in both scans."""
+VOTES = 3
+"""Comparisons in a row after which a mount is refused."""
+MEMORY = 3.0
+"""Time for which motion is stored, s."""
+QUARTERS = {1: "90 degrees to the left", 2: "180 degrees", 3: "90 degrees to the right"}
+
+
+class _Motion(NamedTuple):
+    """Motion since the start."""
+
+    pose: tuple[float, float, float]
+    """m, m, rad."""
+    way: float
+    """Path driven either way, m."""
+    turned: float
+    """Sum of all turns, rad."""
+
+
+class ScanWatch:
+    """Judge a LiDAR by its scans and the robot's motion.
+
+    Args:
+        lag: Longest time from a command to its effect in a scan, s: wheels, one revolution, and the driver.
+        returns: Least share of a scan's beams that return something; 0 for any.
+        now: Current steady time, s.
+    """
+
+    def __init__(self, *, lag: float, returns: float, now: float) -> None:
+        self._lag, self._returns = lag, returns
+        self._history = deque([(now, _Motion((0.0, 0.0, 0.0), 0.0, 0.0), STOP)])
+        self._last: NDArray[np.float32] | None = None
+        self._since, self._light = now, now
+        self._equal = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was learned about the mount."""
+        self._key: tuple[_Motion, NDArray[np.float64]] | None = None
+        self._votes: list[int] = []
+        self._turned_by = 0
+
+    def told(self, command: Command, now: float) -> None:
+        """Record the motion from now on."""
+        self._history.append((now, self._motion(now), command))
+        while len(self._history) > 1 and self._history[1][0] < now - MEMORY:
+            self._history.popleft()
+
+    def _motion(self, at: float) -> _Motion:
+        """Return the motion up to a time."""
+        since, motion, command = next((each for each in reversed(self._history) if each[0] <= at), self._history[0])
+        dt = max(at - since, 0.0)
+        way, turned = motion.way + abs(command.v) * dt, motion.turned + abs(command.omega) * dt
+        return _Motion(moved(motion.pose, command, dt), way, turned)
+
+    def hear(self, ranges: NDArray[np.float32], directions: NDArray[np.float64], sent: float) -> None:
+        """Take a scan.
+
+        Args:
+            ranges: Shape (B,), m; what is not finite and positive is no return.
+            directions: Directions of the beams in the robot's frame, shape (B,), rad.
+            sent: Steady time at which it was sent, s.
+        """
+        returned = np.isfinite(ranges) & (ranges > 0.0)
+        count = int(returned.sum())
+        if count >= max(self._returns * len(ranges), 1.0):
+            self._light = sent
+        last, self._last = self._last, ranges
+        if last is None or not np.array_equal(last, ranges, equal_nan=True) or count < LEAST_RETURNS:
+            self._since, self._equal, self._at_first = sent, False, self._motion(sent)
+        else:
+            before, after = self._at_first, self._motion(max(sent - self._lag, self._since))
+            near = np.abs(np.sin(directions[returned])) < math.sin(NEAR_LINE)
+            least = DRIVEN if near.any() else DRIVEN_BLIND
+            self._equal = after.turned - before.turned >= TURNED or after.way - before.way >= least
+        self._sent = sent
+        if count >= COMMON and not self._turned_by:
+            lengths, angles = ranges[returned].astype(np.float64), directions[returned]
+            points = np.stack((lengths * np.cos(angles), lengths * np.sin(angles)))
+            self._compare(points, self._motion(sent - 0.5 * self._lag), min(len(ranges), BINS))
+
+    def trouble(self) -> str:
+        """Return why the newest scan must not be used, or an empty text."""
+        if self._equal:
+            return "the scans have not changed by a bit although the robot moves: the LiDAR is frozen"
+        if self._returns > 0.0 and self._last is not None and self._sent - self._light > DARK:
+            return f"fewer than {self._returns:.0%} of the beams return anything: the LiDAR is covered, or the hall too large"
+        if self._turned_by:
+            by = QUARTERS[self._turned_by]
+            return f"the scans move as if the LiDAR were mounted turned by {by}: correct its mount, and enable the robot again"
+        return ""
+
+    def _compare(self, points: NDArray[np.float64], motion: _Motion, bins: int) -> None:
+        """Vote on the mount by a scan's points, shape (2, n), if the robot has moved far enough since the last vote."""
+        key = self._key
+        if key is not None and motion.way - key[0].way < STEP:
+            return
+        self._key = motion, points
+        if key is None or motion.turned - key[0].turned > WIDE or motion.way - key[0].way > 4.0 * STEP:
+            return
+        now = _binned(points, bins)
+        (x, y, theta), (x1, y1, theta1) = key[0].pose, motion.pose
+        cosine, sine, turn = math.cos(theta), math.sin(theta), theta1 - theta
+        shift = np.array((cosine * (x1 - x) + sine * (y1 - y), cosine * (y1 - y) - sine * (x1 - x)))
+        if math.hypot(*shift) < 0.5 * STEP:
+            return
+        shifts = [_turn(shift[:, None], -0.5 * math.pi * quarter) for quarter in range(4)]
+        fits = [_misfit(_binned(_turn(key[1] - each, -turn), bins), now) for each in shifts]
+        best = min(range(4), key=fits.__getitem__)
+        if best and fits[best] < BETTER * fits[0]:
+            self._votes.append(best)
+        elif fits[0] < max(fits):
+            self._votes.clear()
+        if len(self._votes) >= VOTES and len(set(self._votes[-VOTES:])) == 1:
+            self._turned_by = best
+
+
+def _turn(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.array(((cosine, -sine), (sine, cosine))) @ points
+
+
+def _binned(points: NDArray[np.float64], bins: int) -> NDArray[np.float64]:
+    """Return the shortest range of points in each of some directions, m; infinite where there is none."""
+    nearest = np.full(bins, np.inf)
+    at = np.round(np.arctan2(points[1], points[0]) * (bins / (2.0 * math.pi))).astype(int) % bins
+    np.minimum.at(nearest, at, np.hypot(*points))
+    return nearest
+
+
+def _misfit(then: NDArray[np.float64], now: NDArray[np.float64]) -> float:
+    """Return the mean difference of ranges, m; infinite with too few directions in common."""
+    both = np.isfinite(then) & np.isfinite(now)
+    if both.sum() < COMMON:
+        return math.inf
+    return float(np.minimum(np.abs(then[both] - now[both]), CAP).mean())
