@@ -138,9 +138,9 @@ class CmdVelGuard(Node):
 
     def _locate(self, message: Odometry, info: Mapping[str, Any]) -> None:
         position, now = message.pose.pose.position, self._now()
-        sent, publishers = now - self._age(self._p.geofence_topic, message, info, now).measured, self._pose.get_publisher_count()
-        frame = message.header.frame_id
-        self._arbiter.locate(position.x, position.y, now, sent=sent, frame=frame, publishers=publishers)
+        measured = now - self._age(self._p.geofence_topic, message, info, now).measured
+        frame, publishers = message.header.frame_id, self._pose.get_publisher_count()
+        self._arbiter.locate(position.x, position.y, now, sent=measured, frame=frame, publishers=publishers)
 
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
