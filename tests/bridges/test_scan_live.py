@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
-from sensor_msgs.msg import LaserScan, TimeReference
+from sensor_msgs.msg import LaserScan, Range, TimeReference
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool
 
@@ -21,7 +21,7 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph, Shell
 from turtlebot_gym_ros.base.qos import LATCHED
-from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.graph.bringup import main as bringup
 from turtlebot_gym_ros.graph.bringup import room_metrics
 from turtlebot_gym_ros.node.block import Input, On, Output
@@ -34,6 +34,49 @@ BELIEF = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covar
 
 def a_scan(beams=360, length=3.0):
     return Scan(np.full(beams, length, np.float32), 0.0, 2.0 * math.pi / beams, 0.12, 3.5)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", ["turtlebot3", "turtlebot4"])
+def test_behind_filter_controller_guard_and_monitor_a_robot_that_speaks_like_a_real_one_crosses_a_room(
+    name, runner, peer, wait_for, launch
+):
+    goals, truths = peer.hear("room_goal", PoseStamped), peer.hear("true_state", Odometry)
+    scans, odometry = peer.hear("scan", LaserScan, SENSOR), peer.hear("odom", Odometry)
+    clearances, reports = peer.hear("clearance", Range), peer.hear("/diagnostics", DiagnosticArray)
+    robot, yaw = {"turtlebot3": ("burger", 0.0), "turtlebot4": ("turtlebot4", math.pi / 2.0)}[name]
+    given = (f"robot:={robot}", "collision_monitor:=true", "scan_period:=0.135", "reaction:=0.1", "collision_margin:=0.04")
+    launch("-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", *(word for each in given for word in ("-p", each)))
+    driving = {"robot": robot, "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0, "lidar_yaw": yaw}
+    room = {"robot": robot, "world": "dense", "seed": 3, "speaks_as": name}
+    for make, overrides, arguments in (
+        (KalmanFilter, {}, ()),
+        (WaypointGenerator, {"waypoints": "room"}, ()),
+        (VelocityController, driving, ("-r", "cmd_vel:=cmd_vel_in")),
+        (TurtlebotSimulator, room, ()),
+    ):
+        runner.add(Shell(make, make.Params, context=runner.context, overrides=overrides, arguments=arguments))
+
+    def to_go():
+        if not (goals and truths):
+            return math.inf
+        here, there = truths[-1].pose.pose.position, goals[-1].pose.position
+        return math.hypot(there.x - here.x, there.y - here.y)
+
+    wait_for(lambda: to_go() < math.inf)
+    start = to_go()
+    wait_for(lambda: to_go() < max(start - 1.5, 0.3), patience=60.0)
+    assert min(clearance.range for clearance in clearances) > 0.0
+    assert not any("scan was refused" in status.message for message in reports for status in message.status)
+    ahead = Time.from_msg(odometry[-1].header.stamp).nanoseconds - time.time_ns()
+    if name == "turtlebot3":
+        assert 258 <= min(len(scan.ranges) for scan in scans) < max(len(scan.ranges) for scan in scans) <= 263
+        assert all(np.isnan(scan.ranges).any() for scan in scans)
+        assert 0.4e9 < ahead < 0.8e9
+    else:
+        assert {len(scan.ranges) for scan in scans} == {720}
+        assert abs(ahead) < 0.4e9
+    assert not any(np.any(message.pose.covariance) for message in odometry if message.pose.covariance[0] >= 0.0)
 
 
 CONTACT = 9
@@ -105,7 +148,7 @@ def test_a_scan_that_cannot_be_stops_it_and_is_named(runner, peer, wait_for):
     message = conversion(Scan).write(a_scan(), Header())
     message.ranges = [math.nan] * 360
     wait_for(lambda: robot.send(message) or robot.speed == 0.0)
-    wait_for(lambda: robot.send(message) or robot.says("ranges are not numbers"))
+    wait_for(lambda: robot.send(message) or robot.says("none of the scan's 360 beams says anything"))
     robot.drives()
 
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.rooms.lidar import Lidar, beams_by
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
+from turtlebot_gym.rooms.lidar import DRIVERS, Lidar, beams_by
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Episode, Options
 from turtlebot_gym.tasks import NAV, ROOM
-from turtlebot_gym.validation import Range, typed
+from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
@@ -43,6 +45,30 @@ MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 OPEN_GROUND = ("open", "")
 """Names of worlds without a room."""
 _BURGER = MujocoBurger()
+
+
+class Speech(NamedTuple):
+    """What a recorded robot sends, and its clock."""
+
+    lidar: str
+    """The LiDAR, a name in `turtlebot_gym.rooms.lidar.DRIVERS`."""
+    period: float
+    """Period of its odometry, s."""
+    ahead: float = 0.0
+    """Time by which its clock is ahead of this computer's, s."""
+    held_up: float = 0.0
+    """Probability that its odometry waits for the next step; at most two wait."""
+
+
+SPEECHES = {
+    # 62.7 s of a real TurtleBot3 with an LDS-02: 20 Hz, up to 0.12 s late, all covariances 0.
+    "turtlebot3": Speech("lds02", 0.05, ahead=0.775, held_up=0.03),
+    # A TurtleBot 4 Lite, whose computer is that of the driver.
+    "turtlebot4": Speech("a1", 0.05),
+}
+"""What recorded robots send, by their name."""
+MOST_HELD_UP = 2
+"""Most messages that wait."""
 SHOWN_EVERY = 5
 """Steps between two pictures of the obstacles."""
 
@@ -94,6 +120,12 @@ class TurtlebotSimulator:
         world or of a map's YAML file."""
         lidar: str = "lds01"
         """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
+        speaks_as: Annotated[str, Names(("", *SPEECHES))] = ""
+        """Recorded robot whose messages it imitates, "turtlebot3" or "turtlebot4", with its LiDAR and rate of odometry whatever
+        ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
+        late and has covariances of 0. Empty for perfect messages."""
+        own_clock: bool = True
+        """Whether its clock is ahead and its odometry late, which lock-step does not allow."""
         plant: str = "unicycle"
         """Model that moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
         friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.friction
@@ -108,6 +140,11 @@ class TurtlebotSimulator:
             self.physics()
             if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
+
+        @property
+        def speech(self) -> Speech | None:
+            """What the imitated robot sends, if there is one."""
+            return SPEECHES.get(self.speaks_as)
 
         @property
         def in_room(self) -> bool:
@@ -131,25 +168,27 @@ class TurtlebotSimulator:
     }
 
     def __init__(self, params: Params) -> None:
+        speech, driver = params.speech, DRIVERS[params.speech.lidar] if params.speech else None
+        lidar, period = (speech.lidar, speech.period) if speech else (params.lidar, params.period)
         task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
         p, _, plan, _ = Options(
             task=task,
             robot=params.robot,
             noise=params.noise,
             integrator=params.integrator,
-            dt=params.period,
+            dt=period,
             fix=None if params.fix in NO_FIX else params.fix,
             plant=params.physics() or "unicycle",
             world=params.world if params.in_room else None,
-            lidar=params.lidar if params.in_room else None,
+            lidar=(driver.lidar if driver else lidar) if params.in_room else None,
         ).setup()
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}
-        self.trigger = Every(params.period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
+        self.trigger = Every(period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
         self._lidar: Lidar | None = p.room.lidar if p.room else None
         if self._lidar:
-            mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
+            mount = Mount(SCAN_FRAMES.get(lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
             self.outputs = {**self.outputs, **ROOM_OUTPUTS, "scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
         self._map = plan.map if plan else None
         if self._map:
@@ -158,8 +197,12 @@ class TurtlebotSimulator:
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
-        stated = replace(self.outputs["odometry"], covariance=self._uncertainty.covariance, transform=params.publish_tf)
+        covariance = None if speech else self._uncertainty.covariance
+        stated = replace(self.outputs["odometry"], covariance=covariance, transform=params.publish_tf)
         self.outputs = {**self.outputs, "odometry": stated}
+        self._driver, self._rng = driver, np.random.default_rng(params.seed)
+        self._ahead, self._held_up = (speech.ahead, speech.held_up) if speech and params.own_clock else (0.0, 0.0)
+        self._waiting: list[tuple[float, Odometry]] = []
         self._begun = False
         self.notice: str | None = None
         """Notice of the episode's first contact."""
@@ -168,6 +211,7 @@ class TurtlebotSimulator:
         """Begin the next episode."""
         self._episode.reset()
         self._uncertainty.reset()
+        self._waiting.clear()
         self._begun = False
         self.notice = None
 
@@ -185,7 +229,22 @@ class TurtlebotSimulator:
         self._uncertainty.hear(odometry)
         if self._map:
             said["map"], self._map = self._map, None
-        return said if self._lidar is None else {**said, **self._look_round(self._lidar)}
+        if self._lidar:
+            said |= self._look_round(self._lidar)
+        return self._by_its_clock(said) if self._ahead or self._held_up else said
+
+    def _by_its_clock(self, said: dict[str, Any]) -> dict[str, Any]:
+        """Return what the step says with the stamps of the robot's clock, and the odometry that arrives by now, if any."""
+        dt = self._episode.parameters.dt
+        self._waiting = [(age + dt, odometry) for age, odometry in self._waiting]
+        self._waiting.append((0.0, said.pop("odometry")))
+        if len(self._waiting) > MOST_HELD_UP or self._rng.random() >= self._held_up:
+            age, odometry = self._waiting.pop(0)
+            said["odometry"] = Aged(odometry, age)
+            if self._rng.random() < 0.5:
+                self._waiting.clear()  # it catches up: what still waits is lost
+        aged = {key: value if isinstance(value, Aged) else Aged(value, 0.0) for key, value in said.items()}
+        return {key: Aged(value, age - self._ahead) for key, (value, age) in aged.items()}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:
         """Return the outputs about the room; a scan only when one is complete."""
@@ -198,7 +257,7 @@ class TurtlebotSimulator:
             beam_period = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
             ranges = episode.scene.ranges[1, : lidar.beams].copy()
             scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
-            said["scan"] = Aged(scan, room.scan_age)
+            said["scan"] = Aged(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
         if at % SHOWN_EVERY == 0:
             said["obstacles"] = obstacles_of(episode.scene)
         return said

@@ -25,6 +25,7 @@ from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.process import refuse
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.nodes import MODES
 
@@ -110,6 +111,9 @@ def _parser() -> argparse.ArgumentParser:
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
     )
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
+    parser.add_argument(
+        "--as", dest="speaks_as", choices=list(SPEECHES), help="send what this recorded robot sends: gaps, its clock, its rates"
+    )
     parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default unicycle); mujoco needs MuJoCo")
     parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default 1)")
     parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default 0.05)")

@@ -21,7 +21,7 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
 from turtlebot_gym_ros.base.process import SETTLE, Runner
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
-from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
+from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND, SPEECHES
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import MODES, load
@@ -84,6 +84,9 @@ class Graph:
             raise ValueError(f"speed must be positive and below 1000, or None, got {speed!r}.")
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
+        if speech := SPEECHES.get(parameters.get("speaks_as", "")):
+            # In lock-step, stamps are those of the steps.
+            parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:
             parameters = _fit_room(parameters)
         if parameters.get("fix", "none") not in NO_FIX:
