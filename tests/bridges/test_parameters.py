@@ -39,6 +39,7 @@ RULES = {
         "seed": "a whole number from 0 to 9223372036854775807",
         "friction": "a number from 0 to 10",
         "caster_friction": "a number from 0 to 10",
+        "speaks_as": "one of none, turtlebot3, turtlebot4",
     },
     "kalman_filter": {"period": "a number above 0 and at most 60 s", "max_gap": "a number above 0 and below 60 s"},
     "simulated_teleop": {"period": "a number above 0 and below 1000 s"},
@@ -121,6 +122,7 @@ REFUSED = [
     ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),
     ("turtlebot_simulator", {"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
     ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
+    ("turtlebot_simulator", {"speaks_as": "roomba"}, "speaks_as must be one of none, turtlebot3, turtlebot4"),
     (
         "turtlebot_simulator",
         {"world": "dense", "lidar": "ideal", "period": 0.2},

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
-from turtlebot_gym.rooms.lidar import LIDARS, NARROW, NEAR, SECTORS, SIGHT
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Pooling, Scan
+from turtlebot_gym.rooms.lidar import DRIVERS, LIDARS, NARROW, NEAR, SECTORS, SIGHT
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Pooling, Scan, as_sent
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
@@ -194,6 +195,47 @@ def test_every_scan_of_a_real_turtlebot3_is_used_by_policies_and_monitor():
         monitor.hear(scan, sent=0.11 * at)
         passed += monitor.limit(Command(0.2, 0.0), 0.11 * at) == Command(0.2, 0.0)  # nothing was nearer than 0.5 m
     assert (len(scans), passed) == (549, 549)
+
+
+def test_a_driver_sends_what_recorded_robots_sent():
+    """An LDS-02 as in the recorded drive, an LDS-01's zeros, an A1's 720 beams, the 240 degrees of a Hokuyo."""
+    recorded, rng = recorded_scans(), np.random.default_rng(0)
+
+    def sent(name, least=0.5):
+        driver = DRIVERS[name]
+        ranges = rng.uniform(least, 4.0, driver.lidar.beams).astype(np.float32)
+        ranges[rng.random(len(ranges)) < 0.02] = np.inf
+        scan = Scan(ranges, 0.0, 2.0 * math.pi / len(ranges), 0.1, 5.0, 0.0, 1.0 / driver.lidar.rate)
+        return over_the_wire(WAY.write(as_sent(scan, driver, rng), Header()))
+
+    def figures(scans):
+        beams, lost = [len(each.ranges) for each in scans], [int(np.isnan(each.ranges).sum()) for each in scans]
+        turn = np.mean([len(each.ranges) * each.angle_increment for each in scans])
+        return min(beams), max(beams), np.median(lost), turn, np.mean([each.scan_time for each in scans])
+
+    np.testing.assert_array_less(
+        np.abs(np.subtract(figures([sent("lds02") for _ in recorded]), figures(recorded))), (0.5, 0.5, 8.0, 0.02, 0.005)
+    )
+    assert {(each.range_min, each.range_max) for each in recorded} == {(0.0, 100.0)}
+    assert [len(sent(name).ranges) for name in ("lds01", "a1", "urg04lx")] == [360, 720, 683]
+    assert 0.0 in sent("lds01").ranges
+    assert math.inf in sent("a1").ranges
+    hokuyo = sent("urg04lx")
+    assert (hokuyo.angle_min, hokuyo.angle_max) == pytest.approx((-math.radians(119.88), math.radians(119.88)), abs=1e-3)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.02, 0.05, 0.1])
+def test_at_least_99_of_100_scans_of_a_driver_that_loses_beams_are_used(lost):
+    driver, rng, used = replace(DRIVERS["lds02"], missing=lost), np.random.default_rng(3), 0
+    monitor = Arbiter(Parameters(collision_monitor=True), 0.0).monitor
+    for at in range(300):
+        ranges = rng.uniform(1.0, 4.0, driver.lidar.beams).astype(np.float32)
+        scan = as_sent(Scan(ranges, 0.0, 2.0 * math.pi / len(ranges), 0.0, 9.0), driver, rng)
+        message = over_the_wire(WAY.write(scan, Header(frame_id="base_scan")))
+        assert np.isfinite(Pooling()(WAY.read(message))).all()
+        monitor.hear(MonitorScan(message.ranges, scan.first, scan.increment, 0.0, 100.0, "base_scan"), sent=0.11 * at)
+        used += monitor.limit(Command(0.2, 0.0), 0.11 * at) == Command(0.2, 0.0)
+    assert used >= 297
 
 
 def test_a_clearance_that_is_no_number_is_refused():

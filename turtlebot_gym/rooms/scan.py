@@ -77,7 +77,7 @@ def as_sent(scan: Scan, driver: Driver, rng: np.random.Generator) -> Scan:
         rng: Draws the missing beams and the number of ranges.
     """
     number = int(rng.integers(*driver.beams, endpoint=True))
-    ranges = np.where(np.isinf(scan.ranges), np.float32(driver.nothing), scan.ranges)
+    ranges = np.where(np.isfinite(scan.ranges), scan.ranges, np.float32(driver.nothing))
     ranges[rng.random(len(ranges)) < driver.missing] = np.nan
     first, increment = 0.0, scan.increment
     if driver.sees < TWO_PI:

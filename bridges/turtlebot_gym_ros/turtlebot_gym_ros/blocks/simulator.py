@@ -120,10 +120,10 @@ class TurtlebotSimulator:
         world or of a map's YAML file."""
         lidar: str = "lds01"
         """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
-        speaks_as: Annotated[str, Names(("", *SPEECHES))] = ""
+        speaks_as: Annotated[str, Names(("none", *SPEECHES))] = "none"
         """Recorded robot whose messages it imitates, "turtlebot3" or "turtlebot4", with its LiDAR and rate of odometry whatever
         ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
-        late and has covariances of 0. Empty for perfect messages."""
+        late and has covariances of 0. "none" for perfect messages."""
         own_clock: bool = True
         """Whether its clock is ahead and its odometry late, which lock-step does not allow."""
         plant: str = "unicycle"
@@ -255,7 +255,8 @@ class TurtlebotSimulator:
         said: dict[str, Any] = {"goal": episode.waypoints[0], "clearance": Clearance(room.clearance)}
         if at == 0 or beams_by(at, lidar, dt) // lidar.beams > beams_by(at - 1, lidar, dt) // lidar.beams:
             beam_period = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
-            ranges = episode.scene.ranges[1, : lidar.beams].copy()
+            is_blind = np.isinf(episode.scene.beams[2, : lidar.beams])
+            ranges = np.where(is_blind, np.float32(np.nan), episode.scene.ranges[1, : lidar.beams])
             scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
             said["scan"] = Aged(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
         if at % SHOWN_EVERY == 0:

@@ -84,7 +84,7 @@ class Graph:
             raise ValueError(f"speed must be positive and below 1000, or None, got {speed!r}.")
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
-        if speech := SPEECHES.get(parameters.get("speaks_as", "")):
+        if speech := SPEECHES.get(parameters.get("speaks_as", "none")):
             # In lock-step, stamps are those of the steps.
             parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:
