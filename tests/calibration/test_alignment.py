@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from turtlebot_gym.calibration.alignment import NO_SHIFT, _best, shift_truth, twist_delay
+from turtlebot_gym.calibration.alignment import _NO_SHIFT, _best, _shift_truth, _twist_delay
 from turtlebot_gym.drives import Drive
 
 GRID = 0.1 * np.arange(-5, 6)
@@ -41,7 +41,7 @@ def test_a_robot_that_follows_its_twist_later_lags_by_that(heading, lag):
     twist = np.stack([np.gradient(way(time), time), np.zeros(len(time))], axis=1)
     driven = way(time - lag)
     poses = np.stack([driven * math.cos(heading), driven * math.sin(heading), np.full(len(time), heading)], axis=1)
-    found = twist_delay(Drive(time=time, twist=twist, true_state=poses), poses, 0.1)
+    found = _twist_delay(Drive(time=time, twist=twist, true_state=poses), poses, 0.1)
     assert found.value == pytest.approx(lag, abs=0.03)  # a twist of a row is that of the interval before it
     assert found.is_sure
 
@@ -49,10 +49,10 @@ def test_a_robot_that_follows_its_twist_later_lags_by_that(heading, lag):
 def test_a_short_drive_tells_nothing_of_clocks():
     time = 0.05 * np.arange(40)
     poses = np.zeros((40, 3))
-    assert twist_delay(Drive(time=time, twist=np.zeros((40, 2)), true_state=poses), poses, 0.1) == NO_SHIFT
+    assert _twist_delay(Drive(time=time, twist=np.zeros((40, 2)), true_state=poses), poses, 0.1) == _NO_SHIFT
 
 
 def test_poses_that_lag_behind_the_truth_get_the_truth_of_their_own_moment():
     time = 0.1 * np.arange(10)
     drive = Drive(time=time, true_state=np.column_stack([time, 0.0 * time, 0.0 * time]))
-    np.testing.assert_allclose(shift_truth(drive, 0.2).truth[:, 0], [np.nan, np.nan, *(time[2:] - 0.2)], atol=1e-12)
+    np.testing.assert_allclose(_shift_truth(drive, 0.2).truth[:, 0], [np.nan, np.nan, *(time[2:] - 0.2)], atol=1e-12)

@@ -35,7 +35,7 @@ class Shift(NamedTuple):
     """Whether the shift is far likelier than none."""
 
 
-NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
+_NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
 
 
 class Frame(NamedTuple):
@@ -51,7 +51,52 @@ class Frame(NamedTuple):
     """Whether the two frames differ, rather than one frame with a bias."""
 
 
-SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
+_SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
+
+
+def aligned(
+    drive: Drive, kind: str, has_truth: bool, delay: float | None
+) -> tuple[Drive, tuple[Shift, Shift], Frame, list[str]]:
+    """Return a drive with one clock and one frame, and the shifts, frame and remarks that this took.
+
+    Args:
+        drive: The drive.
+        kind: Kind of its odometry; only that which measures the pose has a clock and a frame of its own.
+        has_truth: Whether the truth is used.
+        delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
+    """
+    remarks, frame, late = [], _SAME_FRAME, _NO_SHIFT
+    if has_truth and kind == "pose":
+        frame = _find_frame(drive)
+        if frame.is_other:
+            drive = _into_measured_frame(drive, frame)
+            remarks.append(
+                f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
+                f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be distinguished from that"
+            )
+        late = _truth_delay(drive)
+        if late.is_sure:
+            drive = _shift_truth(drive, late.value)
+            remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
+            if frame.is_other:
+                again = _find_frame(drive)
+                drive = _into_measured_frame(drive, again)
+    poses, window = (drive.truth, WINDOW) if has_truth else (drive.odometry, NOISY_WINDOW)
+    if delay is None:
+        twist_late = _twist_delay(drive, poses, max(window, drive.period))
+        rows = twist_late.value / drive.period
+        if abs(rows - round(rows)) < 0.25:  # delays by steps are whole steps
+            twist_late = twist_late._replace(value=round(rows) * drive.period)
+    else:
+        twist_late = Shift(delay, delay, delay, True)
+    if twist_late.is_sure:
+        remark = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
+        if twist_late.value > 0.0 or delay is not None:
+            drive = _shift_twist(drive, twist_late.value)
+        else:  # the filter gets the twist just as late when it drives
+            remark += ", that is, the twist comes late; this is left as it is, as the filter meets it"
+        remarks.append(remark)
+    return drive, (twist_late, late), frame, remarks
 
 
 def _progress(drive: Drive) -> NDArray[np.float64]:
@@ -59,7 +104,7 @@ def _progress(drive: Drive) -> NDArray[np.float64]:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(drive.twist[1:] * np.diff(drive.time)[:, None], axis=0)])
 
 
-def shift_twist(drive: Drive, delay: float) -> Drive:
+def _shift_twist(drive: Drive, delay: float) -> Drive:
     """Return a drive whose twists are delayed; a row that has no twist then does not continue the one before it.
 
     Args:
@@ -101,7 +146,7 @@ def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.
     return np.stack(columns, axis=1)
 
 
-def twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
+def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
     """Return how long the motion lags behind the recorded twist.
 
     Args:
@@ -111,7 +156,7 @@ def twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shif
     """
     begin = np.arange(drive.time[0] + REACH, drive.time[-1] - REACH - window, 0.5 * window)
     if len(begin) < 20:
-        return NO_SHIFT
+        return _NO_SHIFT
     driven = _progress(drive)
     first, last = _at(drive.time, poses, begin), _at(drive.time, poses, begin + window)
     middle = 0.5 * (first[:, 2] + last[:, 2])
@@ -129,11 +174,11 @@ def twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shif
     return _best(shifts, score)
 
 
-def truth_delay(drive: Drive) -> Shift:
+def _truth_delay(drive: Drive) -> Shift:
     """Return how long the measured poses lag behind the true ones."""
     inside = known(drive.odometry) & (drive.time > drive.time[0] + REACH) & (drive.time < drive.time[-1] - REACH)
     if inside.sum() < 20:
-        return NO_SHIFT
+        return _NO_SHIFT
     z, time = drive.odometry[inside], drive.time[inside]
     step = max(0.1 * drive.period, 0.002)
     reach = math.floor(REACH / step)
@@ -145,7 +190,7 @@ def truth_delay(drive: Drive) -> Shift:
     return _best(shifts, score)
 
 
-def shift_truth(drive: Drive, delay: float) -> Drive:
+def _shift_truth(drive: Drive, delay: float) -> Drive:
     """Return a drive whose truth is stamped by the clock of the measured poses, which lag behind it."""
     then = drive.time - delay
     times = drive.time[known(drive.truth)]
@@ -155,7 +200,7 @@ def shift_truth(drive: Drive, delay: float) -> Drive:
     return replace(drive, true_state=truth)
 
 
-def find_frame(drive: Drive) -> Frame:
+def _find_frame(drive: Drive) -> Frame:
     """Return the pose of the measured poses' frame in the truth's, from positions alone, as headings may be biased.
 
     References:
@@ -173,7 +218,7 @@ def find_frame(drive: Drive) -> Frame:
     return Frame(float(there.real), float(there.imag), theta, is_other)
 
 
-def into_measured_frame(drive: Drive, frame: Frame) -> Drive:
+def _into_measured_frame(drive: Drive, frame: Frame) -> Drive:
     """Return a drive whose truth is in the frame of the measured poses, where their noise is defined."""
     away = drive.truth[:, 0] - frame.x + 1j * (drive.truth[:, 1] - frame.y)
     turned = away * np.exp(-1j * frame.theta)

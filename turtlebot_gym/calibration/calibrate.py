@@ -8,20 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from turtlebot_gym.calibration.alignment import (
-    NO_SHIFT,
-    NOISY_WINDOW,
-    SAME_FRAME,
-    WINDOW,
-    Frame,
-    Shift,
-    find_frame,
-    into_measured_frame,
-    shift_truth,
-    shift_twist,
-    truth_delay,
-    twist_delay,
-)
+from turtlebot_gym.calibration.alignment import Frame, Shift, aligned
 from turtlebot_gym.calibration.coordinates import value_of, with_values
 from turtlebot_gym.calibration.estimates import ONLY_TRUTH, Estimate, of_share
 from turtlebot_gym.calibration.fitting import POSE, WHEELS, by_innovations, by_truth
@@ -125,7 +112,7 @@ def calibrate(
         )
     if kind == POSE and not drive.has_odometry:
         raise ValueError("there are no measured poses to calibrate.")
-    drive, delays, frame, remarks = _aligned(drive, kind, has_truth, delay)
+    drive, delays, frame, remarks = aligned(drive, kind, has_truth, delay)
     progress("alignment")
     started = Noise(process=replace(start, scale=1.0, slip=0.0), odometry=OdometryNoise(wheel=kind == WHEELS))
     if has_truth:
@@ -158,44 +145,6 @@ def calibrate(
         remarks=(*drive.remarks, *remarks),
         drive=drive,
     )
-
-
-def _aligned(
-    drive: Drive, kind: str, has_truth: bool, delay: float | None
-) -> tuple[Drive, tuple[Shift, Shift], Frame, list[str]]:
-    """Return a drive with one clock and one frame, and the shifts, frame and remarks that this took."""
-    remarks, frame, late = [], SAME_FRAME, NO_SHIFT
-    if has_truth and kind == POSE:
-        frame = find_frame(drive)
-        if frame.is_other:
-            drive = into_measured_frame(drive, frame)
-            remarks.append(
-                f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
-                f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be distinguished from that"
-            )
-        late = truth_delay(drive)
-        if late.is_sure:
-            drive = shift_truth(drive, late.value)
-            remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
-            if frame.is_other:
-                again = find_frame(drive)
-                drive = into_measured_frame(drive, again)
-    poses, window = (drive.truth, WINDOW) if has_truth else (drive.odometry, NOISY_WINDOW)
-    if delay is None:
-        twist_late = twist_delay(drive, poses, max(window, drive.period))
-        rows = twist_late.value / drive.period
-        if abs(rows - round(rows)) < 0.25:  # delays by steps are whole steps
-            twist_late = twist_late._replace(value=round(rows) * drive.period)
-    else:
-        twist_late = Shift(delay, delay, delay, True)
-    if twist_late.is_sure:
-        remark = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
-        if twist_late.value > 0.0 or delay is not None:
-            drive = shift_twist(drive, twist_late.value)
-        else:  # the filter gets the twist just as late when it drives
-            remark += ", that is, the twist comes late; this is left as it is, as the filter meets it"
-        remarks.append(remark)
-    return drive, (twist_late, late), frame, remarks
 
 
 def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:

@@ -3,7 +3,7 @@
 To stack the observations of a scalar environment, use Gymnasium's `FrameStackObservation`.
 """
 
+from turtlebot_gym.wrappers.common import Moment, Transition
 from turtlebot_gym.wrappers.scalar import AppendSensor, SmoothAction, TransitionReward
-from turtlebot_gym.wrappers.transition import Moment, Transition
 
 __all__ = ["AppendSensor", "Moment", "SmoothAction", "Transition", "TransitionReward"]

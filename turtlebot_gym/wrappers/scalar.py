@@ -10,16 +10,7 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.wrappers.sensor import Sensor
-from turtlebot_gym.wrappers.transition import (
-    SHARE,
-    Moment,
-    Transition,
-    ask,
-    doubled,
-    moment,
-    require_box,
-)
+from turtlebot_gym.wrappers.common import SHARE, Moment, Sensor, Transition, ask, doubled, moment, require_box
 
 _ALL = np.ones(1, np.bool_)
 

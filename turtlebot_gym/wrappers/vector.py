@@ -16,16 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.envs.common import of_rows
-from turtlebot_gym.wrappers.sensor import Sensor
-from turtlebot_gym.wrappers.transition import (
-    SHARE,
-    Moment,
-    Transition,
-    ask,
-    doubled,
-    moment,
-    require_box,
-)
+from turtlebot_gym.wrappers.common import SHARE, Moment, Sensor, Transition, ask, doubled, moment, require_box
 
 
 class _Stepped(NamedTuple):

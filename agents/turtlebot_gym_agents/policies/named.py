@@ -1,16 +1,20 @@
-"""Policies by name: baselines, bundles shipped with the package, files, and users' callables."""
+"""Policies by name: baselines, bundles shipped with the package, files, and users' callables, whose answers are checked."""
 
 from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
-from turtlebot_gym_agents.policies.own import load_own
 from turtlebot_gym_agents.policies.policy import Policy
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 
@@ -62,6 +66,53 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
     if not all(name.partition(":")):
         raise ValueError(f"{known}.{did_you_mean(name, names)}")
     try:
-        return load_own(name, make_robot(robot), dt)
+        return _load_own(name, make_robot(robot), dt)
     except ValueError as error:
         raise ValueError(f"{known}: {error}") from error
+
+
+def _load_own(name: str, robot: Robot, dt: float) -> Policy:
+    """Import a policy, named as "module:callable"; a class is instantiated with ``robot`` and ``dt`` as keywords."""
+    policy = load_object(name)
+    if not callable(policy):
+        raise ValueError("it cannot be called.")
+    try:
+        return _Own(name, policy(robot=robot, dt=dt) if isinstance(policy, type) else policy)
+    except Exception as error:
+        raise failure(name, error) from error
+
+
+class _Own:
+    """A policy whose actions are checked, and whose errors become one line that says where it failed.
+
+    It has all the attributes of the wrapped policy, including ``reset`` and ``layout``.
+    """
+
+    def __init__(self, name: str, policy: Any) -> None:
+        self._name, self._policy = name, policy
+
+    def __getattr__(self, attribute: str) -> Any:
+        if attribute.startswith("_"):
+            raise AttributeError(attribute)
+        return getattr(self._policy, attribute)
+
+    def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return actions (..., 2) for observations (..., n).
+
+        Raises:
+            ValueError: If the policy raises, or does not return as many pairs of finite numbers.
+        """
+        try:
+            answer = self._policy(observations)
+        except Exception as error:
+            raise failure(self._name, error) from error
+        shape = (*np.shape(observations)[:-1], 2)
+        try:
+            actions = np.asarray(answer, np.float32)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{self._name}: it must return numbers, got {type(answer).__name__}.") from error
+        if actions.shape != shape:
+            raise ValueError(f"{self._name}: it must return an array of shape {shape}, got {actions.shape}.")
+        if not np.isfinite(actions).all():
+            raise ValueError(f"{self._name}: it must return finite numbers, got {actions[~np.isfinite(actions)][0]}.")
+        return actions

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -13,7 +15,6 @@ import yaml
 from turtlebot_gym import files
 from turtlebot_gym.validation import Range, Rule, choose, did_you_mean, flag, refusal, shown
 from turtlebot_gym_agents.files import replacing
-from turtlebot_gym_agents.training.zoo import read_keywords, write_keywords
 
 ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish")
 """Modules of torch.nn between the layers of a network."""
@@ -257,7 +258,7 @@ def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
     """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
     content = dict(hyper)
     if isinstance(content.get("policy_kwargs"), dict):
-        content["policy_kwargs"] = write_keywords(content["policy_kwargs"])
+        content["policy_kwargs"] = _write_keywords(content["policy_kwargs"])
     with replacing(path) as beside:
         beside.write_text(yaml.safe_dump({env: content}, sort_keys=False, width=128), encoding="utf-8")
 
@@ -268,7 +269,7 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
     if missing := [key for key in ("n_envs", "n_timesteps", "policy") if key not in given]:
         raise ValueError(f"{', '.join(missing)} must be given.")
     network = given.get("policy_kwargs") or {}
-    network = read_keywords(network) if isinstance(network, str) else network
+    network = _read_keywords(network) if isinstance(network, str) else network
     hyper = rules.check(algo, {**given, "policy_kwargs": network})
     if ("noise_type" in hyper) != ("noise_std" in hyper):
         raise ValueError("noise_type and noise_std must be given together.")
@@ -282,3 +283,35 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
     elif hyper["n_envs"] > 1 and "episode" in str(hyper.get("train_freq")):
         raise ValueError(f"train_freq must be in steps where n_envs is more than 1, got {hyper['train_freq']!r}.")
     return hyper
+
+
+def _write_keywords(keywords: Mapping[str, Any]) -> str:
+    """Return text that `_read_keywords` reads back, and that the zoo evaluates to the same."""
+    written = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in keywords.items())
+    return f"dict({', '.join(written)})"
+
+
+def _read_keywords(text: str) -> dict[str, Any]:
+    """Return what ``dict(name=literal, activation_fn=nn.Name)`` says, with the name as text, without running it.
+
+    The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and as it is to the algorithm where it is a mapping,
+    which cannot name an activation function. So its files hold ``policy_kwargs: dict(net_arch=[64], activation_fn=nn.ReLU)``.
+
+    References:
+        rl-baselines3-zoo 2.9.2, ``rl_zoo3/exp_manager.py``, ``_preprocess_hyperparams``.
+    """
+    with suppress(SyntaxError, ValueError, RecursionError):
+        call = ast.parse(text.strip(), mode="eval").body
+        if isinstance(call, ast.Call):
+            return _literal(call)
+    allowed = "a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)'"
+    raise refusal("policy_kwargs", allowed, text)
+
+
+def _literal(node: ast.expr) -> Any:
+    match node:
+        case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords) if all(keyword.arg for keyword in keywords):
+            return {str(keyword.arg): _literal(keyword.value) for keyword in keywords}
+        case ast.Attribute(value=ast.Name(id="nn"), attr=name):
+            return name
+    return ast.literal_eval(node)

@@ -3,7 +3,6 @@
 The view needs Bokeh, the extra [watch]; the drives do not.
 """
 
-from turtlebot_gym_agents.watch.episode import record_episode
-from turtlebot_gym_agents.watch.recorded import read_recorded
+from turtlebot_gym_agents.watch.episode import read_recorded, record_episode
 
 __all__ = ["read_recorded", "record_episode"]

@@ -1,10 +1,11 @@
-"""An episode as a drive: the first episode of `evaluate` with the same arguments."""
+"""Drives for the view: an episode, or a recorded drive."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -12,7 +13,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from turtlebot_gym.drives import Drive, Seen, Surroundings
+from turtlebot_gym.drives import Drive, Seen, Surroundings, read
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
@@ -20,6 +21,7 @@ from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters, system_of
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
+from turtlebot_gym_agents.evaluation.replay import replay, replayable
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
 
@@ -39,7 +41,7 @@ def record_episode(
     allow_mismatch: bool = False,
     **options: Any,
 ) -> Drive:
-    """Drive an episode and return it.
+    """Drive an episode and return it: the first episode of `evaluate` with the same arguments.
 
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
@@ -63,6 +65,26 @@ def record_episode(
         envs.close()
     name = label or (policy if isinstance(policy, str) else type(policy).__name__)
     return _episode(rows, p, label=name, grid=grid)
+
+
+def read_recorded(path: str | Path, *, label: str | None = None, lidar: str = "lds01", **options: Any) -> Drive:
+    """Read a recorded drive; over one of wheels and truth alone, the filter is run.
+
+    Args:
+        path: A recording, see `turtlebot_gym.drives.read`.
+        label: Label in the view; by default the name of the file.
+        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        **options: For a drive in which no pose was measured, passed to `evaluation.replay.replay`.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If the file holds no drive; the message says what is missing.
+        ImportError: If the file is a bag and rosbags is missing.
+    """
+    drive = read(path, label=label, lidar=lidar)
+    if drive.has_truth and not drive.has_odometry:
+        return replay(replayable(drive), **options)
+    return drive
 
 
 def _scene_of(envs: VectorEnv) -> Scene | None:
