@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
     from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
     from turtlebot_gym.robots import ROBOTS, Robot
-    from turtlebot_gym.systems import Episode, Options, Parameters, System, World, make_parameters
+    from turtlebot_gym.systems import Episode, Options, Parameters, Snapshot, System, make_parameters
     from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
     from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 else:  # import names at first use: the compiler alone takes half a second
@@ -25,7 +25,7 @@ else:  # import names at first use: the compiler alone takes half a second
         "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise", "Reward"),
         "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
         "robots": ("ROBOTS", "Robot"),
-        "systems": ("Episode", "Options", "Parameters", "System", "World", "make_parameters"),
+        "systems": ("Episode", "Options", "Parameters", "System", "Snapshot", "make_parameters"),
         "tasks": ("NAV", "OBSERVATION_LAYOUT", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Observation", "Task"),
         "values": ("STOP", "Belief", "Command", "Covariance", "Pose", "State"),
     }
@@ -58,10 +58,10 @@ __all__ = [
     "ProcessNoise",
     "Reward",
     "Robot",
+    "Snapshot",
     "State",
     "System",
     "Task",
-    "World",
     "make_filter",
     "make_fix",
     "make_noise",

@@ -63,7 +63,7 @@ def outputs_of(command: Any) -> Iterator[tuple[str, Path, Output]]:
     Args:
         command: A dataclass. Its method ``paths(name)``, where it has one, says to which paths an option leads.
     """
-    for name, kind in kinds_of(type(command)).items():
+    for name, kind in _kinds_of(type(command)).items():
         value = getattr(command, name)
         if value is not None:
             paths = command.paths(name) if hasattr(command, "paths") else (value,)
@@ -72,11 +72,11 @@ def outputs_of(command: Any) -> Iterator[tuple[str, Path, Output]]:
 
 def inputs_of(command: Any) -> Iterator[object]:
     """Yield the values of a command's other options."""
-    written = kinds_of(type(command))
+    written = _kinds_of(type(command))
     yield from (getattr(command, item.name) for item in fields(command) if item.name not in written)
 
 
-def kinds_of(command: type) -> Mapping[str, Output]:
+def _kinds_of(command: type) -> Mapping[str, Output]:
     """Return the fields of a command that name outputs, each with its kind."""
     marks = {name: getattr(hint, "__metadata__", ()) for name, hint in get_type_hints(command, include_extras=True).items()}
     return {name: mark for name, found in marks.items() for mark in found if isinstance(mark, Output)}

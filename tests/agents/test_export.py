@@ -105,7 +105,7 @@ def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         without_torchs_exporter(patch)
         export(model, tmp_path / "ours.onnx", CARD)
-    monkeypatch.setattr(module, "graph_of", lambda layers, size: None)
+    monkeypatch.setattr(module, "_graph_of", lambda layers, size: None)
     export(model, tmp_path / "torchs.onnx", CARD)
     ours, torchs = (BundlePolicy(tmp_path / f"{whose}.onnx")(seen) for whose in ("ours", "torchs"))
     np.testing.assert_array_equal(ours, torchs)

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
-from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, Output, kinds_of, outputs_of, require_outputs
+from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, Output, _kinds_of, outputs_of, require_outputs
 
 READ = {"config", "against", "check", "file", "files", "log", "model", "drive"}
 """Options that name files to be read."""
 NEEDED = {"replay": ["drive.csv"], "calibrate": ["drive.csv"], "export": ["drive.csv"], "study": ["drive.csv"]}
-WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in kinds_of(command)]
+WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in _kinds_of(command)]
 
 
 def flag_of(option):
@@ -33,7 +33,7 @@ def folder(tmp_path, monkeypatch):
 def test_each_option_that_names_a_path_is_known_as_an_input_or_an_output(name):
     command = COMMANDS[name]
     paths = {item.name for item in fields(command) if any(word in str(item.type) for word in ("Path", "File"))}
-    assert paths - READ == set(kinds_of(command))
+    assert paths - READ == set(_kinds_of(command))
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def refused(name, option, value, capsys, *more):
 
 @pytest.mark.parametrize(("name", "option"), WRITTEN)
 def test_an_output_that_cannot_be_written_is_refused_before_the_work(name, option, untouched, capsys, folder):
-    kind = kinds_of(COMMANDS[name])[option]
+    kind = _kinds_of(COMMANDS[name])[option]
     (ending,) = kind.endings[:1] or ("",)
     if kind.folder:
         assert "a folder is needed" in refused(name, option, "drive.csv", capsys)
@@ -71,9 +71,9 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(name, optio
     assert sorted(path.name for path in folder.iterdir() if path.name != "runs") == ["drive.csv", "folder", f"folder{ending}"]
 
 
-@pytest.mark.parametrize(("name", "option"), [one for one in WRITTEN if not kinds_of(COMMANDS[one[0]])[one[1]].folder])
+@pytest.mark.parametrize(("name", "option"), [one for one in WRITTEN if not _kinds_of(COMMANDS[one[0]])[one[1]].folder])
 def test_a_result_is_overwritten_only_with_force(name, option, untouched, capsys, folder):
-    kind = kinds_of(COMMANDS[name])[option]
+    kind = _kinds_of(COMMANDS[name])[option]
     path = folder / f"result{kind.endings[0]}"
     path.write_text("dear")
     if kind.resumed:

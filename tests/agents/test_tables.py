@@ -16,7 +16,7 @@ from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.commands.learning_report import Trained, search_table, training_table
 from turtlebot_gym_agents.commands.study import table as study_table
-from turtlebot_gym_agents.commands.tables import Need, _groups, _widths, fitted
+from turtlebot_gym_agents.commands.tables import _groups, _Need, _widths, fitted
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
 WIDTH = 80
@@ -184,6 +184,6 @@ def test_parts_are_as_even_as_possible():
 
 def test_spare_width_goes_to_the_columns_that_wrap_most():
     # Of 5 + 18 + 1 + 2 * 3 = 30 characters, 6 are left: 8 lack here and 2 there.
-    assert _widths([Need(2, 4), Need(10, 18)], 25) == [2, 16]
-    assert _widths([Need(2, 4), Need(10, 18)], 27) == [3, 17]
-    assert _widths([Need(2, 4), Need(10, 18)], 99) == [4, 18]
+    assert _widths([_Need(2, 4), _Need(10, 18)], 25) == [2, 16]
+    assert _widths([_Need(2, 4), _Need(10, 18)], 27) == [3, 17]
+    assert _widths([_Need(2, 4), _Need(10, 18)], 99) == [4, 18]

@@ -10,7 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Body, Course, World
+from turtlebot_gym.systems import Body, Course, Snapshot
 from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Odometry, Pose, Senses, State
 
@@ -19,11 +19,11 @@ BODY, GREEN, BLACK, VERMILLION, SKY_BLUE = (200, 200, 200), (0, 158, 115), (0, 0
 FAR = Pose(-1.8, -1.8, 0.0)
 
 
-def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> World:
+def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> Snapshot:
     """Return a world with everything at its place, and all else in a corner."""
     variance = deviation**2
     covariance = Covariance(variance, 0.0, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return World(
+    return Snapshot(
         Body(State(*truth, 0.0, 0.0), STOP, (STOP, STOP, STOP), Pose(*truth), False),
         Senses(Odometry(odometry, STOP, True)),
         Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.plants.engine import Engine, _product, engine_of, model_of
+from turtlebot_gym.plants.engine import Engine, _model_of, _product, engine_of
 from turtlebot_gym.values import STOP, Command, Pose
 
 mujoco = pytest.importorskip("mujoco")
@@ -104,7 +104,7 @@ def test_its_odometry_is_what_its_wheels_have_rolled():
 
 def test_the_caster_carries_what_the_lever_says():
     """0.8257 kg and 0.114 kg at -0.032 m and 0.005 kg at -0.081 m, of 1.0017 kg, on a lever of 0.081 m: 3.69 N of 9.83 N."""
-    model = mujoco.MjModel.from_xml_string(model_of(GRIP))
+    model = mujoco.MjModel.from_xml_string(_model_of(GRIP))
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 2000)
     force, loads = np.zeros(6), {}

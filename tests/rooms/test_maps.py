@@ -18,7 +18,7 @@ from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms import drawing, geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.lidar import LIDARS
-from turtlebot_gym.rooms.maps import read_grid, read_map
+from turtlebot_gym.rooms.maps import _read_grid, read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import find_world
 from turtlebot_gym.systems import Episode, make_parameters, make_room
@@ -64,7 +64,7 @@ def cellular(seed, rows=50, columns=70, fill=0.44):
 def test_a_plain_pgm_of_a_mapper_is_read_cell_by_cell(tmp_path):
     """What map_saver writes: 0 occupied, 254 free, 205 unknown."""
     path = write_map(tmp_path, np.array([[0, 254, 205], [254, 254, 0]], np.uint8), origin=[-1.0, 2.0, 0.0])
-    grid = read_grid(path)
+    grid = _read_grid(path)
     assert grid.cells.tolist() == [[0, 0, 100], [100, 0, -1]]  # the lowest row first
     assert (grid.resolution, grid.origin) == (0.05, Pose(-1.0, 2.0, 0.0))
 
@@ -72,14 +72,14 @@ def test_a_plain_pgm_of_a_mapper_is_read_cell_by_cell(tmp_path):
 def test_a_pgm_in_letters_is_read_too(tmp_path):
     path = write_map(tmp_path, "P2\n# in letters\n3 2\n100\n0 100 80\n50 60 100\n", free_thresh=0.25)
     # Of 100: 80 is 0.2 of occupancy, 60 is 0.4, 50 is 0.5; 16 bits at once have other scales.
-    assert read_grid(path).cells.tolist() == [[-1, -1, 0], [100, 0, 0]]
+    assert _read_grid(path).cells.tolist() == [[-1, -1, 0], [100, 0, 0]]
     path = write_map(tmp_path, "P2\n3 1\n65535\n0 40000 65535\n")
-    assert read_grid(path).cells.tolist() == [[100, -1, 0]]
+    assert _read_grid(path).cells.tolist() == [[100, -1, 0]]
 
 
 def test_a_negated_png_with_colours_and_a_rotation_is_read(tmp_path):
     pixels = np.array([[[255, 255, 255], [0, 0, 0], [255, 0, 0]], [[10, 20, 30], [255, 255, 0], [150, 150, 210]]], np.uint8)
-    grid = read_grid(write_map(tmp_path, pixels, image="map.png", negate=1, origin=[1, 2, 0.5], resolution=0.1))
+    grid = _read_grid(write_map(tmp_path, pixels, image="map.png", negate=1, origin=[1, 2, 0.5], resolution=0.1))
     # Negated, brightness is occupancy: 1, 0, 1/3; 20/255, 2/3, 2/3.
     assert grid.cells.tolist() == [[0, 100, 100], [100, 0, -1]]
     assert grid.origin == Pose(1.0, 2.0, 0.5)
@@ -88,24 +88,24 @@ def test_a_negated_png_with_colours_and_a_rotation_is_read(tmp_path):
 def test_transparency_is_averaged_in_trinary_and_unknown_in_scale(tmp_path):
     pixels = np.array([[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128, 128, 255]]], np.uint8)
     # Averages of four channels: 255, 1020, 765 and 639 of 1020, so occupancies 0.75, 0, 0.25 and 0.37.
-    assert read_grid(write_map(tmp_path, pixels, image="map.png")).cells.tolist() == [[100, 0, -1, -1]]
-    scaled = read_grid(write_map(tmp_path, pixels, image="map.png", mode="scale"))
+    assert _read_grid(write_map(tmp_path, pixels, image="map.png")).cells.tolist() == [[100, 0, -1, -1]]
+    scaled = _read_grid(write_map(tmp_path, pixels, image="map.png", mode="scale"))
     assert scaled.cells.tolist() == [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]
 
 
 def test_a_raw_map_has_the_values_of_its_pixels(tmp_path):
     path = write_map(tmp_path, np.array([[0, 1, 99, 100, 101, 255]], np.uint8), mode="raw", negate="true")
-    assert read_grid(path).cells.tolist() == [[0, 1, 99, 100, -1, -1]]
+    assert _read_grid(path).cells.tolist() == [[0, 1, 99, 100, -1, -1]]
 
 
 def test_a_cell_at_a_threshold_is_unknown(tmp_path):
     """Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749."""
     pixels = np.array([[0, 127, 128, 64, 63, 255]], np.uint8)
     halves = write_map(tmp_path, pixels, occupied_thresh=0.5, free_thresh=0.5)
-    assert read_grid(halves).cells.tolist() == [[100, 100, 0, 100, 100, 0]]
+    assert _read_grid(halves).cells.tolist() == [[100, 100, 0, 100, 100, 0]]
     exact = write_map(tmp_path, np.array([[255, 0, 200]], np.uint8), occupied_thresh=1.0, free_thresh=0.0, negate=1)
     with pytest.raises(ValueError, match="must hold a free cell; of 3 there is none"):  # 0 and 1 are at the thresholds
-        read_grid(exact)
+        _read_grid(exact)
 
 
 def boxes_of(grid):

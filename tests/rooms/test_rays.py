@@ -118,8 +118,8 @@ def test_a_ray_to_the_walls_ends_at_the_nearer_one_and_begins_inside():
 def test_distances_are_negative_inside():
     assert rays.distance_to_circle(3.0, 4.0, 2.0) == pytest.approx(3.0)
     assert rays.distance_to_circle(0.3, 0.4, 2.0) == pytest.approx(-1.5)
-    assert rays.distance_to_box(4.0, 5.0, 1.0, 1.0) == pytest.approx(5.0)
-    assert rays.distance_to_box(0.2, 0.0, 1.0, 0.5) == pytest.approx(-0.5)
+    assert rays._distance_to_box(4.0, 5.0, 1.0, 1.0) == pytest.approx(5.0)
+    assert rays._distance_to_box(0.2, 0.0, 1.0, 0.5) == pytest.approx(-0.5)
     assert rays.distance_to_walls(0.5, 1.0, 2.0, 3.0) == pytest.approx(1.5)
     assert rays.distance_to_walls(2.5, 1.0, 2.0, 3.0) == pytest.approx(-0.5)
 

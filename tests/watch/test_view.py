@@ -20,8 +20,8 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.watch.html import to_html, write_html
-from turtlebot_gym_agents.watch.maps import extent, picture
+from turtlebot_gym_agents.watch.html import _to_html, write_html
+from turtlebot_gym_agents.watch.maps import _extent, picture
 from turtlebot_gym_agents.watch.server import Server
 from turtlebot_gym_agents.watch.view import fill
 
@@ -75,7 +75,7 @@ def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
 
 
 def test_names_are_text():
-    page = to_html([make_drive(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>")
+    page = _to_html([make_drive(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>")
     assert "<script>alert(1)" not in page
     assert "</title><b>" not in page
 
@@ -105,17 +105,17 @@ def test_the_line_is_the_quantile_of_chi_square():
 @pytest.mark.parametrize("number", [0, 7])
 def test_a_wrong_number_of_drives_is_refused(number):
     with pytest.raises(ValueError, match="1 to 6 drives"):
-        to_html([make_drive(3, scans=1)] * number, title="")
+        _to_html([make_drive(3, scans=1)] * number, title="")
 
 
 def test_the_view_holds_the_room_and_the_paths():
     room = Obstacles((1.0, 0.0, 5.0, 3.0), (), ())
-    low, high = extent([make_drive(3, room=room, scans=1)])
+    low, high = _extent([make_drive(3, room=room, scans=1)])
     assert np.all(low <= (-4.0, -3.0))
     assert np.all(high >= (6.0, 3.0))
     still = make_drive(1, scans=1)
     here = replace(still, true_state=np.zeros((1, 5)), estimate=np.zeros((1, 5)), reference=np.full((1, 3), np.nan))
-    low, high = extent([here])
+    low, high = _extent([here])
     np.testing.assert_allclose(high - low, 2.0)  # never nothing
 
 

@@ -16,7 +16,7 @@ from turtlebot_gym.compiled.parallel import address_of, parallel_loop
 from turtlebot_gym.compiled.threads import Pace, Threads
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.systems import Parameters, Surroundings, System, World, find_system, system_of
+from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, find_system, system_of
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
@@ -261,7 +261,7 @@ class Batch:
         """Return a copy of the first environment's world as a flat array, in the order of the layout."""
         return self._first[self._first_places]
 
-    def world(self, index: int) -> World:
+    def world(self, index: int) -> Snapshot:
         """Return one environment's world in Python numbers."""
         return self._loops.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
 

@@ -34,7 +34,7 @@ else:  # the functions run as plain Python
     njit: Any = lambda function, **options: function  # noqa: E731
 
 
-def fingerprint(*functions: Callable[..., Any]) -> str:
+def _fingerprint(*functions: Callable[..., Any]) -> str:
     """Return a hash of functions, of everything they call, and of the numbers they use; comments and paths do not count."""
     digest, seen = hashlib.sha256(), set()
     for function in functions:
@@ -95,6 +95,6 @@ def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False)
     if HAS_NUMBA:
         from turtlebot_gym.compiled.store import Store
 
-        identity = f"{fingerprint(function)} {parallel} {_compilers()}"
+        identity = f"{_fingerprint(function)} {parallel} {_compilers()}"
         dispatcher._cache = Store(name, hashlib.sha256(identity.encode()).hexdigest())
     return dispatcher

@@ -27,7 +27,7 @@ PARTS = {
     "reference": "course.reference",
     "command": "body.command",
 }
-"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.World`."""
+"""Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.Snapshot`."""
 
 NUMBERS = {"nis": "estimate.nis", "measured": "senses.odometry.measured", "slipping": "body.slipping"}
 """Single numbers that the vector environment reports: the normalized innovation squared of the last measurement, which

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.plotting import BLACK, ESTIMATE_WITHIN, GREEN, SKY_BLUE, VERMILLION, ellipse
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import World
+from turtlebot_gym.systems import Snapshot
 from turtlebot_gym.tasks import Task, distance_to
 from turtlebot_gym.values import Belief, Pose
 
@@ -81,7 +81,7 @@ class Renderer:
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
         self._centre = (low + high) / 2.0
         self._half = float(np.max(high - low)) / 2.0 + _MARGIN
-        self._history: list[World] = []
+        self._history: list[Snapshot] = []
         self._paper = self._make_paper()
 
     def _to_be_seen(self) -> list[tuple[float, float]]:
@@ -89,7 +89,7 @@ class Renderer:
         corners = [(0.0, 0.0)] if self._waypoints else [(-arena, -arena), (arena, arena)]
         return [*corners, *((x, y) for x, y, _ in self._waypoints)]
 
-    def draw(self, world: World) -> NDArray[np.uint8] | None:
+    def draw(self, world: Snapshot) -> NDArray[np.uint8] | None:
         """Draw a world and add it to the trails.
 
         Returns:
@@ -129,7 +129,7 @@ class Renderer:
         display.flip()
         self._clock.tick(self._fps)
 
-    def _widen(self, world: World) -> bool:
+    def _widen(self, world: Snapshot) -> bool:
         """Widen the view until it contains the robot, and return whether that was necessary."""
         x, y = world.body.true_state.x - self._centre[0], world.body.true_state.y - self._centre[1]
         needed = max(abs(x), abs(y)) + self._robot.radius
@@ -216,20 +216,20 @@ class Renderer:
         self._write(strip, "waypoint", BLACK, midleft=(waypoint[0] + 1.6 * size, row))
         return strip
 
-    def _write_numbers(self, surface: Surface, world: World) -> None:
+    def _write_numbers(self, surface: Surface, world: Snapshot) -> None:
         row = 18 * _FINE
         self._write(surface, f"time {world.steps * self._dt:.1f} s", BLACK, midleft=(15 * _FINE, row))
         to_go = distance_to(world.body.true_state, world.course.reference)
         self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(163 * _FINE, row))
 
-    def _draw_trails(self, before: World, after: World) -> None:
+    def _draw_trails(self, before: Snapshot, after: Snapshot) -> None:
         z, truth, mean = after.senses.odometry.pose, after.body.true_state, after.estimate.belief.mean
         self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
         was, believed = before.body.true_state, before.estimate.belief.mean
         self._line(self._paper, BLACK, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
         self._line(self._paper, VERMILLION, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
 
-    def _draw_present(self, surface: Surface, world: World) -> None:
+    def _draw_present(self, surface: Surface, world: Snapshot) -> None:
         self._draw_waypoint(surface, world.course.reference, GREEN, 3.0)
         truth = world.body.true_state
         size = self._length(self._robot.radius)

@@ -12,7 +12,7 @@ from turtlebot_gym.plotting import PURPLE
 from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import Scene
-from turtlebot_gym.systems import World
+from turtlebot_gym.systems import Snapshot
 
 if TYPE_CHECKING:
     from pygame import Surface
@@ -66,7 +66,7 @@ class RoomRenderer(Renderer):
         pixels[self._scene.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(_UNKNOWN))
         pixels[squares[0, row, column] == 0] = paper.map_rgb(self._pygame.Color(_SOLID))
 
-    def _draw_present(self, surface: Surface, world: World) -> None:
+    def _draw_present(self, surface: Surface, world: Snapshot) -> None:
         self._draw_circles(surface, walking=True)
         lidar, ends = self._beams(world)
         for beam in range(0, self._lidar.beams, -(-self._lidar.beams // _LINES)):
@@ -76,7 +76,7 @@ class RoomRenderer(Renderer):
         for end in ends.values():
             self._disc(surface, PURPLE, end, 4.0)
 
-    def _beams(self, world: World) -> tuple[tuple[float, float], dict[int, tuple[float, float]]]:
+    def _beams(self, world: Snapshot) -> tuple[tuple[float, float], dict[int, tuple[float, float]]]:
         """Return the LiDAR's position on the map, and the end of each beam that returned."""
         truth, lidar = world.body.true_state, self._lidar
         cosine, sine = math.cos(truth.theta), math.sin(truth.theta)

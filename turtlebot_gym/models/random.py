@@ -64,13 +64,13 @@ def uniforms(key: int, step: int, stream: int) -> tuple[float, float]:
 def normals(key: int, step: int, stream: int) -> tuple[float, float]:
     """Return two independent standard normal numbers, at most 6.8 in magnitude (Box and Muller, 1958)."""
     u1, u2 = uniforms(key, step, stream)
-    radius = sqrt(-2.0 * log_unit(u1))
+    radius = sqrt(-2.0 * _log_unit(u1))
     sine, cosine = sincos(TWO_PI * u2 - PI)
     return radius * cosine, radius * sine
 
 
 @kernel
-def log_unit(x: float) -> float:
+def _log_unit(x: float) -> float:
     """Return the natural logarithm of x in (2^-63, 1], to 1e-15 relative, without a branch.
 
     An exact division by a power of two brings x to [0.707, 1.414]; then follows the series of fdlibm's log.

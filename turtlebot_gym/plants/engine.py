@@ -93,7 +93,7 @@ class Engine:
         except ImportError as error:
             raise ImportError("The plant 'mujoco' needs MuJoCo: pip install \"turtlebot-gym[mujoco]\".") from error
         self._burger, self._mujoco = burger, mujoco
-        self._model = mujoco.MjModel.from_xml_string(model_of(burger))
+        self._model = mujoco.MjModel.from_xml_string(_model_of(burger))
         self._data = mujoco.MjData(self._model)
         self._kept = int(mujoco.mjtState.mjSTATE_PHYSICS) | int(mujoco.mjtState.mjSTATE_WARMSTART)
         self._state = np.zeros(mujoco.mj_stateSize(self._model, self._kept))
@@ -169,7 +169,7 @@ def engine_of(burger: MujocoBurger) -> Engine:
     return Engine(burger)
 
 
-def model_of(burger: MujocoBurger) -> str:
+def _model_of(burger: MujocoBurger) -> str:
     """Return MuJoCo's model of a robot, an MJCF document."""
     radius, half_width = burger.wheel_radius, 0.5 * burger.wheel_width
     size = (radius, half_width) if burger.cylinders else (radius, radius, half_width)

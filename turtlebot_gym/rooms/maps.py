@@ -33,11 +33,11 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
     Raises:
         ValueError: If a file cannot be read, or says what cannot be.
     """
-    grid = read_grid(path)
+    grid = _read_grid(path)
     return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
 
 
-def read_grid(path: str | Path) -> GridMap:
+def _read_grid(path: str | Path) -> GridMap:
     """Read a map's cells.
 
     Args:

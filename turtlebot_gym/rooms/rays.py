@@ -85,7 +85,7 @@ def distance_to_circle(x: float, y: float, radius: float) -> float:
 
 
 @kernel
-def distance_to_box(x: float, y: float, half_length: float, half_width: float) -> float:
+def _distance_to_box(x: float, y: float, half_length: float, half_width: float) -> float:
     """Return the distance from the origin to a box with its centre at (x, y), in the box's frame; negative inside of it."""
     out_x, out_y = abs(x) - half_length, abs(y) - half_width
     beside_x, beside_y = max(out_x, 0.0), max(out_y, 0.0)
@@ -102,7 +102,7 @@ def distance_to_turned_box(x: float, y: float, box) -> float:
         box: A row of `scene.Scene.boxes`.
     """
     cosine, sine = box[4], box[5]
-    return distance_to_box(x * cosine + y * sine, y * cosine - x * sine, box[2], box[3])
+    return _distance_to_box(x * cosine + y * sine, y * cosine - x * sine, box[2], box[3])
 
 
 @kernel

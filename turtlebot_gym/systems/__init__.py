@@ -7,7 +7,7 @@ from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, Ro
 from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, find_system, rooms, system_of
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
 from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
-from turtlebot_gym.systems.world import Body, Course, Outcome, World
+from turtlebot_gym.systems.world import Body, Course, Outcome, Snapshot
 
 __all__ = [
     "MAX_DELAY",
@@ -25,10 +25,10 @@ __all__ = [
     "RoomParameters",
     "Sensor",
     "Setup",
+    "Snapshot",
     "Step",
     "Surroundings",
     "System",
-    "World",
     "find_system",
     "make_parameters",
     "make_room",

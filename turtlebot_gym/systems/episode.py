@@ -18,7 +18,7 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.rooms import find_system
 from turtlebot_gym.systems.system import System, step_of
-from turtlebot_gym.systems.world import Outcome, World
+from turtlebot_gym.systems.world import Outcome, Snapshot
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Command, Pose
 
@@ -53,14 +53,14 @@ class Episode:
             self.scene = plan.put(self.scene)
         self.reset()
 
-    def reset(self) -> World:
+    def reset(self) -> Snapshot:
         """Begin the next episode of the seed, and return the world at its start."""
         p = self.parameters
         self.number += 1
         self.key = episode_key(self.seed, self.number)
         start, goal = self.system.lay_out(self.key, p, self.scene)
         self.waypoints = (goal,) if p.task.random else self._given
-        self.world: World = self._step.begin(start, self.key, self.waypoints, p, self.scene)
+        self.world: Snapshot = self._step.begin(start, self.key, self.waypoints, p, self.scene)
         self.outcome = start_outcome(self.world)
         return self.world
 
@@ -85,6 +85,6 @@ class Episode:
 
 
 @kernel
-def start_outcome(world: World) -> Outcome:
+def start_outcome(world: Snapshot) -> Outcome:
     """Return the outcome that represents the start of an episode."""
     return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False)

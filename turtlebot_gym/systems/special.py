@@ -17,7 +17,7 @@ from turtlebot_gym.systems.system import System
 
 
 class Special(NamedTuple):
-    """Known numbers of a step, by the dotted paths of `Parameters` and `World`; tuples of pairs stand for dicts."""
+    """Known numbers of a step, by the dotted paths of `Parameters` and `Snapshot`; tuples of pairs stand for dicts."""
 
     parameters: tuple[tuple[str, float], ...] = ()
     """Fixed parameters of the case. All parameters, these and the others, are the same for all environments."""

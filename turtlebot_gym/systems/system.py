@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.systems.sensors import Sensor, sensing
-from turtlebot_gym.systems.world import Course, Outcome, World
+from turtlebot_gym.systems.world import Course, Outcome, Snapshot
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Pose
 
@@ -34,9 +34,9 @@ class Surroundings(NamedTuple):
     at: Callable[..., Any]
     """``at(scenes, index)`` returns the scene of one environment."""
     first_look: Callable[..., Any]
-    """``first_look(world, key, p, scene)`` returns `World.room` at the start."""
+    """``first_look(world, key, p, scene)`` returns `Snapshot.room` at the start."""
     look: Callable[..., Any]
-    """``look(world, key, p, scene)`` moves what moves in the scene, measures the ranges, and returns the new `World.room`."""
+    """``look(world, key, p, scene)`` moves what moves in the scene, measures ranges, and returns the new `Snapshot.room`."""
     complete: Callable[..., Any]
     """``complete(world, room, outcome, p)`` returns the outcome of a step, completed by what `look` has found."""
     ranges: Callable[..., Any]
@@ -94,21 +94,21 @@ class System(NamedTuple):
 class Step(NamedTuple):
     """A system's kernels, assembled."""
 
-    begin: Callable[..., World]
+    begin: Callable[..., Snapshot]
     """``begin(pose, key, waypoints, p, scene)`` returns the world at the start of an episode, at rest in a pose."""
-    transition: Callable[..., tuple[World, Outcome]]
+    transition: Callable[..., tuple[Snapshot, Outcome]]
     """``transition(world, command, key, waypoints, p, scene)`` returns the world a control interval later, and the outcome.
 
     ``command`` is the policy's command; ``waypoints`` are poses, or an array (M, 3).
     """
     observe: Callable[..., Any]
     """``observe(world, p)`` returns the observation."""
-    advance: Callable[..., tuple[World, Outcome]]
+    advance: Callable[..., tuple[Snapshot, Outcome]]
     """The transition up to looking, without the next waypoint and without branches, which the compiled loop runs for all
     environments; not for filters that read the scan, for which it runs the transition."""
-    retarget: Callable[..., tuple[World, Outcome]]
+    retarget: Callable[..., tuple[Snapshot, Outcome]]
     """``retarget(world, outcome, waypoints, p)`` sets the next waypoint, for the few environments that reached one."""
-    look_round: Callable[..., tuple[World, Outcome]]
+    look_round: Callable[..., tuple[Snapshot, Outcome]]
     """``look_round(world, outcome, key, p, scene)`` looks, and completes world and outcome."""
 
 
@@ -122,13 +122,13 @@ def _course(visited: float, waypoints: Any, laps: float) -> Course:
 
 
 @kernel
-def _see_nothing(world: World, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
+def _see_nothing(world: Snapshot, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
     """Return the empty surroundings of open ground."""
     return ()
 
 
 @kernel
-def _leave(world: World, room: tuple[()], outcome: Outcome, p: Any) -> Outcome:
+def _leave(world: Snapshot, room: tuple[()], outcome: Outcome, p: Any) -> Outcome:
     return outcome
 
 
@@ -153,9 +153,9 @@ def step_of(system: System) -> Step:
     def begin(pose, key, waypoints, p, scene):
         body = start(pose)
         senses = first_sense(body, key, p)
-        world = World(body, senses, first_estimate(senses, p), _course(0.0, waypoints, p.task.laps), 0.0, ())
+        world = Snapshot(body, senses, first_estimate(senses, p), _course(0.0, waypoints, p.task.laps), 0.0, ())
         room = first_look(world, key, p, scene)
-        return World(world.body, world.senses, world.estimate, world.course, world.steps, room)
+        return Snapshot(world.body, world.senses, world.estimate, world.course, world.steps, room)
 
     @kernel
     def act(world, command, key, p):
@@ -167,7 +167,7 @@ def step_of(system: System) -> Step:
     def conclude(world, body, senses, estimate, waypoints, p):
         visited, outcome = judge(world, body, senses, estimate, waypoints, p)
         course = Course(world.course.reference, world.course.following, visited)
-        return World(body, senses, estimate, course, world.steps + 1.0, world.room), outcome
+        return Snapshot(body, senses, estimate, course, world.steps + 1.0, world.room), outcome
 
     @kernel
     def advance(world, command, key, waypoints, p):
@@ -180,12 +180,12 @@ def step_of(system: System) -> Step:
         distance = distance_to(world.body.true_state, course.reference)
         _, _, is_success, terminated, truncated, reached = outcome
         told = Outcome(outcome.reward, distance, is_success, terminated, truncated, reached)
-        return World(world.body, world.senses, world.estimate, course, world.steps, world.room), told
+        return Snapshot(world.body, world.senses, world.estimate, course, world.steps, world.room), told
 
     @kernel
     def completed(world, room, outcome, p):
         outcome = complete(world, room, outcome, p)
-        return World(world.body, world.senses, world.estimate, world.course, world.steps, room), outcome
+        return Snapshot(world.body, world.senses, world.estimate, world.course, world.steps, room), outcome
 
     @kernel
     def look_round(world, outcome, key, p, scene):
@@ -200,7 +200,7 @@ def step_of(system: System) -> Step:
     @kernel
     def transition_by_scan(world, command, key, waypoints, p, scene):
         body, senses = act(world, command, key, p)
-        moved = World(body, senses, world.estimate, world.course, world.steps + 1.0, world.room)
+        moved = Snapshot(body, senses, world.estimate, world.course, world.steps + 1.0, world.room)
         room = look(moved, key, p, scene)
         estimate = estimate_of(world.estimate, world.senses, senses, p, room, scene)
         world, outcome = conclude(world, body, senses, estimate, len(waypoints), p)

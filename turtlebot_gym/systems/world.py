@@ -31,7 +31,7 @@ class Course(NamedTuple):
     """Number of waypoints done."""
 
 
-class World(NamedTuple):
+class Snapshot(NamedTuple):
     """The whole state of an environment."""
 
     body: Body

@@ -48,7 +48,7 @@ def flags(*names: str, several: Sequence[str] = (), **defaults: Any) -> Any:
     return make_dataclass("Flags", made, frozen=True, kw_only=True)
 
 
-class Declared(NamedTuple):
+class _Declared(NamedTuple):
     """One of `turtlebot_gym.Options`."""
 
     kinds: tuple[type, ...]
@@ -58,7 +58,7 @@ class Declared(NamedTuple):
     """The text under it, up to what can be given in Python alone."""
 
 
-def _declared() -> dict[str, Declared]:
+def _declared() -> dict[str, _Declared]:
     """Return the options of environments by name, in the order of their declaration."""
     source = Path(turtlebot_gym.__file__).parent / "systems" / "options.py"
     (body,) = (
@@ -74,7 +74,7 @@ def _declared() -> dict[str, Declared]:
             text = " ".join(inspect.cleandoc(ast.literal_eval(below.value)).split())
             usual: Any = line.value
             default = getattr(parameters, usual.id) if isinstance(usual, ast.Name) else ast.literal_eval(usual)
-            declared[line.target.id] = Declared(kinds, default, text.partition("; in Python")[0].rstrip(".") + ".")
+            declared[line.target.id] = _Declared(kinds, default, text.partition("; in Python")[0].rstrip(".") + ".")
     return declared
 
 

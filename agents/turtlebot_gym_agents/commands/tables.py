@@ -19,7 +19,7 @@ BORDER, BETWEEN = 1, 3
 _NUMBERS = re.compile(r"(?:[-+±?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b[xkM]\b|inf|nan)*")
 
 
-class Need(NamedTuple):
+class _Need(NamedTuple):
     """Widths of a column, characters."""
 
     least: int
@@ -55,15 +55,15 @@ def fitted(table: Table, width: int, *, keys: int | None = None) -> list[Table]:
     return parts
 
 
-def _need(column: Column, *, long: int = LONG) -> Need:
+def _need(column: Column, *, long: int = LONG) -> _Need:
     header, *cells = (Text.from_markup(str(text)).plain for text in (column.header, *column.cells))
     words = (word for text in (header, *cells) if text is header or not _is_number(text) for word in text.split())
     numbers = (cell_len(cell) for cell in cells if _is_number(cell))
     least = max([1, *(min(cell_len(word), long) for word in words), *numbers])
-    return Need(least, max([least, *(cell_len(line) for text in (header, *cells) for line in text.splitlines())]))
+    return _Need(least, max([least, *(cell_len(line) for text in (header, *cells) for line in text.splitlines())]))
 
 
-def _key_needs(columns: Sequence[Column], width: int) -> list[Need]:
+def _key_needs(columns: Sequence[Column], width: int) -> list[_Need]:
     """Return the widths of key columns: unwrapped if they take less than half the width, otherwise as wide as there is room."""
     needs = [_need(column) for column in columns]
     unwrapped = [need._replace(least=min(need.whole, LONG)) for need in needs]
@@ -109,7 +109,7 @@ def _filled(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
     return groups
 
 
-def _widths(needs: Sequence[Need], width: int) -> list[int]:
+def _widths(needs: Sequence[_Need], width: int) -> list[int]:
     """Return the widths of a part's columns: what is left goes to those that are wrapped most."""
     widths = [need.least for need in needs]
     for _ in range(width - _total(widths)):

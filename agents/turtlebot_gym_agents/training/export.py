@@ -81,7 +81,7 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
     if shapes != ((size,), (2,)) or not isinstance(space, spaces.Box):
         raise ValueError(f"model must map observations ({size},) to actions (2,), got {shapes[0]} and {shapes[1]}.")
     layers = _layers_of(model.policy)
-    graph = graph_of(layers, size) or program_of(nn.Sequential(*layers), size)
+    graph = _graph_of(layers, size) or program_of(nn.Sequential(*layers), size)
     observations = np.random.default_rng(0).uniform(space.low, space.high, (samples, size)).astype(np.float32)
     expected, _ = model.predict(observations, deterministic=True)
     return write_checked(graph, path, card, observations, expected)
@@ -110,7 +110,7 @@ def _flat(layers: Iterable[nn.Module]) -> Iterator[nn.Module]:
             yield layer
 
 
-def graph_of(layers: Sequence[nn.Module], size: int) -> ModelProto | None:
+def _graph_of(layers: Sequence[nn.Module], size: int) -> ModelProto | None:
     """Return a chain of layers as ONNX, from observations (n, size) to actions (n, 2), clipped to [-1, 1].
 
     Args:

@@ -14,7 +14,7 @@ from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.watch.view import fill
 
 
-def to_html(drives: Sequence[Drive], *, title: str) -> str:
+def _to_html(drives: Sequence[Drive], *, title: str) -> str:
     """Return the view of some drives as a self-contained page.
 
     Args:
@@ -30,8 +30,8 @@ def to_html(drives: Sequence[Drive], *, title: str) -> str:
 
 
 def write_html(drives: Sequence[Drive], path: str | Path, *, title: str) -> int:
-    """Write the view of some drives, and return the file's size in bytes; see `to_html`."""
-    path, page = Path(path), to_html(drives, title=title)
+    """Write the view of some drives, and return the file's size in bytes; see `_to_html`."""
+    path, page = Path(path), _to_html(drives, title=title)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         beside.write_text(page, encoding="utf-8")

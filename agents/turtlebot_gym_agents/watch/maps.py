@@ -50,7 +50,7 @@ def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, 
         name: Name of the figure.
         beside: Another run's map, panned and zoomed together with this one.
     """
-    low, high = extent(drives)
+    low, high = _extent(drives)
     x_range, y_range = (
         (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
     )
@@ -69,7 +69,7 @@ def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, 
     return Map(figure, aspect, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
 
 
-def extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lower left and the upper right corner of the visible area, m: rooms, paths and waypoints."""
     points = []
     for drive in drives:
