@@ -97,8 +97,9 @@ def latency(config: Config) -> dict[str, Any]:
         probe.drive("velocity_controller")
         before = len(probe.heard)
         probe.until(lambda: len(probe.heard) > before)  # the next odometry is most of a period away
-        begin, first = len(probe.sent), len(probe.heard)
-        probe.stamp += 2_000_000_000  # a gap after which filter and controller restart, as `expected` does
+        probe.silent = True
+        probe.spin(2.0)  # a gap after which filter and controller restart, as `expected` does
+        probe.silent, begin, first = False, len(probe.sent), len(probe.heard)
         probe.until(lambda: len(probe.sent) >= begin + n, patience=PATIENCE + n * PERIOD)
         probe.silent = True
         probe.spin(0.2)

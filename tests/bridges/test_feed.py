@@ -10,6 +10,7 @@ from rclpy.qos import ReliabilityPolicy
 
 from turtlebot_gym.values import Command, State
 from turtlebot_gym_ros.base.sent import Age, SystemClock
+from turtlebot_gym_ros.base.swift import Swift, Unawaited
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on
@@ -24,12 +25,12 @@ class FakeNode:
         return SimpleNamespace(topic_name=f"/robot/{topic}")
 
 
-def unconnected(kind=State, *, lock_step=False, headers=True, **options):
+def unconnected(kind=State, *, lock_step=False, headers=True, group=Swift, **options):
     """Return an input on a machine whose system and steady clocks agree."""
     clock = SystemClock()
     clock.look(system=0.0, steady=0.0)
     declared = Input(topic="odom", type=kind, **options)
-    return Feed(declared, conversion(kind), lock_step=lock_step, clock=clock, headers=headers)
+    return Feed(declared, conversion(kind), lock_step=lock_step, clock=clock, headers=headers, group=group)
 
 
 def make(*, lock_step=False, **options):
@@ -58,7 +59,22 @@ def test_it_subscribes_to_its_topic_by_the_name_that_the_graph_gives_it():
 def test_what_is_lost_is_sent_again_where_that_is_asked_for(lock_step, reliable, policy, depth):
     _, node = make(lock_step=lock_step, reliable=reliable)
     assert (node.qos.reliability, node.qos.depth) == (policy, depth)
-    assert (node.group is None) is not lock_step
+
+
+@pytest.mark.parametrize(
+    ("lock_step", "group", "wakes", "kind"),
+    [
+        (False, Swift, True, Swift),
+        (True, Swift, True, Swift),
+        (True, Swift, False, Swift),  # in lock-step a step waits for each of its inputs
+        (False, Swift, False, Unawaited),
+        (False, None, True, type(None)),  # by a simulated clock
+    ],
+)
+def test_messages_on_which_steps_depend_do_not_wait_for_others_and_some_wake_nobody(lock_step, group, wakes, kind):
+    feed, node = unconnected(lock_step=lock_step, group=group, wakes=wakes), FakeNode()
+    feed.connect(node, "hear", "told")
+    assert type(node.group) is kind
 
 
 def odometry(frame="odom"):

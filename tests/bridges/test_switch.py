@@ -43,7 +43,7 @@ class Fakes:
         assert (kind, name) == (SetBool, "~/enable")
         self.serve = serve
 
-    def create_subscription(self, kind, topic, hear, qos):
+    def create_subscription(self, kind, topic, hear, qos, callback_group=None):
         assert (kind, topic) == (Bool, "emergency_stop")
         self.hear = hear
         return SimpleNamespace(get_publisher_count=lambda: self.publishers)

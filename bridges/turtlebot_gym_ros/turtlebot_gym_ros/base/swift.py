@@ -1,4 +1,4 @@
-"""An executor that is fast for the messages of lock-step.
+"""An executor that is fast for the messages on which steps depend.
 
 rclpy's executor collects all entities of all nodes each time it wakes, about fifty for a graph in one process, and wakes for
 each message: most of a step would be spent on services that nobody calls. This executor waits separately for the few entities
@@ -17,6 +17,8 @@ from rclpy.subscription import Subscription
 
 MOST = 100
 """Most messages of a topic that are delivered in one turn."""
+JOINING = 0.2
+"""Longest time after which the first swift entity of an executor that runs already is found, s."""
 OTHERS = 0.05
 """Longest time that services, timers and slow topics wait for their turn, s."""
 
@@ -29,6 +31,24 @@ class Swift(CallbackGroup):
         return False
 
 
+class Unawaited(CallbackGroup):
+    """Subscriptions for which no executor waits: `take` delivers their messages."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether rclpy's own loop may wait for an entity."""
+        return False
+
+
+def take(subscription: Any) -> None:
+    """Deliver the messages that have arrived on a topic, at most `MOST` at a time, so that a flood cannot block others."""
+    with_info = subscription._callback_type is Subscription.CallbackType.WithMessageInfo
+    with subscription.handle:
+        for _ in range(MOST):
+            if (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is None:
+                return
+            subscription.callback(*taken if with_info else taken[:1])
+
+
 class SwiftExecutor(SingleThreadedExecutor):
     """Runs all callbacks in the thread that calls `spin`, those of `Swift` groups without delay."""
 
@@ -37,7 +57,7 @@ class SwiftExecutor(SingleThreadedExecutor):
         while self._context.ok() and not self._is_shutdown:
             subscriptions, timers = self._swift()
             if not subscriptions and not timers:
-                self._run(self._next(None))
+                self._run(self._next(JOINING))
                 continue
             self._run_swift(subscriptions, timers)
             self._run_others()
@@ -65,21 +85,11 @@ class SwiftExecutor(SingleThreadedExecutor):
                 ready = set(waits.get_ready_entities("subscription"))
                 for entity in subscriptions:
                     if entity.handle.pointer in ready:
-                        self._take(entity)
+                        take(entity)
                 for entity in timers:
                     if entity.handle.is_timer_ready():
                         entity.handle.call_timer()
                         entity.callback()
-
-    @staticmethod
-    def _take(subscription: Any) -> None:
-        """Deliver the messages that have arrived on a topic, at most `MOST` at a time, so that a flood cannot block others."""
-        with_info = subscription._callback_type is Subscription.CallbackType.WithMessageInfo
-        with subscription.handle:
-            for _ in range(MOST):
-                if (taken := subscription.handle.take_message(subscription.msg_type, subscription.raw)) is None:
-                    return
-                subscription.callback(*taken if with_info else taken[:1])
 
     def _run_others(self) -> None:
         """Run the other entities that are ready, at most for as long as the swift ones ran."""

@@ -63,7 +63,7 @@ class VelocityController:
                 raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")
 
     inputs = {
-        "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False),
+        "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False, wakes=False),
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
         "reference": Input(topic="reference", type=Pose, lock_step="same", measured=False),
         "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same"),

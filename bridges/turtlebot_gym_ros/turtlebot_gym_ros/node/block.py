@@ -43,6 +43,8 @@ class Input:
     """Whether ``step`` receives the value with its age by the stamps, as an `Aged`."""
     reliable: bool = True
     """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
+    wakes: bool = True
+    """Whether its messages wake the node. If not, outside lock-step they are read when another input's message arrives."""
 
 
 @dataclass(frozen=True, kw_only=True)

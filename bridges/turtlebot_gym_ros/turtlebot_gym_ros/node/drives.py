@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -38,6 +39,8 @@ class Hands:
     node: Node
     feeds: Mapping[str, Feed]
     outputs: Outputs
+    group: type[CallbackGroup] | None
+    """Type of the callback group of its timers."""
     now: Callable[[], float]
     """The steady clock, s."""
     step: Callable[[int], bool]
@@ -116,7 +119,8 @@ class _ByClock(_Drive):
         self._watch = Clock(clock_type=ClockType.STEADY_TIME) if self.sets_clock else hands.node.get_clock()
         if self.sets_clock:
             self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
-        hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch)
+        group = hands.group and hands.group()
+        hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch, callback_group=group)
 
     def present(self) -> int:
         """Return the current time of the grid, ns."""

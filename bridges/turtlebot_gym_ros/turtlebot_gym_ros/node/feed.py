@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
@@ -13,7 +15,7 @@ from sensor_msgs.msg import TimeReference
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
-from turtlebot_gym_ros.base.swift import Swift
+from turtlebot_gym_ros.base.swift import Swift, Unawaited, take
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
@@ -31,14 +33,25 @@ class Feed:
         conversion: Conversion of its values.
         lock_step: Whether stamps are used instead of ages by the steady clock.
         clock: This computer's clock.
+        group: Type of the callback group of its messages.
         headers: Whether the headers' stamps are by a system clock, not by a simulated one.
     """
 
     def __init__(
-        self, declared: Input, conversion: Conversion, *, lock_step: bool, clock: SystemClock, headers: bool = True
+        self,
+        declared: Input,
+        conversion: Conversion,
+        *,
+        lock_step: bool,
+        clock: SystemClock,
+        headers: bool = True,
+        group: type[CallbackGroup] | None = Swift,
     ) -> None:
         self.declared = replace(declared, max_age=None) if lock_step else declared
-        self._lock_step, self._headers = lock_step, headers
+        self._lock_step, self._headers, self._group = lock_step, headers, group
+        self._waits_for_others = not (lock_step or declared.wakes)
+        self.poll: Callable[[], None] = lambda: None
+        """Reads the messages of an input that does not wake the node."""
         self.ages = Ages(clock)
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
@@ -73,9 +86,10 @@ class Feed:
             self.declared.topic,
             hear,
             LOCK_STEP if self._lock_step else qos,
-            callback_group=Swift() if self._lock_step else None,
+            callback_group=Unawaited() if self._waits_for_others else self._group and self._group(),
             qos_overriding_options=overridable(),
         )
+        self.poll = partial(take, self._subscription) if self._waits_for_others else lambda: None
         self.topic: str = self._subscription.topic_name
         return Endpoint(self.topic, type_name(kind), False, sole=self.declared.sole)
 

@@ -29,6 +29,7 @@ from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
 from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
+from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Block, Every, Notices
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
@@ -112,6 +113,8 @@ class Shell:
 
         self._clock, headers = SystemClock(), not node.get_parameter("use_sim_time").value
         self._look()
+        # With a simulated clock no topic is slow, /clock least of all.
+        swift = lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0))
         self._feeds = {
             key: Feed(
                 each,
@@ -119,12 +122,13 @@ class Shell:
                 lock_step=lock_step,
                 clock=self._clock,
                 headers=headers,
+                group=Swift if swift else None,
             )
             for key, each in block.inputs.items()
         }
         self.outputs = Outputs(node, block.outputs, self.common, self._resting_on)
         hands = Hands(
-            node=node, feeds=self._feeds, outputs=self.outputs, now=self._now,
+            group=Swift if swift else None, node=node, feeds=self._feeds, outputs=self.outputs, now=self._now,
             step=self._step, begin=self._begin_anew, may_move=lambda: self.switch is None or self.switch.safety.enabled,
         )  # fmt: skip
         self._drive = make_drive(hands, block, lock_step=lock_step)
@@ -143,6 +147,7 @@ class Shell:
             self.switch = Switch(
                 node, self.outputs, enabled=self.common.start_enabled, now=self._now, restart=self._enabled,
                 blocked=math.inf if lock_step else 0.5, sees=any(item.type is Scan for item in block.inputs.values()),
+                group=Swift if swift else None,
             )  # fmt: skip
         ignores_clock = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignores_clock, jumped=self._jumped, now=self._now())
@@ -161,6 +166,9 @@ class Shell:
     def _receive(self, key: str, message: Any, info: Mapping[str, Any]) -> None:
         """Handle a message, and run the block if it makes a step due."""
         feed, drive = self._feeds[key], self._drive
+        if feed.declared.wakes:
+            for other in self._feeds.values():
+                other.poll()
         present = drive.present()
         stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else present
         try:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
@@ -34,6 +35,7 @@ class Switch:
         restart: Called when it is enabled, to restart the block.
         blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
         sees: Whether the block sees obstacles, of which whoever enables it is warned.
+        group: Type of the callback group of the emergency stop.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class Switch:
         restart: Callable[[], None],
         blocked: float,
         sees: bool,
+        group: type[CallbackGroup] | None = None,
     ) -> None:
         self.safety = Safety(enabled=enabled, blocked=blocked)
         self._clock = SystemClock()
@@ -56,7 +59,7 @@ class Switch:
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
-        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY)
+        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY, callback_group=group and group())
         self._tell()
 
     def enable(self) -> str | None:
