@@ -74,8 +74,8 @@ class Options:
     map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
     `turtlebot_gym.rooms.plan.FloorPlan`."""
     lidar: str | Mapping[str, Any] | Lidar | None = None
-    """Rooms only: lds01 (the default), lds02, a1 or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a mapping of
-    its fields."""
+    """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a
+    mapping of its fields."""
     arrival: str | None = None
     """Pose that decides on arrival: truth (the default), or belief, the pose that the policy observes, as on a robot; in Python
     None leaves it to a Task."""

@@ -22,6 +22,8 @@ DELAYS = (0, 1)
 """Delays of commands in steps."""
 WORLDS = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1}
 """In rooms: worlds to draw from, with their weights."""
+ALL_ROUND = ("lds01", "lds02", "a1", "ideal")
+"""LiDARs that are drawn in rooms, in equal shares: those that look all round."""
 
 
 def randomized(
@@ -43,7 +45,7 @@ def randomized(
     random = np.random.default_rng(seed)
 
     def draw_room() -> RoomParameters:
-        lidars, share = tuple(LIDARS.values()), np.array(tuple(WORLDS.values())) / sum(WORLDS.values())
+        lidars, share = tuple(LIDARS[name] for name in ALL_ROUND), np.array(tuple(WORLDS.values())) / sum(WORLDS.values())
         world = str(random.choice(tuple(WORLDS), p=share))
         return make_room(ROOMS[world], lidars[int(random.integers(len(lidars)))], base.dt)
 
