@@ -38,7 +38,7 @@ class Probe:
         self.node, self._ask, self.until = peer.node, peer.ask, wait_for
         self._space = f"/{name}" if name else ""
         self.type = TwistStamped if stamped else Twist
-        self.heard, self.frames, self.reports = [], set(), []
+        self.heard, self.sent, self.frames, self.reports = [], [], set(), []
         self.command, self.topic, self.pressed, self.scan, self.scan_age = None, "cmd_vel_in", None, None, 0.0
         self.node.create_subscription(self.type, f"{self._space}/cmd_vel", self._hear, 1000)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._read, 10)
@@ -50,9 +50,10 @@ class Probe:
         self.node.create_timer(0.05, self._speak)
         self.node.create_timer(0.2, self._measure)
 
-    def _hear(self, message):
+    def _hear(self, message, info):
         twist = message.twist if self.type is TwistStamped else message
         self.heard.append(Command(twist.linear.x, twist.angular.z))
+        self.sent.append(info["source_timestamp"] * 1e-9)
         self.frames |= {message.header.frame_id} if self.type is TwistStamped else set()
 
     def _read(self, message):

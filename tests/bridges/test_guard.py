@@ -73,18 +73,98 @@ def test_a_guard_whose_callback_fails_sends_zeros_and_ends_with_an_error(launch,
     assert "AttributeError" in process.stderr.read()
 
 
-@pytest.mark.nightly
-def test_its_death_is_not_covered_but_its_successor_stops_the_robot(start, probe):
-    process = start()
-    probe.until_driving()
-    process.kill()
-    process.wait()
-    assert probe.heard[-1] == AHEAD  # and nobody takes it back
-    probe.command = None
+@pytest.fixture
+def driving(start, launch, probe):
+    """A guard as on a robot, which must have its standby and a button, and drives."""
+
+    def begin():
+        standby = launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
+        guard = start("-p", "require_standby:=true", "-p", "require_emergency_stop:=true")
+        probe.command = AHEAD
+        probe.until_standing("no emergency stop is heard")
+        assert "no emergency stop is heard" in probe.enable(True).message
+        probe.pressed = False
+        probe.until_driving()
+        return guard, standby
+
+    return begin
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.nightly)])
+def test_the_standby_sends_zeros_soon_after_the_last_command_of_a_guard_that_dies(driving, probe, number):
+    guard, _ = driving()
     probe.heard.clear()
+    probe.sent.clear()
+    probe.until(lambda: AHEAD in probe.heard)
+    guard.send_signal(number)
+    zero = probe.until(lambda: probe.heard.index(STOP) if STOP in probe.heard else 0)
+    assert probe.sent[zero] - probe.sent[zero - 1] < 0.5  # and within 0.3 s in benchmarks/standby.json
+    time.sleep(1.5)
+    assert set(probe.heard[zero:]) == {STOP}
+
+
+def test_without_its_standby_the_guard_stands_and_goes_on_with_it(driving, launch, probe):
+    _, standby = driving()
+    standby.kill()
+    probe.until_standing("cmd_vel_standby is not alive")
+    launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
+    probe.until_driving()
+
+
+@pytest.mark.nightly
+def test_a_press_while_the_guard_is_suspended_is_not_lost(driving, probe):
+    guard, _ = driving()
+    guard.send_signal(signal.SIGSTOP)
+    time.sleep(0.5)
+    probe.pressed = True
+    time.sleep(0.3)
+    probe.pressed = False
+    time.sleep(3.0)
+    probe.heard.clear()
+    guard.send_signal(signal.SIGCONT)
+    assert "not listened to" in probe.until_standing("emergency stop").message
+    assert set(probe.heard) <= {STOP}
+
+
+def test_the_first_message_of_a_guard_that_is_started_again_is_a_zero(start, probe):
+    for _ in range(2):
+        guard = start()
+        probe.until_driving()  # the commands go on meanwhile
+        guard.kill()
+        guard.wait()
+        probe.heard.clear()
     start()
-    probe.until(lambda: len(probe.heard) > 10)
-    assert set(probe.heard) == {STOP}
+    probe.until(lambda: AHEAD in probe.heard)
+    assert probe.heard[0] == STOP
+
+
+FLOOD = """
+import sys, rclpy
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
+rclpy.init()
+kind = {"emergency_stop": Bool, "odom": Odometry, "scan": LaserScan}.get(sys.argv[1], TwistStamped)
+publisher, message = rclpy.create_node("flood").create_publisher(kind, sys.argv[1], 1), kind()
+while True:
+    publisher.publish(message)
+"""
+
+
+@pytest.mark.parametrize(
+    "topic", ["emergency_stop", *(pytest.param(t, marks=pytest.mark.nightly) for t in ("cmd_vel_teleop", "odom", "scan"))]
+)
+def test_a_flood_is_a_stop_while_it_lasts_and_on_a_button_until_enabled(start, launch, probe, topic):
+    start(*{"odom": ("-p", "geofence:=9.0"), "scan": ("-p", "collision_monitor:=true")}.get(topic, ()))
+    probe.until_reported("")
+    probe.command = AHEAD
+    flood = launch("-c", FLOOD, topic)
+    probe.until_reported("emergency stop" if topic == "emergency_stop" else "messages a second")
+    probe.until_standing("emergency stop" if topic == "emergency_stop" else "messages a second")
+    flood.kill()
+    if topic == "emergency_stop":
+        probe.until_standing("emergency stop")
 
 
 def test_emergency_stop(start, probe):

@@ -17,7 +17,7 @@ from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 from turtlebot_gym_ros.recording import logger
-from turtlebot_gym_ros.robot import arbiter
+from turtlebot_gym_ros.robot import arbiter, standby
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
@@ -26,6 +26,8 @@ CONFIGS = sorted((PACKAGE / "config").glob("*.yaml"))
 LAUNCHES = sorted((PACKAGE / "launch").glob("*.launch.xml"))
 IN_GAZEBO = PACKAGE / "launch" / "gazebo.launch.xml"
 """It starts no node of its own, and includes the robot's."""
+IN_SIMULATION = {"enable_stamped_cmd_vel": "true", "require_emergency_stop": "false", "start_enabled": "true"}
+"""What is otherwise there than on a robot."""
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
 SHELLS = {name: load(name) for name in BLOCKS}
 ROS_OWN = {"use_sim_time", "start_type_description_service"}
@@ -50,7 +52,8 @@ def declared(name, context, config):
         names = {*shell.node.list_parameters([], 0).names}
         shell.close()
     else:
-        params = {"cmd_vel_guard": arbiter.Parameters, "data_logger": logger.Parameters}[name]
+        modules = {"cmd_vel_guard": arbiter, "cmd_vel_standby": standby, "data_logger": logger}
+        params = modules[name].Parameters
         node = Node(name, context=context, cli_args=arguments, automatically_declare_parameters_from_overrides=True)
         declare(node, params)
         names = {*node.list_parameters([], 0).names}
@@ -74,6 +77,8 @@ def test_config_names_all_nodes_of_the_graph():
 def test_on_a_robot_nothing_moves_before_it_is_enabled():
     config = configured(PACKAGE / "config" / "robot.yaml")
     assert config["velocity_controller"]["ros__parameters"]["start_enabled"] is False
+    guard = config["cmd_vel_guard"]["ros__parameters"]
+    assert [guard[name] for name in ("start_enabled", "require_emergency_stop", "require_standby")] == [False, True, True]
 
 
 @pytest.fixture(params=[path for path in LAUNCHES if path != IN_GAZEBO], ids=lambda path: path.stem)
@@ -129,8 +134,8 @@ def topics_of(name):
         return {*re.findall(r"Value: (/\w+)", RVIZ.read_text()), "/clock"}
     if name == "data_logger":
         return {"/clock"}
-    if name == "cmd_vel_guard":
-        return {"cmd_vel", "emergency_stop"}
+    if name.startswith("cmd_vel_"):
+        return {"cmd_vel"} | ({"emergency_stop"} if name == "cmd_vel_guard" else set())
     block = SHELLS[name]
     moves = {"emergency_stop"} if any(each.stop is not None for each in block.outputs.values()) else set()
     return {each.topic for each in (*block.inputs.values(), *block.outputs.values())} | moves
@@ -155,7 +160,7 @@ def test_launch_puts_all_nodes_into_a_namespace_and_all_frames_behind_a_prefix(l
             (given,) = (each for each in node.findall("param") if each.get("name") == "frame_prefix")
             assert (given.get("value"), given.get("type")) == ("$(var frame_prefix)", "str")
         else:
-            assert node.get("name") in ("data_logger", "rviz2")
+            assert node.get("name") in ("data_logger", "rviz2", "cmd_vel_standby")
 
 
 def test_every_node_that_moves_a_robot_hears_the_same_emergency_stop(launch_file):
@@ -190,8 +195,8 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
     asked = {node.get("name"): (node.get("if"), node.get("unless")) for node in launch_file.iter("node")}
     assert asked["velocity_controller"] == (None, "$(var calibrate)")  # one of the two
     assert asked["calibration_drive"] == ("$(var calibrate)", None)
-    (wheels,) = (node for node in launch_file.iter("node") if node.get("name") == "cmd_vel_guard")
-    assert wheels.get("respawn") == "true"
+    respawned = [node.get("name") for node in launch_file.iter("node") if node.get("respawn") == "true"]
+    assert respawned == ["cmd_vel_guard", "cmd_vel_standby"]
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
 
 
@@ -216,7 +221,7 @@ def test_in_gazebo_the_robots_loop_runs_on_gazebos_clock():
         {each.get("name"): each.get("value") for each in each.findall("arg")} for each in gazebo.iter("include") if len(each)
     )
     assert set(given) <= set(known)
-    assert {name: value for name, value in given.items() if value != f"$(var {name})"} == {"enable_stamped_cmd_vel": "true"}
+    assert {name: value for name, value in given.items() if value != f"$(var {name})"} == IN_SIMULATION
     assert {name: declared[name] for name in declared if name != "world"} == {
         name: known[name] for name in given if name in declared
     }

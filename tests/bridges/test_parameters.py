@@ -148,6 +148,8 @@ def test_the_guards_defaults_are_these_and_do_not_change():
         "body_frame": "base_footprint",
         "frame_prefix": "",
         "start_enabled": True,
+        "require_emergency_stop": False,
+        "require_standby": False,
         "max_age": 0.4,
         "measured_age": 0.5,
         "rate": 50.0,

@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name not in NODES:
         print(f"error: there is no node {name!r}; there are {', '.join(NODES)}.", file=sys.stderr)
         return 2
-    prepare(local=name != "cmd_vel_guard")  # the guard runs on the robot, and serves the network
+    prepare(local=not NODES[name].target.startswith("robot."))  # what runs on the robot serves the network
     try:
         entry = load(name)
         if not hasattr(entry, "Params"):

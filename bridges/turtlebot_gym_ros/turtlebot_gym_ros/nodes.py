@@ -58,6 +58,10 @@ NODES = {
         "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
         place=(2, 1), is_block=False,
     ),
+    "cmd_vel_standby": Entry(
+        "robot.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", "standby",
+        is_block=False,
+    ),
     "data_logger": Entry(
         "recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder", is_block=False
     ),

@@ -159,7 +159,7 @@ class Arbiter:
         self._floods: dict[str, Flood] = {}
         self._last, self._last_at, self._due, self._halt = STOP, now, now, False
         self.enabled = parameters.start_enabled and not parameters.require_emergency_stop
-        self.emergency = False
+        self.emergency, self.why = False, ""
         self.state = "stopped"
         self.refused = {"not finite": 0, "too old": 0, "undated after a gap": 0}
 
@@ -186,7 +186,6 @@ class Arbiter:
     ) -> None:
         """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""
         self._wake(now)
-        self._count(source, now)
         sent = now if sent is None else min(sent, now)
         heard = _Heard(sent, sent if measured is None else min(measured, sent), command)
         if not math.isfinite(command.v + command.omega):
@@ -208,7 +207,8 @@ class Arbiter:
     ) -> None:
         """Take a button's message. A press always counts; only a message certainly sent lately shows that it is alive."""
         self._wake(now)
-        self.emergency |= pressed
+        if pressed:
+            self.emergency, self.why = True, "the emergency stop was pressed"
         unproved = not dated and now < self._blind_until
         self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number)
 
@@ -235,7 +235,6 @@ class Arbiter:
     def hear_scan(self, scan: Scan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a scan of the collision monitor."""
         self._wake(now)
-        self._count("scan", now)
         if not dated and now < self._blind_until:
             self.refused["undated after a gap"] += 1
         elif self.monitor:
@@ -250,13 +249,13 @@ class Arbiter:
         """Return whether the standby is required and not alive."""
         return self._p.require_standby and now - self._standby > STANDBY_AGE
 
-    def _count(self, source: str, now: float) -> None:
-        """Count a message of a topic, to notice a flood."""
-        self._floods.setdefault(source, Flood()).hear(now)
+    def count(self, topic: str, number: int, now: float) -> None:
+        """Count a message of a topic, with its publisher's number, to notice a flood."""
+        self._floods.setdefault(topic, Flood()).hear(now, number)
 
     def flooded(self, now: float) -> list[str]:
-        """Return the sources whose messages come faster than any healthy one sends them."""
-        return [source for source, flood in self._floods.items() if flood.lasts(now)]
+        """Return the topics whose messages come faster than any healthy source sends them."""
+        return [topic for topic, flood in self._floods.items() if flood.lasts(now)]
 
     def greet(self, now: float) -> None:
         """Send zeros to a robot that has just connected, since it may hold an older command.
@@ -328,7 +327,8 @@ class Arbiter:
         trouble = self.buttons.trouble(now)
         # After a gap of its own the guard stops until it has heard each button again, and with that the whole backlog.
         blind = now < self._blind_until
-        self.emergency |= bool(self.buttons.lost(now)) or (trouble != "" and not blind)
+        if not self.emergency and (why := self.buttons.lost(now) or ("" if blind else trouble)):
+            self.emergency, self.why = True, why
         if (
             trouble
             or self.emergency

@@ -91,7 +91,7 @@ class EmergencyStop:
         else:
             button = _Button(began=sent, sent=sent, number=number or 0, pressed=pressed)
         self._buttons.append(button)
-        if self._flood.hear(now):
+        if self._flood.hear(now, number):
             self._lose("the emergency stop is flooded with messages", now)
         alive = self._alive(button.sent)  # by the time of sending, since a backlog arrives all at once
         # A restarted button is a new one. Both exist only if the old one sent something after the new one began.
@@ -129,6 +129,11 @@ class EmergencyStop:
         """Return what may have hidden a press in the last 0.5 s, or an empty text; whoever asks must stop until enabled."""
         return self._lost if now - self._lost_at <= SILENCE else ""
 
+    @property
+    def heard(self) -> bool:
+        """Whether a button was ever heard."""
+        return self._expected > 0
+
     def trouble(self, now: float) -> str:
         """Return why the robot must stand, or an empty text."""
         alive = self._alive(now)
@@ -149,7 +154,7 @@ class EmergencyStop:
             required: Whether at least one button must be heard.
         """
         alive = len(self._alive(now))
-        if required and not self._expected:
+        if required and not self.heard:
             return NONE_HEARD
         if (why := self.trouble(now)) or alive >= publishers or not self._expected:
             return why

@@ -105,10 +105,12 @@ class CmdVelGuard(Node):
         return now
 
     def _age(self, topic: str, message: Any, info: Mapping[str, Any], now: float) -> Age:
-        """Return the age of a topic's message, and note it."""
+        """Return the age of a topic's message, and note and count it."""
         ages = self._ages.setdefault(topic, Ages(self._clock_watch))
         age = ages.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
         self._report.note(self.resolve_topic_name(topic), age, now, ages.figures())
+        if topic != "emergency_stop":  # a flood there may hide a press
+            self._arbiter.count(topic, info["publication_sequence_number"], now)
         return age
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from turtlebot_gym_ros.base.flood import MOST, WINDOW
 from turtlebot_gym_ros.base.names import node_name, type_name
 from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
 from turtlebot_gym_ros.base.sent import Age
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.emergency import NONE_HEARD
 
+STANDBY = "cmd_vel_standby"
+"""Name of the node that may publish commands too, if the guard dies."""
 RECENT = 2.0
 """Time for which a problem with a message's time is reported, s."""
 
@@ -27,6 +33,9 @@ class Report:
     def __init__(self, node: Node, arbiter: Arbiter, parameters: Parameters, velocity: type) -> None:
         self._node, self._arbiter, self._p, self._type = node, arbiter, parameters, velocity
         self._said = ""
+        names = ["cmd_vel_teleop", "cmd_vel_in"]
+        names += [parameters.geofence_topic] * (parameters.geofence > 0.0) + ["scan"] * parameters.collision_monitor
+        self._inputs = [node.resolve_topic_name(name) for name in names]
         self._times: dict[str, tuple[float, str]] = {}
         self._ages: dict[str, str] = {}
 
@@ -55,16 +64,26 @@ class Report:
         """Return the level and the text of the gravest problem, or of the state."""
         node = self._node
         topics = [node.resolve_topic_name(name) for name in ("cmd_vel", "cmd_vel_teleop", "cmd_vel_in")]
-        speakers = node.get_publishers_info_by_topic(topics[0])
-        if len(speakers) > 1:
-            names = ", ".join(sorted(node_name(info) for info in speakers))
-            return ERROR, f"{topics[0]} must have one publisher, the guard, but has {names}"
+        speakers = [node_name(info) for info in node.get_publishers_info_by_topic(topics[0])]
+        own = [node.get_fully_qualified_name(), f"{node.get_namespace().rstrip('/')}/{STANDBY}"]
+        rivals = sorted((Counter(speakers) - Counter(own)).elements())
+        if rivals:
+            return ERROR, f"{topics[0]} must have one publisher, the guard, and its standby, but has also {', '.join(rivals)}"
         if mismatch := self._mismatch(topics):
             return ERROR, mismatch
         if self._arbiter.emergency:
             service = node.resolve_service_name("~/enable")
-            why = self._arbiter.buttons.trouble(now) or "the emergency stop was pressed, or silent"
+            why = self._arbiter.buttons.trouble(now) or self._arbiter.why
             return ERROR, (f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"')
+        if self._arbiter.lacks_standby(now):
+            return ERROR, f"{STANDBY} is not alive, so the robot stands: start it, or set require_standby to false"
+        if floods := self._arbiter.flooded(now):
+            return ERROR, f"more than {MOST / WINDOW:.0f} messages a second, so the robot stands: {', '.join(floods)}"
+        if self._p.require_emergency_stop and not self._arbiter.enabled and not self._arbiter.buttons.heard:
+            return WARN, NONE_HEARD
+        for topic in self._inputs:
+            if len(sources := node.get_publishers_info_by_topic(topic)) > 1:
+                return WARN, f"{topic} has more than one source: {', '.join(sorted(node_name(info) for info in sources))}"
         if self._arbiter.outside(now):
             why = f" ({self._p.geofence_topic}: {self._arbiter.lost})" if self._arbiter.lost else ""
             return WARN, f"not known to be within {self._p.geofence} m of the origin{why}: only a person drives"

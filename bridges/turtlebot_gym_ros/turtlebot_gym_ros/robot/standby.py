@@ -1,0 +1,157 @@
+"""The standby of the guard: it publishes zeros on ``/cmd_vel`` if the guard falls silent while the robot moves.
+
+A TurtleBot3 holds its last command indefinitely, so a guard that crashed, was killed or is suspended would leave the robot
+driving. This process shares nothing with it but the topic: its sign of life is its own output. While a motion is in force the
+guard repeats it every 0.05 s; after `SILENCE` without a message, zeros follow for `ZEROS`. A guard that speaks again is obeyed
+at once. While the guard is alive the standby publishes nothing on ``/cmd_vel``.
+
+Its own sign of life is ``~/alive`` (Empty, 10 Hz), as long as it hears a publisher on ``/cmd_vel`` besides itself; with
+``require_standby`` the guard stops the robot half a second after the last one. If both are killed at once, the robot drives on.
+
+Inputs: ``/cmd_vel``. Outputs: ``/cmd_vel``, ``~/alive``, ``/diagnostics`` (1 Hz). Parameters: see `Parameters`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Empty
+
+from turtlebot_gym.validation import typed
+from turtlebot_gym_ros.base.parameters import declare
+from turtlebot_gym_ros.base.process import run
+from turtlebot_gym_ros.base.qos import STREAM
+from turtlebot_gym_ros.base.reports import ERROR, OK, log, report
+
+SILENCE = 0.18
+"""Silence of a guard that moves the robot after which zeros follow, s: three of its repetitions."""
+ZEROS = 1.0
+"""Time for which zeros are sent, s."""
+PERIOD = 0.02
+"""Time between two looks, s; also the period of the zeros."""
+LATE = 0.1
+"""Most by which a message may have come before it was looked at, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """Parameters of ``cmd_vel_standby``."""
+
+    enable_stamped_cmd_vel: bool = True
+    """Whether velocities are TwistStamped, as on a Jazzy robot; Twist if false. As in the guard."""
+
+    def __post_init__(self) -> None:
+        typed(self, "")
+
+
+class Standby:
+    """The decision, without ROS; ``now`` is a steady time, s."""
+
+    def __init__(self) -> None:
+        self._looked = self._heard = self._until = -math.inf
+        self._moves = False
+        self.takeovers = 0
+
+    def look(self, motions: Sequence[bool], now: float) -> bool:
+        """Return whether to publish a zero now.
+
+        Args:
+            motions: The messages since the last look, in order: whether each moves the robot. Zeros may be the standby's own.
+            now: Current time. Messages came after the last look, which may have been late itself.
+        """
+        came = max(self._looked, now - LATE)
+        self._looked = now
+        if any(motions):
+            self._until = -math.inf
+        if motions and now >= self._until:
+            self._heard, self._moves = came, motions[-1]
+        if self._moves and now - self._heard > SILENCE:
+            self._moves, self._until = False, now + ZEROS
+            self.takeovers += 1
+        return self.acts(now)
+
+    def acts(self, now: float) -> bool:
+        """Return whether it publishes zeros."""
+        return now < self._until
+
+
+class _Polled(CallbackGroup):
+    """Subscriptions for which no executor waits."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether an executor may wait for a subscription."""
+        return False
+
+
+class CmdVelStandby(Node):
+    """The standby as a node."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("cmd_vel_standby", context=context, automatically_declare_parameters_from_overrides=True)
+        (p,) = declare(self, Parameters)
+        self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
+        self._rule = Standby()
+        self._frame = ""
+        self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
+        self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
+        self._guard = self.create_subscription(self._type, "cmd_vel", lambda message: None, STREAM, callback_group=_Polled())
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(PERIOD, self._look, clock=steady)
+        self.create_timer(0.1, self._live, clock=steady)
+        self.create_timer(1.0, self._diagnose, clock=steady)
+
+    def _look(self) -> None:
+        motions, handle = [], self._guard.handle
+        with handle:
+            for _ in range(STREAM.depth):  # more than it keeps would be a flood
+                if (taken := handle.take_message(self._type, False)) is None:
+                    break
+                message = taken[0]
+                twist = message.twist if isinstance(message, TwistStamped) else message
+                motions.append((twist.linear.x, twist.angular.z) != (0.0, 0.0))
+                self._frame = message.header.frame_id if isinstance(message, TwistStamped) else ""
+        before = self._rule.takeovers
+        if self._rule.look(motions, time.monotonic()):
+            zero = self._type()
+            if isinstance(zero, TwistStamped):
+                zero.header.stamp, zero.header.frame_id = self.get_clock().now().to_msg(), self._frame
+            self._velocity.publish(zero)
+        if self._rule.takeovers > before:
+            log(self, ERROR, f"the guard fell silent for {SILENCE} s while the robot moved: zeros")
+
+    def _live(self) -> None:
+        """Give a sign of life, unless only itself is on the topic: without its type it would hear nothing."""
+        if self._guard.get_publisher_count() > 1:
+            self._alive.publish(Empty())
+
+    def _diagnose(self) -> None:
+        acts = self._rule.acts(time.monotonic())
+        text = "the guard is silent: zeros" if acts else "watches"
+        values = {"takeovers": self._rule.takeovers}
+        name = self.get_namespace().strip("/") or "turtlebot_gym_ros"
+        self._diagnostics.publish(report(self, ERROR if acts else OK, text, hardware=name, values=values))
+
+    def close(self) -> None:
+        """Nothing is left to publish: a robot that moves is the guard's."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``cmd_vel_standby``."""
+    return run(CmdVelStandby, argv, local=False)  # it runs on the robot, beside the guard
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
