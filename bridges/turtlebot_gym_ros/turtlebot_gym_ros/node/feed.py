@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
+from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
@@ -53,6 +54,7 @@ class Feed:
         self.poll: Callable[[], None] = lambda: None
         """Reads the messages of an input that does not wake the node."""
         self.ages = Ages(clock)
+        self._flood = Flood()
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
         self.measured_at: int | None = None
@@ -113,6 +115,17 @@ class Feed:
         if why := age.complaint(limit, lasts=self.declared.lasts):
             raise ValueError(why)
         return age
+
+    def count(self, info: Mapping[str, Any], now: float) -> None:
+        """Count a message; in lock-step every rate is right.
+
+        Raises:
+            ValueError: If messages come faster than any healthy source sends them.
+        """
+        if not self._lock_step:
+            self._flood.hear(now, info["publication_sequence_number"])
+            if self._flood.lasts(now):
+                raise ValueError(f"a flood: more than {MOST / WINDOW:.0f} messages a second")
 
     def read(self, message: Any, frame: str) -> Any:
         """Return a message's value.

@@ -85,10 +85,12 @@ class _Topic(NamedTuple):
     """By whether they are reliable and whether they get what was said before."""
 
     def collect(self) -> None:
-        """Record the messages that have arrived."""
+        """Record the messages that have arrived, at most as many as are kept, so that a flood does not hold up other topics."""
         for subscription in self.subscriptions.values():
             with subscription.handle:
-                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                for _ in range(DEPTH):
+                    if (taken := subscription.handle.take_message(subscription.msg_type, True)) is None:
+                        break
                     self.write(*taken)
 
 

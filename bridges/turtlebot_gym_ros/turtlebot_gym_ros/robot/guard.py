@@ -5,13 +5,15 @@ It sits between the sources of commands and the wheels. It limits commands and s
 with them: the core's `limit`, `make_robot` and `Command`, the rule of the emergency stop (`emergency`), the age of a message
 (`base.sent`), and `base`.
 
-**Its own death is not covered**: a TurtleBot3 holds its last command indefinitely, so a killed guard leaves the robot moving.
-The launch file respawns it, and a guard's first messages are zeros.
+**Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command indefinitely, so a
+second process sends zeros when this one falls silent. A motion in force is therefore repeated every 0.05 s, and with
+``require_standby`` the robot stands without the standby's sign of life. The launch file respawns both; the first message of a
+guard, to every listener that it meets in its first 5 s, is a zero.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
-``/emergency_stop`` (Bool, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence the
-Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``. Outputs: ``/cmd_vel``, ``/diagnostics``
-(1 Hz), ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
+``/emergency_stop`` (Bool, reliable, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence
+the Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``; ``cmd_vel_standby/alive`` (Empty) if
+it is required. Outputs: ``/cmd_vel``, ``/diagnostics`` (1 Hz), ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
 **A command has two ages**, see `base.sent`: since it was sent (``max_age``), and since the measurement on which it rests
 (``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known. A guard
@@ -21,13 +23,17 @@ that was suspended or starved stops first, and obeys messages of its backlog onl
 person's, and judges it again in each period. A stale, missing or unreadable scan is a stop, and is reported.
 
 **An emergency stop** counts however short the press, and from any button, see `emergency`: the guard reads all waiting messages
-before it sends any motion. A button that was heard and is silent for 0.5 s is a stop too. After a stop the guard sends zeros
-until it is enabled again, which it refuses while any button is pressed, or one that it has heard is silent::
+before it sends any motion. Whatever may have hidden a press is a stop too: a button that is silent for 0.5 s or has ended, a
+gap in its numbers, 0.5 s in which the guard did not run, a flood. After a stop the guard sends zeros until it is enabled again,
+which it refuses while any button is pressed, or one that it has heard is silent::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
-A restarted guard remembers no emergency stop and no button; with ``start_enabled`` false it must be enabled then too. After one
-of several buttons is removed for good, restart the guard.
+A restarted guard remembers no emergency stop. On a robot ``require_emergency_stop`` is true: then it always starts disabled,
+and cannot be enabled without a live button. A simulation does without, and then a crash releases a stop. After one of several
+buttons is removed for good, restart the guard.
+
+**A flood**, more than 500 messages a second, on any topic that it hears is a stop while it lasts.
 
 **Namespaces.** All its topics are relative: the guard of /robot1 subscribes to /robot1/emergency_stop only, and serves
 /robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node

@@ -81,9 +81,6 @@ class Report:
             return ERROR, f"more than {MOST / WINDOW:.0f} messages a second, so the robot stands: {', '.join(floods)}"
         if self._p.require_emergency_stop and not self._arbiter.enabled and not self._arbiter.buttons.heard:
             return WARN, NONE_HEARD
-        for topic in self._inputs:
-            if len(sources := node.get_publishers_info_by_topic(topic)) > 1:
-                return WARN, f"{topic} has more than one source: {', '.join(sorted(node_name(info) for info in sources))}"
         if self._arbiter.outside(now):
             why = f" ({self._p.geofence_topic}: {self._arbiter.lost})" if self._arbiter.lost else ""
             return WARN, f"not known to be within {self._p.geofence} m of the origin{why}: only a person drives"
@@ -91,6 +88,9 @@ class Report:
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")
             return ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
+        for topic in self._inputs:
+            if len(sources := node.get_publishers_info_by_topic(topic)) > 1:
+                return WARN, f"{topic} has more than one source: {', '.join(sorted(node_name(info) for info in sources))}"
         if monitor and monitor.state:
             return WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():
