@@ -20,10 +20,9 @@ from rich.progress import track
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.named import SAFETY
-from turtlebot_gym_agents.provenance import provenance
+from turtlebot_gym_agents.provenance import provenance, replacing
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 

@@ -164,7 +164,6 @@ def _emit_call(typing_context, address, arguments):
 
 
 def _place(context, builder, signature, arguments):
-    """Return the address of number ``at`` in a buffer."""
     data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
     return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
 

@@ -1,12 +1,17 @@
-"""Provenance in every result file, for reproducibility: configuration, seed, commit and versions."""
+"""Result files: replaced atomically, each with configuration, seed, commit and versions.
+
+Whenever the process is killed, a file holds its old or its new content, completely.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import platform
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -45,6 +50,27 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
     path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(plain({"config": config, **provenance(), **result}), indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside a file, which replaces the file when the block ends without an error.
+
+    Processes on several machines may do so at once: each has its own temporary file, and the last one wins.
+    """
+    beside = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.new")
+    try:
+        yield beside
+        beside.replace(path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def replace_json(path: Path, content: Any) -> None:
+    """Write a value of JSON types."""
+    with replacing(path) as beside:
+        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def settings_of(config: Any) -> dict[str, Any]:

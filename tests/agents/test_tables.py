@@ -14,7 +14,7 @@ from rich.table import Table
 
 from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.commands.learning_report import Trained, search_table, training_table
+from turtlebot_gym_agents.commands.learning import _search_table, _training_table
 from turtlebot_gym_agents.commands.study import table as study_table
 from turtlebot_gym_agents.commands.tables import _groups, _Need, _widths, fitted
 from turtlebot_gym_agents.evaluation.metrics import Interval
@@ -123,11 +123,11 @@ def test_train_and_tune():
     best = {"success": 0.998, "return": 12.34, "steps_to_end": 104.5}
     result = SimpleNamespace(steps=1_000_000, seconds=1234.5, steps_per_second=123_456.0, best=best)
     folder = Path("/home/somebody/experiments/turtlebot/runs/nav/seed-0")
-    trained = training_table([Trained(0, folder, result)], title="TurtleBotNav-v0")  # pyright: ignore[reportArgumentType]
+    trained = _training_table([(0, folder, result)], title="TurtleBotNav-v0")  # pyright: ignore[reportArgumentType]
     require_whole(shown([trained]), [trained])
     parameters = {"learning_rate": 0.00123456789, "n_steps": 32, "gamma": 0.98, "ent_coef": 1.5e-05, "net_arch": "small"}
     trials = [SimpleNamespace(number=at, value=12.345 - at, params=parameters) for at in range(9)]
-    searched = search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="the best of 10")  # pyright: ignore[reportArgumentType]
+    searched = _search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="the best of 10")  # pyright: ignore[reportArgumentType]
     assert searched.row_count == 5
     require_whole(shown([searched]), [searched])
 

@@ -130,7 +130,6 @@ def _better(likelihood: Callable[[float], float]) -> str:
 
 
 def _exactly(noise: Noise, variance: float) -> Noise:
-    """Return a noise model of poses that are all but exact."""
     return Noise(process=noise.process, odometry=OdometryNoise(R=(variance,) * 3))
 
 

@@ -139,7 +139,6 @@ def _checked(name: str, threads: int | None) -> int | None:
 
 
 def _limit_given() -> int | None:
-    """Return the limit set by the environment variable, if any."""
     text = os.environ.get(VARIABLE, "")
     if not text:
         return None

@@ -166,7 +166,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return observations, self._info(outcomes, mask)
 
     def _entropy(self) -> int:
-        """Return the seed that Gymnasium drew where none was given."""
         return int(self.np_random_seed or 0)
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:

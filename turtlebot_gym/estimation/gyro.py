@@ -85,7 +85,6 @@ def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTunin
 
 @kernel
 def _fix(estimate: _GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _GyroEstimate:
-    """Condition on an external pose measurement; see `interface.Filter`."""
     belief, bias, _ = correct_both(estimate.belief, estimate.bias, z, R, wrap(z.theta - estimate.belief.mean.theta))
     return _GyroEstimate(belief, estimate.nis, bias)
 

@@ -62,8 +62,6 @@ class _Tracked(NamedTuple):
 
 
 class _Tracks(NamedTuple):
-    """All hypotheses after a step."""
-
     true: _Tracked
     high: _Tracked
     low: _Tracked
@@ -122,7 +120,6 @@ def _share_of(part: float, rest: float) -> float:
 
 @kernel
 def _merged(hypotheses: Hypotheses, weights: Three) -> Belief:
-    """Return the hypotheses as one Gaussian."""
     true, high, low = weights
     first = merge(hypotheses.true, hypotheses.high, _share_of(high, true))
     return merge(first, hypotheses.low, _share_of(low, true + high))
@@ -149,7 +146,6 @@ def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
 
 @kernel
 def _start(senses: Senses, tuning: FilterTuning) -> _MixtureEstimate:
-    """Start from the first measurement; see `interface.Filter`."""
     hypotheses, weights = begin(senses.odometry.pose, tuning)
     return _MixtureEstimate(_merged(hypotheses, weights), 0.0, hypotheses, weights)
 
@@ -197,20 +193,17 @@ def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, 
 
 @kernel
 def _fix_one(belief: Belief, z: Pose, R: Variances) -> _Tracked:
-    """Condition a hypothesis on an external pose measurement."""
     posterior, nis, precision = correct_pose(belief, z, R, wrap(z.theta - belief.mean.theta))
     return _Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
 
 
 @kernel
 def _fix_all(hypotheses: Hypotheses, z: Pose, R: Variances) -> _Tracks:
-    """Condition all hypotheses on an external pose measurement."""
     return _Tracks(_fix_one(hypotheses.true, z, R), _fix_one(hypotheses.high, z, R), _fix_one(hypotheses.low, z, R))
 
 
 @kernel
 def _beliefs(tracks: _Tracks) -> Hypotheses:
-    """Return the hypotheses after a measurement."""
     return Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
 
 
@@ -280,7 +273,6 @@ class _SlipEstimate(NamedTuple):
 
 @kernel
 def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -> Belief:
-    """Return all hypotheses in both modes as one Gaussian."""
     share = slip[0] + slip[1] + slip[2]
     return merge(_merged(gripping, grip), _merged(slipping, slip), share)
 
@@ -295,7 +287,6 @@ def _slip_start(senses: Senses, tuning: FilterTuning) -> _SlipEstimate:
 
 @kernel
 def _moving(belief: Belief, twist: Command, share: float) -> Belief:
-    """Return a belief with a share of a twist."""
     x, y, theta, _, _ = belief.mean
     return Belief(State(x, y, theta, share * twist.v, share * twist.omega), belief.covariance)
 
@@ -315,7 +306,6 @@ def _mix(
 
 @kernel
 def _weigh_both(estimate: _SlipEstimate, gripped: _Tracks, slipped: _Tracks) -> tuple[Three, Three]:
-    """Return the weights of all hypotheses in both modes after a measurement."""
     least = min(least_exponent(gripped), least_exponent(slipped))
     grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
     one = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])

@@ -68,7 +68,6 @@ def _step(
 
 @kernel
 def _fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
-    """Condition on an external pose measurement; see `interface.Filter`."""
     turn = wrap(z.theta - estimate.belief.mean.theta)
     belief, scale, _ = correct_both(estimate.belief, estimate.scale, z, R, turn)
     return _ScaleEstimate(belief, estimate.nis, scale)

@@ -138,7 +138,6 @@ class Engine:
             return _Driven(self._truth(), wheels, twist, self._read())
 
     def _set(self, command: Command) -> None:
-        """Set the wheels' speeds to those of a twist."""
         rim = 0.5 * command.omega * self._burger.wheel_separation
         self._data.ctrl[:] = (command.v - rim) / self._burger.wheel_radius, (command.v + rim) / self._burger.wheel_radius
 

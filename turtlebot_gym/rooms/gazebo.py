@@ -17,14 +17,11 @@ APRON = 1.0
 
 
 class _Frame(NamedTuple):
-    """A planar frame in the world."""
-
     x: float
     y: float
     yaw: float
 
     def __add__(self, other: object) -> _Frame:
-        """Return the world frame of another frame that is given relative to this one."""
         assert isinstance(other, _Frame)
         cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
         return _Frame(
@@ -92,13 +89,11 @@ def _geometries(root: ElementTree.Element) -> Iterator[tuple[_Frame, ElementTree
 
 
 def _frame(element: ElementTree.Element) -> _Frame:
-    """Return the planar part of an element's pose."""
     x, y, _, _, _, yaw = map(float, element.findtext("pose", "0 0 0 0 0 0").split())
     return _Frame(x, y, yaw)
 
 
 def _around(circles: Sequence[tuple[float, ...]], boxes: Sequence[tuple[float, ...]], *poses: Pose | None) -> Walls:
-    """Return walls around circles, boxes and poses."""
     reach = [(x, y, radius) for x, y, radius in circles]
     reach += [(x, y, math.hypot(length, width) / 2.0) for x, y, length, width, _ in boxes]
     reach += [(pose.x, pose.y, 0.0) for pose in poses if pose is not None]

@@ -38,7 +38,6 @@ from turtlebot_gym.values import Command, Pose, State
 
 @kernel
 def _lay_out(key, p, scene):
-    """Return the start pose, and the goal if the task draws one."""
     pose = start_pose(key, p.task)
     return pose, draw_goal(key, pose, p.task)
 

@@ -57,7 +57,6 @@ def physical(system: System, burger: MujocoBurger) -> System:
     engine = engine_of(burger)
 
     def start(pose):
-        """Return the body at rest in a pose."""
         state = State(pose.x, pose.y, pose.theta, 0.0, 0.0)
         return _PhysicalBody(state, STOP, (STOP, STOP, STOP), pose, False, STOP, engine.start(pose))
 

@@ -73,7 +73,6 @@ class _RoomObservation(NamedTuple):
 
 @kernel
 def _lay_out(key, p, scene):
-    """Draw a room, and return the start pose and the goal."""
     return draw(scene, p.room.rules, p.robot.radius, key)
 
 

@@ -123,7 +123,6 @@ def _course(visited: float, waypoints: Any, laps: float) -> Course:
 
 @kernel
 def _see_nothing(world: Snapshot, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
-    """Return the empty surroundings of open ground."""
     return ()
 
 

@@ -150,7 +150,6 @@ def columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _episodes(arrays: Mapping[str, np.ndarray]) -> Episodes:
-    """Return episodes from the arrays that `columns` yielded."""
     errors = {name: Errors(*(arrays[f"{name}.{part}"] for part in Errors._fields)) for name in ("estimate", "odometry")}
     values: dict[str, Any] = {**arrays, **errors}
     return Episodes(**{name: values[name] for name in Episodes._fields})

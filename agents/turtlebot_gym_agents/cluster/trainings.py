@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from turtlebot_gym.files import load
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
 from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
-from turtlebot_gym_agents.files import replace_json, replacing
+from turtlebot_gym_agents.provenance import replace_json, replacing
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
 if TYPE_CHECKING:

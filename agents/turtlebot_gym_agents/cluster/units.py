@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 
 import turtlebot_gym
 import turtlebot_gym_agents
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies.named import pretrained_folder
-from turtlebot_gym_agents.provenance import libraries
+from turtlebot_gym_agents.provenance import libraries, replacing
 from turtlebot_gym_agents.training.hyperparameters import configs_folder
 
 

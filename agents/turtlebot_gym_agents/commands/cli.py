@@ -15,17 +15,23 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import tyro
 
-from turtlebot_gym_agents.commands.benchmark import Benchmark
+from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
 from turtlebot_gym_agents.commands.calibrate import Calibrate
-from turtlebot_gym_agents.commands.compile import Compile
-from turtlebot_gym_agents.commands.console import Driven, FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import (
+    Driven,
+    FigureFile,
+    JsonFile,
+    Writing,
+    needs,
+    print_tables,
+    progress,
+    save_figure,
+)
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.placement import Placement
-from turtlebot_gym_agents.commands.study import Study
-from turtlebot_gym_agents.commands.tune_baseline import TuneBaseline
-from turtlebot_gym_agents.commands.watch import Watch
+from turtlebot_gym_agents.commands.study import Study, TuneBaseline
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
 from turtlebot_gym_agents.provenance import write_json
 
@@ -102,7 +108,6 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
             return evaluate_all(asked, **place._asdict(), progress=advance_to)
 
     def _label(self, *names: str) -> str:
-        """Return the names that distinguish a combination from the others."""
         choices = (self.policy, self.noise, self.observation)
         varied = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
         return ", ".join(varied or names[:1])
@@ -147,6 +152,46 @@ class Video(Writing, Driven):
             f"{self.out}: {video.duration:.1f} s, {video.size[0]} x {video.size[1]} pixels, {self.out.stat().st_size:,} bytes; "
             f"the episode took {video.time:.1f} s and ended {'in' if video.success else 'without'} success."
         )
+
+
+@own_first
+@dataclass(frozen=True, kw_only=True)
+class Watch(Writing, Driven):
+    """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
+
+    The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [watch].
+    """
+
+    policy: tuple[str, ...] = ("bearing",)
+    """Policies as for evaluate; all drive the same episode."""
+    seed: int = 0
+    """Seed of the episode."""
+    drive: tuple[Path, ...] = ()
+    """Recorded drives instead of episodes: bags, snapshots.csv of data_logger, or tables as replay takes them."""
+    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), Output((".html", ".htm"))] = None
+    """Write the view to this file, which opens without a server or a network, instead of serving it."""
+    host: str = "localhost"
+    """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""
+    port: int = 5006
+    """Port to listen on; 0 for any that is free."""
+
+    def run(self) -> None:
+        from turtlebot_gym_agents.watch import read_recorded, record_episode
+
+        with needs("watch"):
+            from turtlebot_gym_agents.watch.html import write_html
+            from turtlebot_gym_agents.watch.server import serve
+        if self.drive:
+            drives = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
+            title = f"Recorded: {', '.join(path.name for path in self.drive)}"
+        else:
+            drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
+            around = [name for name in (self.world, self.lidar, self.fix) if name]
+            title = ", ".join([self.env.partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
+        if self.html is not None:
+            print(f"{self.html}: {write_html(drives, self.html, title=title):,} bytes; open it in a browser.")
+            return
+        serve(drives, title=title, host=self.host, port=self.port)
 
 
 COMMANDS: dict[str, type[_Command]] = {

@@ -49,8 +49,6 @@ def flags(*names: str, several: Sequence[str] = (), **defaults: Any) -> Any:
 
 
 class _Declared(NamedTuple):
-    """One of `turtlebot_gym.Options`."""
-
     kinds: tuple[type, ...]
     """Types that a command line can give."""
     default: Any
@@ -59,7 +57,6 @@ class _Declared(NamedTuple):
 
 
 def _declared() -> dict[str, _Declared]:
-    """Return the options of environments by name, in the order of their declaration."""
     source = Path(turtlebot_gym.__file__).parent / "systems" / "options.py"
     (body,) = (
         node.body

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from importlib.util import find_spec
@@ -19,15 +19,20 @@ from turtlebot_gym_agents.outputs import FOLDER, Output
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
+    from optuna.trial import FrozenTrial
+    from rich.table import Table
+
     from turtlebot_gym_agents.training.config import TrainingConfig
     from turtlebot_gym_agents.training.train import TrainingResult
+
+
+SHOWN = 5
+"""Trials in the table of a search, the best first."""
 
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
 class _Learned(Writing, Setting):
-    """Environment and algorithm of a training."""
-
     algo: str = "ppo"
     """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
     randomize: bool = False
@@ -85,8 +90,6 @@ class Train(Placement, _Learned):
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
-        from turtlebot_gym_agents.commands.learning_report import Trained, training_table
-
         if self.spread:
             results = self._spread(configs, folders)
         else:
@@ -94,14 +97,14 @@ class Train(Placement, _Learned):
                 train(config, folder, resume=self.resume, callbacks=self._callbacks(config, folder))
                 for config, folder in zip(configs, folders, strict=True)
             )
-        trained = [Trained(*one) for one in zip(seeds, folders, results, strict=True)]
+        trained = list(zip(seeds, folders, results, strict=True))
         runs, times = [], []
         for seed, folder, result in trained:
             told = asdict(result)
             times.append({"seed": seed, **{name: told.pop(name) for name in ("seconds", "steps_per_second")}})
             runs.append({"seed": seed, "folder": folder, **told})
         title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
-        print_tables(training_table(trained, title=title))
+        print_tables(_training_table(trained, title=title))
         if self.json is not None:
             write_json(self.json, {"runs": runs, "times": times}, config=self.settings())
 
@@ -164,8 +167,6 @@ class Tune(Placement, _Learned):
             from turtlebot_gym_agents.cluster.search import Trial, tune
         from rich.console import Console
 
-        from turtlebot_gym_agents.commands.learning_report import search_table
-
         self.require_cluster()
         console = Console(stderr=True)
         with console.status("") as status:
@@ -181,7 +182,7 @@ class Tune(Placement, _Learned):
                 with self.place(memory=Trial.memory, store=self.out / "units") as place:
                     study = tune(config, self.out, generation=generation, **common, **place._asdict())
         title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
-        print_tables(search_table(study.trials, title=title))
+        print_tables(_search_table(study.trials, title=title))
         if self.json is not None:
             trials = [
                 {"number": one.number, "state": one.state.name, "return": one.value, "parameters": one.params}
@@ -271,3 +272,34 @@ def _loading(config: TrainingConfig) -> Iterator[None]:
         yield
     finally:
         beside.join()
+
+
+def _training_table(trainings: Sequence[tuple[int, Path, TrainingResult]], *, title: str) -> Table:
+    """Return how trainings went, given as seed, folder and result, and what their best models do."""
+    from rich.table import Table
+
+    table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
+    for seed, folder, result in trainings:
+        best = result.best
+        table.add_row(
+            str(seed),
+            f"{result.steps:,}",
+            f"{result.seconds:.1f}",
+            f"{result.steps_per_second:,.0f}",
+            f"{100.0 * best['success']:.1f}",
+            f"{best['return']:.2f}",
+            f"{best['steps_to_end']:.1f}",
+            str(folder / "policy.onnx"),
+        )
+    return table
+
+
+def _search_table(trials: Sequence[FrozenTrial], *, title: str) -> Table:
+    """Return the best trials of a search, at most `SHOWN`."""
+    from rich.table import Table
+
+    table = Table("trial", "return", "hyper-parameters", title=title)
+    complete = sorted((trial for trial in trials if trial.value is not None), key=lambda trial: -(trial.value or 0.0))
+    for trial in complete[:SHOWN]:
+        table.add_row(str(trial.number), f"{trial.value:.3f}", ", ".join(f"{k} {v}" for k, v in trial.params.items()))
+    return table

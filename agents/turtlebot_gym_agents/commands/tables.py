@@ -20,8 +20,6 @@ _NUMBERS = re.compile(r"(?:[-+±?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b
 
 
 class _Need(NamedTuple):
-    """Widths of a column, characters."""
-
     least: int
     """Width in which its numbers stand on one line, and words are not broken."""
     whole: int
@@ -121,7 +119,6 @@ def _widths(needs: Sequence[_Need], width: int) -> list[int]:
 
 
 def _part(table: Table, shown: Sequence[int], widths: Sequence[int], part: Table) -> Table:
-    """Return a part with the rows of some columns."""
     for at, width in zip(shown, widths, strict=True):
         column = table.columns[at]
         part.add_column(column.header, width=width, overflow="fold", justify=column.justify)

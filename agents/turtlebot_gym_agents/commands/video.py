@@ -17,9 +17,9 @@ from turtlebot_gym.envs.rendering import HEADER, SIDE
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.outputs import require_file
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
+from turtlebot_gym_agents.provenance import replacing
 
 MIN_WIDTH = 160
 """Least width of a frame, pixels: narrower legends are illegible."""

@@ -217,7 +217,6 @@ def drive(
 
 
 def _record(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
-    """Drive until every environment has completed an episode."""
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)
     if isinstance(policy, PolicyWithMemory):

@@ -80,7 +80,6 @@ def _best_near(scene, row, column):
 
 @kernel
 def _is_clear(scene, x, y, to_x, to_y, distance):
-    """Return whether a straight line keeps a distance from everything."""
     dx, dy = to_x - x, to_y - y
     parts = int(sqrt(dx * dx + dy * dy) / (0.5 * RESOLUTION)) + 1
     nearest = distance
@@ -90,7 +89,6 @@ def _is_clear(scene, x, y, to_x, to_y, distance):
 
 
 def _find_targets(scenes, states, goals, distance, targets):
-    """Write the target point of each robot."""
     for index in range(len(states)):
         scene = scene_at(scenes, index)
         x, y = states[index, 0], states[index, 1]

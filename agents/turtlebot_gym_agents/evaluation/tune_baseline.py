@@ -20,10 +20,9 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import Range, choose, whole
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
-from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers, layout_of_baseline
 from turtlebot_gym_agents.policies.fit import describe_robot
-from turtlebot_gym_agents.provenance import plain, provenance
+from turtlebot_gym_agents.provenance import plain, provenance, replace_json
 
 TUNING_SEED = 2**39
 """First seed of the tries' episodes, separate from typical user seeds and those of trainings."""

@@ -24,8 +24,8 @@ from stable_baselines3.common.distributions import DiagGaussianDistribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 
 from turtlebot_gym import Parameters
-from turtlebot_gym_agents.files import replace_json
 from turtlebot_gym_agents.policies import Policy
+from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.model import parameters_of, save_checkpoint, save_model, weights_of

@@ -14,7 +14,7 @@ import yaml
 
 from turtlebot_gym import files
 from turtlebot_gym.validation import Range, Rule, choose, did_you_mean, flag, refusal, shown
-from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.provenance import replacing
 
 ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish")
 """Modules of torch.nn between the layers of a network."""

@@ -27,8 +27,8 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
 from turtlebot_gym import Parameters
-from turtlebot_gym_agents.files import replacing
 from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.provenance import replacing
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure
 from turtlebot_gym_agents.training.optimizer import EPS, Adam, Linear

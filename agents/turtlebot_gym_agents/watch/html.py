@@ -10,7 +10,7 @@ from bokeh.embed import file_html
 from bokeh.resources import INLINE
 
 from turtlebot_gym.drives import Drive
-from turtlebot_gym_agents.files import replacing
+from turtlebot_gym_agents.provenance import replacing
 from turtlebot_gym_agents.watch.view import fill
 
 
