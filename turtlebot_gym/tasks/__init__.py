@@ -8,8 +8,17 @@ from turtlebot_gym.tasks.observation import (
     observe,
     stated_deviations,
 )
-from turtlebot_gym.tasks.rules import arrived, believed_to_arrive, by_time, distance_to, due, remaining, reward_of
-from turtlebot_gym.tasks.starts import draw_goal, start_pose
+from turtlebot_gym.tasks.rules import (
+    arrived,
+    believed_to_arrive,
+    by_time,
+    distance_to,
+    draw_goal,
+    due,
+    remaining,
+    reward_of,
+    start_pose,
+)
 from turtlebot_gym.tasks.task import (
     NAV,
     POSE,

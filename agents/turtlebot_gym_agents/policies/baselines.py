@@ -9,7 +9,6 @@ from typing import Any
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import choose
-from turtlebot_gym_agents.policies.dynamic_window import DynamicWindowPolicy
 from turtlebot_gym_agents.policies.fit import require_fit
 from turtlebot_gym_agents.policies.geometric import (
     Baseline,
@@ -20,7 +19,7 @@ from turtlebot_gym_agents.policies.geometric import (
     RotateDriveRotatePolicy,
 )
 from turtlebot_gym_agents.policies.policy import Policy, layout_of
-from turtlebot_gym_agents.policies.reactive import FollowTheGapPolicy, VectorFieldHistogramPolicy
+from turtlebot_gym_agents.policies.reactive import DynamicWindowPolicy, FollowTheGapPolicy, VectorFieldHistogramPolicy
 
 FORMAT = "turtlebot-gym-baseline/1"
 
