@@ -278,7 +278,7 @@ def _over_time(axes: Axes, label: str) -> Axes:
 
 
 def _without_jumps(time: NDArray, values: NDArray, component: str) -> tuple[NDArray, NDArray]:
-    """Interrupt a heading where it jumps by more than half a turn, as it does at the largest possible error."""
+    """Interrupt a heading where it jumps by more than half a turn."""
     jumps = np.flatnonzero(np.abs(np.diff(values)) > np.pi) + 1 if component == "theta" else []
     return np.insert(time, jumps, np.nan), np.insert(values, jumps, np.nan)
 

@@ -168,7 +168,7 @@ def _item(value: Any) -> Any:
 
 
 def _real(value: Any, *, whole: bool = False) -> Any:
-    """Return a real number as a float, or a whole one as an int; None for anything else, and for one beyond all floats."""
+    """Return a real number as a float or an int; None for anything else."""
     value = _item(value)
     if isinstance(value, bool) or not isinstance(value, int if whole else Real):
         return None

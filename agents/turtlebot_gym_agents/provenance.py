@@ -58,6 +58,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Processes on several machines may do so at once: each has its own temporary file, and the last one wins.
     """
+    # Of this process alone: others may write the same file.
     beside = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.new")
     try:
         yield beside
@@ -114,7 +115,7 @@ def _installed(name: str) -> tuple[str, str | None]:
 
 
 def _commit() -> str | None:
-    """Return the commit of this package's checkout, marked if files differ from it; None without a checkout."""
+    """Return the commit of this package's checkout, marked if files differ; None without one."""
     git = ["git", "--no-optional-locks", "-C", str(Path(turtlebot_gym.__file__).parent)]
     options: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 10, "check": True}
     try:

@@ -22,7 +22,7 @@ REACH = 0.6
 SURE = 10.0
 """Gain in log-likelihood that a shift must bring to be accepted."""
 SAME_PLACE, SAME_DIRECTION = 0.25, 0.1
-"""Limits, m and rad: truth that is closer to the measured poses counts as being in their frame, and the rest is the bias."""
+"""Limits, m and rad: truth that is closer to the measured poses is in their frame."""
 
 
 class Shift(NamedTuple):
@@ -132,6 +132,7 @@ def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
         bend = before - 2.0 * here + after
         if bend < 0.0:
             value += 0.5 * (before - after) / bend * (shifts[1] - shifts[0])
+    # Half of chi-square: twice the loss is the deviance.
     near = np.flatnonzero(score >= score[at] - 0.5 * stats.chi2.ppf(0.95, 1))
     step = shifts[1] - shifts[0]
     none = float(np.interp(0.0, shifts, score))
@@ -211,6 +212,7 @@ def _find_frame(drive: Drive) -> Frame:
     z = drive.odometry[both, 0] + 1j * drive.odometry[both, 1]
     true = drive.truth[both, 0] + 1j * drive.truth[both, 1]
     spread = (np.conj(z - z.mean()) * (true - true.mean())).sum()
+    # The angle that turns one set of points onto the other.
     theta = float(np.angle(spread)) if abs(spread) > 0.0 else 0.0
     there = true.mean() - z.mean() * np.exp(1j * theta)
     apart = abs((true - z).mean())

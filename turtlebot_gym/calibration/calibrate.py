@@ -74,6 +74,7 @@ def detect_kind(drive: Drive) -> str:
     forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
     rest = np.where(good, forward - drive.twist[1:, 0] * dt, 0.0)
     size = float((rest**2).sum())
+    # White noise gives -0.5: an error ends one step and begins the next.
     return POSE if size > 0.0 and float((rest[1:] * rest[:-1]).sum()) < -0.25 * size else WHEELS
 
 
@@ -168,5 +169,6 @@ def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_cert
 def _lost(drive: Drive) -> tuple[int, int]:
     """Return how many measured poses were lost, and out of how many, given their usual rate."""
     gaps = np.diff(drive.time[known(drive.odometry)])
+    # A gap of n usual intervals has lost n - 1 poses.
     among = np.rint(gaps / np.median(gaps))
     return int((among - 1.0).clip(0.0).sum()), int(among.sum())

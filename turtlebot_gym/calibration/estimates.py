@@ -34,7 +34,7 @@ SPREAD = (0.3, 1.0, 3.0)
 """Factors on the roots of variances at which a wide search starts."""
 
 CLEAR = 0.3
-"""Relative standard deviation of a coordinate up to which a variance, a probability or a size counts as determined."""
+"""Relative deviation up to which a variance, a probability or a size counts as determined."""
 FINE = {"scale": 0.05, "bias_x": 0.1, "bias_y": 0.1, "bias_theta": 0.1}
 """Standard deviation up to which the other parameters count as determined."""
 
@@ -55,7 +55,7 @@ ONLY_TRUTH = {
 }
 """Parameters that no motion determines without truth."""
 HIDDEN = ("alpha1", "alpha3")
-"""Parameters that the larger noise of measured poses hides; if one of them seems determined, that is usually by chance."""
+"""Parameters that the larger noise of measured poses hides; they seem determined by chance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +110,7 @@ def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequenc
     scales = np.array([PARAMETERS[name].scale for name in plain])
     x, without = climb(lambda x: likelihood(from_coordinates(start, plain, x)), to_coordinates(start, plain), scales)
     smooth = from_coordinates(start, plain, x)
+    # Without spikes in the model, they were part of the variance.
     rest = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
     sizes = [size * math.sqrt(smooth.odometry.R[2]) for size in SPIKE_SIZES]
     begin = max((with_values(smooth, {**rest, "spike": size}) for size in sizes), key=likelihood)
@@ -133,6 +134,7 @@ def estimates(
     """
     likeliest = from_coordinates(start, names, fit.x)
     upright = fit._replace(x=np.where([PARAMETERS[name].kind == PLAIN for name in names], fit.x, np.abs(fit.x)))
+    # Coordinates of variances have no sign: take the positive ones.
     signs = np.where(upright.x == fit.x, 1.0, -1.0)
     upright = upright._replace(
         information=fit.information * np.outer(signs, signs), covariance=fit.covariance * np.outer(signs, signs)
@@ -156,7 +158,7 @@ def estimates(
 
 
 def _remedy(name: str, x: float, deviation: float, low: float, high: float, *, has_truth: bool) -> str:
-    """Return what would determine a parameter; nothing if its coordinate, deviation and interval show that the drive does."""
+    """Return what would determine a parameter; nothing if the drive does."""
     if PARAMETERS[name].kind == PLAIN:
         clear = deviation <= FINE[name]
     else:

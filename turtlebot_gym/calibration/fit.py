@@ -27,7 +27,7 @@ Z = float(stats.norm.ppf(0.5 + 0.5 * LEVEL))
 STEP = 1e-3
 """First step of finite differences, in units of a coordinate's scale."""
 QUADRATIC = 0.08
-"""Tolerance on the root of the deviance at a quadratic interval's end, which should be `Z`, for the interval to hold."""
+"""Tolerance on the root of the deviance, which should be `Z`, for a quadratic interval to hold."""
 ACCURATE = 0.04
 """Tolerance on the root of the deviance at a profile's end, which should be `Z`."""
 FAR = 8.0
@@ -65,7 +65,7 @@ class Fit(NamedTuple):
 
 
 def _finite(likelihood: Likelihood) -> Likelihood:
-    """Return the negative log-likelihood, or a large number where it is undefined or coordinates break a parameter's rule."""
+    """Return the negative log-likelihood, or a large number where it is undefined."""
 
     def cost(x: Vector) -> float:
         try:
@@ -110,7 +110,7 @@ def _corners(same: bool) -> Sequence[tuple[float, float]]:
 
 
 def _inverse(information: Vector) -> Vector:
-    """Return the inverse of an information matrix, with the magnitudes of negative eigenvalues (a saddle of the likelihood)."""
+    """Return the inverse of an information matrix; a saddle's eigenvalues count by magnitude."""
     sizes = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-12))
     values, directions = np.linalg.eigh(information / np.outer(sizes, sizes))
     inverse = (directions / np.maximum(np.abs(values), 1e-4)) @ directions.T
@@ -269,6 +269,7 @@ def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: 
         best[distance] = x
         return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
 
+    # Enclose the end by doubling, then interpolate.
     low, high, low_root = 0.0, Z, 0.0
     room = (fit.x[at] - least) / deviation if side < 0.0 else math.inf
     if room < 2.0 * Z:

@@ -108,9 +108,10 @@ def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikeliho
 
 
 def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> _Found:
-    """Fit to a drive without truth: execution and measurement noise together, by the innovations of a matched filter."""
+    """Fit execution and measurement noise together, by the innovations of a matched filter."""
     rows = measured_rows(drive)
     step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
+    # The median resists spikes; a difference has twice the variance.
     spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
     begun = replace(start, odometry=replace(start.odometry, R=tuple(np.maximum(spread, 1e-8).tolist()), wheel=False))
     if integrator is None:

@@ -34,7 +34,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, No
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, State
 
 LEVER = 0.2
-"""Distance as which a turn by 1 rad counts, m, so that segments also end while a robot turns on the spot."""
+"""Distance as which a turn by 1 rad counts, m: a turn on the spot ends segments, too."""
 CERTAIN = 1.0 - 1e-13
 """Probability of a hypothesis above which the others are dropped."""
 
@@ -96,7 +96,7 @@ def _shifted(poses: Any, row: int, bias: Three) -> Pose:
 
 @kernel
 def _depart(z: Pose, twist: Command, tuning: Any, dt: float, middle: float) -> tuple[Hypotheses, Three]:
-    """Return a belief for each explanation of the first pose, with the twist that follows, and their probabilities."""
+    """Return a belief for each explanation of the first pose, and their probabilities."""
     (true, high, low), weights = begin(z, tuning)
     hypotheses = Hypotheses(
         predict(true, twist, tuning, dt, middle),  # at rest: nothing moves yet
@@ -124,6 +124,7 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale
         if running:
             dt = time[row] - time[row - 1]
             odometry = Odometry(z, twist_then, due[row])
+            # One filter does once a hypothesis is certain.
             if alone:
                 now = track(belief, odometry, tuning, dt, middle)
                 total += math.log(now.factor) - now.exponent if due[row] else 0.0
@@ -162,7 +163,7 @@ def _loops() -> tuple[Callable[..., float], Callable[..., float]]:
 
 
 def tuning_of(noise: Noise) -> FilterTuning:
-    """Return the tuning that the likelihood assumes: the noise without floors; bias and scale are separate arguments."""
+    """Return the tuning that the likelihood assumes: the noise, without floors."""
     odometry = noise.odometry
     return FilterTuning(
         Q=(0.0,) * 5,

@@ -88,7 +88,7 @@ def _check_clock(drive: Drive, where: str) -> None:
 
 
 def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: float, what: str) -> None:
-    """Refuse poses in millimetres, or with headings in degrees, judged by the way and the turn of the twist."""
+    """Refuse poses in millimetres or degrees, judged by the twist."""
     there = known(poses)
     if there.sum() < 10:
         return

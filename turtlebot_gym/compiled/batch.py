@@ -21,7 +21,7 @@ from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 64 * TILE
-"""Batches below this size run on one thread: splitting a quarter of a millisecond costs more than it saves."""
+"""Batches below this size run on one thread: splitting costs more than it saves."""
 ROOMS_PARALLEL_FROM = 8 * TILE
 """The same in rooms, where a step takes about ten times as long."""
 
@@ -77,7 +77,7 @@ class Batch:
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._parallel = is_large and HAS_NUMBA and self.system.compiled
         self._addresses: dict[str, int] = {}
-        """Of the loops that a parallel loop calls; they hold for the types of the present scenes, in this process."""
+        """Of the loops that a parallel loop calls, for the present scenes and this process."""
         self._pace = Pace()
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)

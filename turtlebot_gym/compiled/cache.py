@@ -35,7 +35,7 @@ else:  # the functions run as plain Python
 
 
 def _fingerprint(*functions: Callable[..., Any]) -> str:
-    """Return a hash of functions, of everything they call, and of the numbers they use; comments and paths do not count."""
+    """Return a hash of functions, of what they call, and of the numbers they use."""
     digest, seen = hashlib.sha256(), set()
     for function in functions:
         for part in _parts(function, seen):

@@ -22,7 +22,7 @@ TILE = 32
 
 @cache
 def _numbers_of(dataclass_type: type) -> tuple[str, ...]:
-    """Return the names of a dataclass's fields that hold numbers; others are marked, and no kernel may read them."""
+    """Return the names of fields that hold numbers; no kernel may read the others."""
     return tuple(item.name for item in dataclasses.fields(dataclass_type) if item.metadata.get("number", True))
 
 

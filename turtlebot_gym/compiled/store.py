@@ -26,9 +26,9 @@ except ImportError:  # Windows: processes that start together compile the same, 
     fcntl = None
 
 MOST_BYTES = 200_000_000
-"""Size of the cache above which the files that nobody used for the longest time are removed: about 500 functions."""
+"""Size of the cache above which the least recent files are removed: about 500 functions."""
 LONGEST_WAIT = 300.0
-"""Longest time to wait for another process that compiles the same function, s: several times what a robot's computer needs."""
+"""Longest time to wait for another process that compiles the same function, s."""
 
 
 def folder() -> Path:
@@ -105,7 +105,7 @@ def _load(path: Path, target: Any) -> Any:
 
 
 def _lock(path: Path, name: str) -> IO[str] | None:
-    """Return a file that this process has locked; None if that is impossible, or another one holds it for too long."""
+    """Return a locked file; None if that is impossible, or another process holds it for too long."""
     if fcntl is None:
         return None
     try:
@@ -134,7 +134,7 @@ def _lock(path: Path, name: str) -> IO[str] | None:
 
 
 def _tidy(directory: Path) -> None:
-    """Remove the files that were not used for the longest time, if all of them are larger than `MOST_BYTES`."""
+    """Remove the files that were used least recently, if all are larger than `MOST_BYTES`."""
     files = sorted(((status := path.stat()).st_mtime, status.st_size, path) for path in directory.glob("*.bin"))
     excess = sum(size for _, size, _ in files) - MOST_BYTES
     for _, size, path in files:

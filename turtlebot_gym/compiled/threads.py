@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from turtlebot_gym.kernel import HAS_NUMBA
 
 VARIABLE = "TURTLEBOT_GYM_THREADS"
-"""Environment variable that limits the threads of a parallel loop; without it, numba uses one for each core."""
+"""Environment variable that limits the threads of a parallel loop."""
 
 # Threads that spin at the end of each step burn a core while they wait for a thread that a busy machine has not
 # scheduled: with the default spin a step of 512 environments took 5 ms of CPU instead of 0.06. Without spinning it
@@ -42,7 +42,7 @@ class Threads:
 
     @classmethod
     def acquire(cls, most: int | None = None) -> bool:
-        """Return whether the caller may run a parallel loop, on at most ``most`` threads; then it must `release` them."""
+        """Return whether the caller may run a parallel loop, and then must `release` it."""
         allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
         if allowed:
             cls.used = True

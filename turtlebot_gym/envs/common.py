@@ -48,6 +48,7 @@ FLAGS = ("measured", "slipping", "collision")
 SYMMETRIC = np.zeros((5, 5), np.intp)
 """Index of the independent entry, of 15, at each place of a covariance matrix."""
 SYMMETRIC[np.triu_indices(5)] = np.arange(15)
+# The lower triangle mirrors the upper one.
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
 
@@ -55,7 +56,7 @@ _FLOAT = np.dtype(np.float32)
 
 
 def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces.Space[NDArray[np.float32]]]:
-    """Return new spaces of actions, which are shares of the robot's limits of speed and turning rate, and of observations."""
+    """Return new spaces of actions, shares of the robot's limits, and of observations."""
     low, high = np.array(system.low, np.float32), np.array(system.high, np.float32)
     return spaces.Box(-1.0, 1.0, (2,), np.float32), spaces.Box(low, high)
 

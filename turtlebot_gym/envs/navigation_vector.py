@@ -230,11 +230,12 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         outcomes: NDArray[np.float64],
         asked: Mapping[int, Parameters] = MappingProxyType({}),
     ) -> None:
-        """Begin the episodes of some environments, with the parameters asked for; their episode numbers are already set."""
+        """Begin the episodes of some environments, whose numbers are already set."""
         if self._poses:
             self._poses.begin(mask, asked)
         self._batch.reset(mask, observations, outcomes)
         if self._poses and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
+            # No step may follow an episode that did not begin.
             self._begun, row = False, int(np.argmax(lost))
             parameters = self.parameters
             raise ValueError(

@@ -24,7 +24,7 @@ SIDE, HEADER = 640, 64
 _FINE = 2
 """Supersampling factor: the picture is drawn larger and scaled down, which smooths every edge."""
 _EDGE = 20 * _FINE
-"""Distance from an edge within which no coordinate is written, so that none is cut off or overlaps another."""
+"""Distance from an edge within which no coordinate is written, lest it is cut off."""
 _MARGIN = 0.5
 """Margin around the visible points, m: for circles of arrival, noisy odometry and the scale."""
 _GROWTH = 1.25
@@ -98,6 +98,7 @@ class Renderer:
         self._history.append(world)
         if self._widen(world):
             self._paper = self._make_paper()
+            # In a wider view all trails lie elsewhere.
             for before, after in zip(self._history, self._history[1:], strict=False):
                 self._draw_trails(before, after)
         else:

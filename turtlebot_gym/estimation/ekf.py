@@ -188,7 +188,7 @@ def innovation(mean: State, z: Pose, wraps: bool = True) -> Pose:
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
-    """Predict with the executed twist, and correct by the measured pose if one arrived; see `interface.Filter`."""
+    """Predict, and correct by the measured pose if one arrived; see `interface.Filter`."""
     odometry = senses.odometry
     prior = predict(estimate.belief, odometry.twist, tuning, dt, middle, tuning.kind.remember_velocity)
     posterior, nis = correct(prior, odometry.pose, tuning.R, tuning.kind.wrap_innovation)
@@ -237,7 +237,7 @@ def _restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
 
 @kernel
 def _gated_step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
-    """Predict, and correct by the position, and by the heading if it is plausible; see `interface.Filter`."""
+    """Predict, and correct by the position and by a plausible heading."""
     odometry = senses.odometry
     prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
     turn = innovation(prior.mean, odometry.pose).theta

@@ -60,13 +60,14 @@ def _start(senses: Any, tuning: FilterTuning) -> _GyroEstimate:
 def _turn_rate(belief: Belief, bias: Sixth) -> Projection:
     """Project on what the gyro measures, the turning rate plus the bias."""
     P, c = belief.covariance, bias.column
+    # var(omega + b) = var(omega) + 2 cov + var(b).
     column = State(P.xw + c.x, P.yw + c.y, P.tw + c.theta, P.vw + c.v, P.ww + c.omega)
     return Projection(column, P.ww + 2.0 * c.omega + bias.variance)
 
 
 @kernel
 def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, middle: float) -> _GyroEstimate:
-    """Predict, correct by the measured turning rate, and by the measured pose if one arrived; see `interface.Filter`."""
+    """Predict, and correct by turning rate and pose; see `interface.Filter`."""
     odometry, own = senses.odometry, tuning.kind
     to = moved_column(estimate.bias, estimate.belief.mean, dt, middle)
     belief = predict(estimate.belief, odometry.twist, tuning, dt, middle)

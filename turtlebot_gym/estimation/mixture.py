@@ -53,7 +53,7 @@ class _MixtureEstimate(NamedTuple):
 
 
 class _Tracked(NamedTuple):
-    """A hypothesis after a step, and the measurement's likelihood under it, ``factor e^-exponent`` up to a constant."""
+    """A hypothesis, and the measurement's likelihood under it, ``factor e^-exponent``."""
 
     belief: Belief
     nis: float
@@ -69,7 +69,8 @@ class _Tracks(NamedTuple):
 
 @kernel
 def exp_minus(q: float) -> float:
-    """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; above 60, where it is negligible, as for 60."""
+    """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; above 60 as for 60."""
+    # A Taylor series, squared seven times: 2^7 = 128.
     x = min(q, 60.0) * (1.0 / 128.0)
     y = 2.505210838544172e-08 - x * 2.08767569878681e-09
     y = 2.48015873015873e-05 - x * (2.7557319223985893e-06 - x * (2.755731922398589e-07 - x * y))
@@ -86,7 +87,7 @@ def exp_minus(q: float) -> float:
 
 @kernel
 def merge(one: Belief, other: Belief, share: float) -> Belief:
-    """Return the Gaussian with the mean and the covariance of a mixture in which ``other`` has the weight ``share``."""
+    """Return the Gaussian with the moments of a mixture; ``other`` has the weight ``share``."""
     a, b, P, Q = one.mean, other.mean, one.covariance, other.covariance
     x, y, t, v, w = b.x - a.x, b.y - a.y, wrap(b.theta - a.theta), b.v - a.v, b.omega - a.omega
     rest, both = 1.0 - share, share * (1.0 - share)
@@ -152,7 +153,7 @@ def _start(senses: Senses, tuning: FilterTuning) -> _MixtureEstimate:
 
 @kernel
 def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> _Tracked:
-    """Predict a hypothesis, and correct it by a measurement that arrived, weighed by its three explanations."""
+    """Predict a hypothesis, and correct it by a measurement's three explanations."""
     R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
     prior = predict(belief, odometry.twist, tuning, dt, middle)
     turn = innovation(prior.mean, odometry.pose).theta
@@ -234,7 +235,7 @@ def scaled(weights: Three, factor: float) -> Three:
 def _step(
     estimate: _MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> _MixtureEstimate:
-    """Predict and correct all hypotheses, and weigh them by the measurement's likelihoods; see `interface.Filter`."""
+    """Predict, correct and weigh all hypotheses; see `interface.Filter`."""
     tracks = track_all(estimate.hypotheses, senses.odometry, tuning, dt, middle)
     true, high, low = tracks
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
@@ -248,7 +249,7 @@ def _step(
 
 @kernel
 def _fix(estimate: _MixtureEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _MixtureEstimate:
-    """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
+    """Correct and weigh all hypotheses; see `interface.Filter`."""
     tracks = _fix_all(estimate.hypotheses, z, R)
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
@@ -314,7 +315,7 @@ def _weigh_both(estimate: _SlipEstimate, gripped: _Tracks, slipped: _Tracks) -> 
 
 @kernel
 def _slip_fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _SlipEstimate:
-    """Condition all hypotheses on an external pose measurement, and weigh them by it; see `interface.Filter`."""
+    """Correct and weigh all hypotheses; see `interface.Filter`."""
     gripped, slipped = _fix_all(estimate.gripping, z, R), _fix_all(estimate.slipping, z, R)
     grip, slip = _weigh_both(estimate, gripped, slipped)
     gripping, slipping = _beliefs(gripped), _beliefs(slipped)
@@ -325,7 +326,7 @@ def _slip_fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuni
 def _slip_step(
     estimate: _SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> _SlipEstimate:
-    """Predict and correct all hypotheses in both modes, weigh them, and mix the modes; see `interface.Filter`."""
+    """Predict, correct and weigh all hypotheses, and mix the modes; see `interface.Filter`."""
     odometry, twist = senses.odometry, senses.odometry.twist
     gripped = track_all(estimate.gripping, odometry, tuning, dt, middle)
     slipped = track_all(estimate.slipping, odometry, tuning, dt, middle)

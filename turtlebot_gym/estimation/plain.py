@@ -77,6 +77,7 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
     if P.shape != (len(x), len(x)) or not (np.isfinite(x).all() and np.isfinite(P).all()):
         raise ValueError(f"{_name(make)}: x and P must be finite arrays of fixed size, got {x.tolist()} and {P.tolist()}.")
     x[2] = wrap(float(x[2]))
+    # Rounding must not leave it asymmetric.
     P = 0.5 * (P + P.T)
     more = (*x[5:].tolist(), *P[5:].ravel().tolist())
     return _PlainEstimate(Belief(State(*x[:5].tolist()), Covariance(*P[:5, :5][_UPPER].tolist())), nis, more)
@@ -93,7 +94,7 @@ def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64],
 
 @cache
 def _filter_of(make: Callable[[Any], Any]) -> Filter:
-    """Return a plain class as a filter, whose functions change nothing but the worker that they set up themselves."""
+    """Return a plain class as a filter, whose functions change their own worker alone."""
 
     def start(senses: Senses, tuning: FilterTuning) -> _PlainEstimate:
         _, x, P = _worker(make, tuning)

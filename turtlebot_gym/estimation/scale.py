@@ -38,7 +38,7 @@ def _start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
 def _predict(
     belief: Belief, scale: Sixth, twist: Command, tuning: FilterTuning, dt: float, middle: float
 ) -> tuple[Belief, Sixth]:
-    """Move by a control interval: the pose with the believed twist, then the twist to the executed share of the new one."""
+    """Move the pose with the believed twist, then the twist to the executed share of the new one."""
     share, variance = scale.mean, scale.variance
     to = moved_column(scale, belief.mean, dt, middle)
     (x, y, heading, _, _), P = predict(belief, twist, tuning, dt, middle)
@@ -58,7 +58,7 @@ def _predict(
 def _step(
     estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> _ScaleEstimate:
-    """Predict with the executed share of the twist, and correct by the measured pose; see `interface.Filter`."""
+    """Predict with the executed share of the twist, and correct; see `interface.Filter`."""
     z = senses.odometry.pose
     prior, scale = _predict(estimate.belief, estimate.scale, senses.odometry.twist, tuning, dt, middle)
     now = _ScaleEstimate(prior, estimate.nis, scale)

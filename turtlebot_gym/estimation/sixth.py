@@ -34,7 +34,7 @@ class Sixth(NamedTuple):
 
 @kernel
 def moved_column(sixth: Sixth, mean: State, dt: float, middle: float) -> Pose:
-    """Return the covariance of a constant sixth state with the pose after a control interval that begins in ``mean``."""
+    """Return the covariance of a constant sixth state with the pose after an interval."""
     c, by = sixth.column, motion(mean.theta, mean.v, mean.omega, dt, middle)
     x = c.x + by.x_theta * c.theta + by.x_v * c.v + by.x_omega * c.omega
     y = c.y + by.y_theta * c.theta + by.y_v * c.v + by.y_omega * c.omega
@@ -45,7 +45,7 @@ def moved_column(sixth: Sixth, mean: State, dt: float, middle: float) -> Pose:
 def update_both(
     belief: Belief, sixth: Sixth, h: Projection, across: float, innovation: float, r: float
 ) -> tuple[Belief, Sixth, float]:
-    """Condition on a scalar measurement, whose covariance with the sixth state is ``across``; see `update.update`."""
+    """Condition as `update.update` does; the sixth state has the covariance ``across``."""
     inverse = inverse_of(innovation_variance(h, r))
     posterior, nis = update(belief, h, innovation, r)
     c, s, k = sixth.column, h.column, across * inverse

@@ -170,7 +170,7 @@ def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 
 @kernel
 def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, key: int, at: int) -> Pose:
-    """Return a given pose, or one drawn in a fifth of the room's length that begins at a share of it, or anywhere."""
+    """Return a given pose, or one drawn in a fifth of the room, or anywhere."""
     walls = scene.walls
     u1, u2 = uniforms(key, at, 0)
     u3, _ = uniforms(key, at, 1)

@@ -36,7 +36,7 @@ def extent(scene: Scene) -> tuple[int, int]:
 
 @kernel
 def cell_of(scene: Scene, x: float, y: float) -> tuple[int, int]:
-    """Return the row and the column of the cell around a point; the nearest cell of the grid for a point outside of it."""
+    """Return row and column of the cell around a point, or of the nearest one."""
     rows, columns = extent(scene)
     row = int(min(max((y - scene.walls[1] + scene.walls[3]) / RESOLUTION, 0.0), rows - 1.0))
     column = int(min(max((x - scene.walls[0] + scene.walls[2]) / RESOLUTION, 0.0), columns - 1.0))
@@ -163,7 +163,7 @@ def spread(scene: Scene, x: float, y: float) -> None:
 
 @kernel
 def way_left(scene: Scene, x: float, y: float) -> float:
-    """Return the length of the shortest path from a point to the goal, m; `UNKNOWN` if no free cell is next to it."""
+    """Return the length of the shortest path to the goal, m; `UNKNOWN` without a free cell."""
     rows, columns = extent(scene)
     row, column = cell_of(scene, x, y)
     shortest = 1e9

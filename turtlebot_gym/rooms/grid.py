@@ -77,7 +77,7 @@ _BOTH_WAYS = slice(None), slice(None, None, -1)
 
 
 def _squares(is_open: NDArray[np.bool_]) -> NDArray[np.int8]:
-    """Return the side of the largest open square that begins at each cell and extends to later rows and columns."""
+    """Return the side of the largest open square that begins at each cell."""
     sides, fits = np.zeros(is_open.shape, np.int8), is_open.copy()
     for _ in range(LARGEST):
         sides += fits

@@ -25,6 +25,7 @@ def ray_to_circle(x: float, y: float, dx: float, dy: float, squared_radius: floa
         dy: y component of the direction.
         squared_radius: m^2.
     """
+    # Where the line comes closest, and how close.
     along = x * dx + y * dy
     across = x * dy - y * dx
     half_chord = squared_radius - across * across
@@ -54,6 +55,7 @@ def ray_to_box(x: float, y: float, inverse_dx: float, inverse_dy: float, half_le
     """
     middle_x, middle_y = x * inverse_dx, y * inverse_dy
     reach_x, reach_y = half_length * abs(inverse_dx), half_width * abs(inverse_dy)
+    # Inside from the last entry on to the first exit.
     near = max(middle_x - reach_x, middle_y - reach_y)
     far = min(middle_x + reach_x, middle_y + reach_y)
     length = max(near, 0.0) if near <= far else FAR
@@ -80,13 +82,13 @@ def ray_to_walls(x: float, y: float, inverse_dx: float, inverse_dy: float, half_
 
 @kernel
 def distance_to_circle(x: float, y: float, radius: float) -> float:
-    """Return the distance from the origin to a circle with its centre at (x, y); negative inside of it."""
+    """Return the distance to a circle centred at (x, y); negative inside."""
     return sqrt(x * x + y * y) - radius
 
 
 @kernel
 def _distance_to_box(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Return the distance from the origin to a box with its centre at (x, y), in the box's frame; negative inside of it."""
+    """Return the distance to a box centred at (x, y), in its frame; negative inside."""
     out_x, out_y = abs(x) - half_length, abs(y) - half_width
     beside_x, beside_y = max(out_x, 0.0), max(out_y, 0.0)
     return sqrt(beside_x * beside_x + beside_y * beside_y) + min(max(out_x, out_y), 0.0)
@@ -94,7 +96,7 @@ def _distance_to_box(x: float, y: float, half_length: float, half_width: float) 
 
 @kernel
 def distance_to_turned_box(x: float, y: float, box) -> float:
-    """Return the distance from the origin to a rotated box with its centre at (x, y); negative inside of it.
+    """Return the distance to a rotated box centred at (x, y); negative inside.
 
     Args:
         x: m.
@@ -107,5 +109,5 @@ def distance_to_turned_box(x: float, y: float, box) -> float:
 
 @kernel
 def distance_to_walls(x: float, y: float, half_length: float, half_width: float) -> float:
-    """Return the distance from the origin to the walls of a room with its centre at (x, y); negative outside of them."""
+    """Return the distance to the walls of a room centred at (x, y); negative outside."""
     return min(half_length - abs(x), half_width - abs(y))

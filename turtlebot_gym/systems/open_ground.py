@@ -62,7 +62,7 @@ def obey(body, command, p):
 
 @kernel
 def _move(body, command, key, at, p):
-    """Return the body after an interval: the pose moves with the current twist, then the twist follows the command."""
+    """Move the pose with the current twist; then the twist follows the command."""
     dt, noise = p.dt, p.noise.process
     first, second, _ = body.asked
     now = obey(body, command, p)

@@ -61,7 +61,7 @@ def physical(system: System, burger: MujocoBurger) -> System:
         return _PhysicalBody(state, STOP, (STOP, STOP, STOP), pose, False, STOP, engine.start(pose))
 
     def move(body, command, key, at, p):
-        """Return the body after an interval: the motors follow the command in force, and towards the end the new one."""
+        """Let the motors follow the command in force, and towards the end the new one."""
         now = obey(body, command, p)
         driven = engine.drive(body.physics, body.wheels, (body.command, now), p.dt)
         asked = (command, *body.asked[:2])

@@ -65,7 +65,7 @@ def _all_sense(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
 
 @cache
 def sensing(sensors: tuple[Sensor, ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return the kernels ``first(body, key, p)`` and ``sense(body, before, key, at, p)`` of a set of sensors."""
+    """Return the kernels ``first`` and ``sense`` of a set of sensors."""
     Senses, all_first, all_sense = senses_of(tuple(sensor.name for sensor in sensors)), _all_first(sensors), _all_sense(sensors)
 
     @kernel

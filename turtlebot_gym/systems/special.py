@@ -17,10 +17,10 @@ from turtlebot_gym.systems.system import System
 
 
 class Special(NamedTuple):
-    """Known numbers of a step, by the dotted paths of `Parameters` and `Snapshot`; tuples of pairs stand for dicts."""
+    """Known numbers of a step, by their dotted paths; tuples of pairs stand for dicts."""
 
     parameters: tuple[tuple[str, float], ...] = ()
-    """Fixed parameters of the case. All parameters, these and the others, are the same for all environments."""
+    """Fixed parameters of the case; all environments share all parameters."""
     world: tuple[tuple[str, float], ...] = ()
     """Numbers of the world that never change in this case."""
     same: tuple[tuple[str, str], ...] = ()

@@ -114,7 +114,7 @@ class Step(NamedTuple):
 
 @kernel
 def _course(visited: float, waypoints: Any, laps: float) -> Course:
-    """Return the course after ``visited`` waypoints of ``laps`` rounds through all of them; the last one stays."""
+    """Return the course after so many waypoints and rounds; the last waypoint stays."""
     last = len(waypoints) * laps - 1.0
     now = waypoints[int(min(visited, last)) % len(waypoints)]
     then = waypoints[int(min(visited + 1.0, last)) % len(waypoints)]

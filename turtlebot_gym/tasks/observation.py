@@ -14,7 +14,7 @@ OBSERVATION_LAYOUT = 1
 
 
 class Observation(NamedTuple):
-    """A policy's observation, layout 1. "Believed" means odometric or true if the environment observes that instead."""
+    """A policy's observation, layout 1; "believed" is what the environment observes."""
 
     distance: float
     """Believed distance to the goal, m."""
@@ -69,7 +69,7 @@ OBSERVATION_HIGH = Observation(**{name: high for name, (_, high) in _BOUNDS.item
 
 @kernel
 def _towards(pose_x: float, pose_y: float, sine: float, cosine: float, to: Pose) -> tuple[float, float, float]:
-    """Return distance, and cosine and sine of the bearing, of a point seen from a pose with a given sine and cosine."""
+    """Return distance, and cosine and sine of the bearing, of a point seen from a pose."""
     dx, dy = to.x - pose_x, to.y - pose_y
     distance = sqrt(dx * dx + dy * dy)
     scale = 1.0 / (distance if distance > 0.0 else 1.0)

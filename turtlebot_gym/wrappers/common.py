@@ -24,7 +24,7 @@ class Moment(NamedTuple):
     """Observation and info between two steps."""
 
     observation: Any
-    """The observation, or those of all rows, in float64, so that scalars and arrays have the same precision."""
+    """The observation, or those of all rows, in float64."""
     info: dict[str, Any]
     """Contents of ``info``."""
 
@@ -52,7 +52,7 @@ def doubled(value: Any) -> Any:
 
 
 def moment(observation: Any, info: dict[str, Any]) -> Moment:
-    """Return observation and info with copied numbers, since the originals may be overwritten before the next step."""
+    """Return copies, since the originals may be overwritten before the next step."""
     return Moment(doubled(observation), _copied(info))
 
 
@@ -113,7 +113,7 @@ class Sensor:
         self._seeds, self._episodes, self._steps = np.zeros((3, rows), np.int64)
 
     def reset(self, env: Any, seed: Any, mask: NDArray[np.bool_]) -> None:
-        """Begin the episodes of some rows after a reset of their environment, whose own seeds are used where none is given."""
+        """Begin the episodes of some rows, with the environment's own seeds where none is given."""
         rows = len(self._seeds)
         seeds = _seeds_of(seed, rows)
         if not self._seeded and None in seeds:
@@ -140,6 +140,7 @@ class Sensor:
         Raises:
             ValueError: If the function returns another shape.
         """
+        # Normal numbers are drawn in pairs.
         draws = np.empty((len(self._seeds), self._draws + self._draws % 2))
         if self._draws:
             _filler()(self._seeds, self._episodes, self._steps, draws)

@@ -166,7 +166,7 @@ class AppendSensor(_RowsWrapper, RecordConstructorArgs):
         return it.returned(observations, final)
 
     def _with(self, observations: Any, infos: dict[str, Any], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return observations with new sensor values for the rows in a mask, and the previous values for the others."""
+        """Return observations with sensor values that are new for the rows in a mask."""
         values = self._sensor.values(infos)
         self._values = values if mask is None else np.where(mask[:, None], values, self._values)
         return np.concatenate([observations, self._values], axis=1)

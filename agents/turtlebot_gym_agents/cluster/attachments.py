@@ -67,7 +67,7 @@ def unpacked(attachments: Attachments) -> Iterator[Mapping[str, str]]:
 
 
 def placed(value: T, places: Mapping[str, str]) -> T:
-    """Return an option's value on this machine: the path of a file that was sent along, or the unchanged value."""
+    """Return an option's value here: the path of a file that was sent along, or itself."""
     if not isinstance(value, (str, Path)):
         return value
     bare = str(value).removesuffix(SAFETY)

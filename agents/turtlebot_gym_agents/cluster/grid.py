@@ -156,6 +156,7 @@ def study(
     driven = {(at, policy): grid.drives_of(policy, cell) for at, cell in enumerate(cells) for policy in grid.policies}
     for (at, label), result in learned.items():
         driven[at, label] = grid.drives_of(label, cells[at], bundle=result.files["policy.onnx"])
+    # All units at once, so that no worker waits for a cell.
     results = iter(_all(itertools.chain(*driven.values()), workers, store, progress))
     evaluations: dict[tuple[int, str], Evaluation] = {}
     for (at, policy), units in driven.items():

@@ -180,7 +180,7 @@ class Trial:
 
 
 def _open_study(folder: Path, storage: str | None, config: TrainingConfig, more: Mapping[str, Any]) -> optuna.Study:
-    """Return a study, which is created if there is none; ``more`` is what it depends on besides the configuration."""
+    """Return a study, new if there is none; ``more`` is what else it depends on."""
     settings = {name: value for name, value in config.settings().items() if name != "device"}  # any device resumes it
     about = {"config": settings, "hyperparameters": dict(config.hyper), **more}
     folder.mkdir(parents=True, exist_ok=True)
@@ -230,6 +230,7 @@ class _Sampler(optuna.samplers.TPESampler):
     def sample_independent(
         self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
+        # Drawn in any case, so that the generator advances alike.
         drawn = super().sample_independent(study, trial, param_name, param_distribution)
         return drawn if trial.number else self._given.get(param_name, drawn)
 

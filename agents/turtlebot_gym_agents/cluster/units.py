@@ -62,7 +62,7 @@ class Unit(Protocol):
 
 
 Workers = Callable[[Iterable[tuple[str, Unit]]], Iterator[tuple[str, Result]]]
-"""Function that runs units, taken as needed, and yields their results in any order, both with their keys."""
+"""Runs units, taken as needed, and yields their results in any order, with their keys."""
 
 
 class Store:
@@ -85,6 +85,7 @@ class Store:
         """Store a result, unless there is one already."""
         if key in self:
             return
+        # As bytes: without pickle, NumPy reads arrays alone.
         values = json.dumps({"facts": result.facts, "times": result.times}).encode()
         content = {
             "told": np.frombuffer(values, np.uint8),
@@ -115,7 +116,7 @@ class Store:
 
 @cache
 def origin() -> dict[str, Any]:
-    """Return the version, a hash of the code and data that this package computes with, and the libraries' versions."""
+    """Return the version, a hash of this package's code and data, and the libraries' versions."""
     digest = hashlib.sha256()
     for package in (turtlebot_gym, turtlebot_gym_agents):
         digest.update(_content(Path(str(package.__file__)).parent, ".py"))
@@ -146,6 +147,7 @@ def _content(folder: Path, suffix: str) -> bytes:
 
 def key(unit: Unit) -> str:
     """Return the name of a unit's result: a hash of everything it depends on, code and libraries included."""
+    # Sorted, since the order of settings does not matter.
     text = json.dumps({"about": unit.about(), "origin": origin()}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -79,6 +79,7 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int) -> Iterator[
     for _ in range(1 + RETRIES):
         parallel: Any = Parallel(workers, return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
         try:
+            # A copy: results are removed while joblib iterates.
             for name, result in parallel(delayed(_named)(name, unit) for name, unit in missing.copy().items()):
                 del missing[name]
                 yield name, result

@@ -76,7 +76,7 @@ def comment(fitted: Calibration, name: str, version: str) -> str:
 
 
 def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
-    """Return a figure of measured against fitted errors: histograms of residuals or innovations, and drift by distance."""
+    """Return a figure of errors, measured and fitted: histograms, and drift by distance."""
     from matplotlib.figure import Figure
 
     has_poses, has_drift = fitted.kind == "pose", fitted.has_truth

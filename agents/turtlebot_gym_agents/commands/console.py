@@ -114,7 +114,7 @@ def require_installed(*modules: str, extra: str, without: str) -> None:
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[..., None]]:
-    """Show a progress bar on standard error if that is a terminal; yields a function that moves it and may change the total."""
+    """Show a progress bar on a terminal's standard error; yields the function that moves it."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -64,6 +64,7 @@ def _declared() -> dict[str, _Declared]:
         if isinstance(node, ast.ClassDef) and node.name == "Options"
     )
     declared = {}
+    # A field is followed by its text.
     for line, below in pairwise(body):
         if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and isinstance(below, ast.Expr):
             names = ast.unparse(line.annotation).split(" | ")

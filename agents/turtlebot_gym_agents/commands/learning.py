@@ -252,7 +252,7 @@ class Export(Writing, _TRAINED):
 
 @contextmanager
 def _loading(config: TrainingConfig) -> Iterator[None]:
-    """Load a training's loops in parallel with this block; on a new machine they are compiled, which leaves Python a core."""
+    """Load a training's loops beside this block; compiling them leaves Python a core."""
 
     def load() -> None:
         import numpy as np

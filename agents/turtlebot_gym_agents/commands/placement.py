@@ -67,6 +67,6 @@ class Placement:
             raise ValueError("workers is an option of a cluster: add --cluster local.")
 
     def settings(self) -> Mapping[str, Any]:
-        """Return the options that results depend on: all except where the work runs and where results are written."""
+        """Return the options that results depend on."""
         elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "force", "wandb"}
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}

@@ -62,7 +62,7 @@ def _need(column: Column, *, long: int = LONG) -> _Need:
 
 
 def _key_needs(columns: Sequence[Column], width: int) -> list[_Need]:
-    """Return the widths of key columns: unwrapped if they take less than half the width, otherwise as wide as there is room."""
+    """Return the widths of key columns: unwrapped if they take less than half the width."""
     needs = [_need(column) for column in columns]
     unwrapped = [need._replace(least=min(need.whole, LONG)) for need in needs]
     if _total([need.least for need in unwrapped]) <= width / 2:
@@ -89,6 +89,7 @@ def _total(widths: Sequence[int]) -> int:
 def _groups(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
     """Return which columns stand in which part: as few parts as possible, of widths as even as possible."""
     best = _filled(least, keys, width)
+    # The least width that needs no more parts makes them even.
     for narrower in range(width - 1, 0, -1):
         groups = _filled(least, keys, narrower)
         if len(groups) > len(best):

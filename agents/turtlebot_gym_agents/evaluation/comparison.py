@@ -56,6 +56,7 @@ class _Spread(NamedTuple):
             return 1.0 if self.value == 0.0 else 0.0
         if not self.margin(1.0 - _LEAST_P) > abs(self.value):
             return _LEAST_P
+        # By its logarithm: p-values span decades.
         bracket = (np.log(_LEAST_P), 0.0)
         root = optimize.root_scalar(lambda log: self.margin(1.0 - np.exp(log)) - abs(self.value), bracket=bracket)
         return float(np.exp(root.root))

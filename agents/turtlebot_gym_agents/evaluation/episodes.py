@@ -99,6 +99,7 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     steps = running.sum(axis=0)
     changed = (record.reference[1:] != due).any(axis=2) & running
     done_with = changed | (np.arange(len(running))[:, None] == steps - 1)
+    # Number of the waypoint to which each step drives.
     leg = np.cumsum(done_with, axis=0) - done_with
 
     away = _distance(truth, due)

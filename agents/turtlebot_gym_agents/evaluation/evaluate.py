@@ -132,6 +132,7 @@ def evaluate(
     whole("episodes", episodes, 1)
     require_known(env, seed)
     runs = []
+    # In batches, which bound the memory of the record.
     for start, size in batches(episodes, BATCH):
         envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
         so_far = lambda ended, start=start: progress(start + ended)  # noqa: E731
@@ -161,7 +162,7 @@ def batches(episodes: int, size: int) -> list[tuple[int, int]]:
 
 
 def require_known(env: str, seed: int) -> None:
-    """Raise ValueError unless an id names an environment of this package and `gym.Env.reset` accepts the seed."""
+    """Raise ValueError unless the id is of this package and the seed is valid."""
     whole("seed", seed, 0, MAX_SEED)
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 

@@ -156,6 +156,7 @@ def quantile(values: ArrayLike, share: float) -> Interval:
 
     ordered = np.sort(np.asarray(values, np.float64))
     outer = stats.binom.ppf([0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE], ordered.size, share)
+    # Order statistics are counted from 1.
     low, high = np.clip(outer.astype(np.int64) - (1, 0), 0, ordered.size - 1)
     return Interval(float(np.quantile(ordered, share, method="weibull")), float(ordered[low]), float(ordered[high]))
 

@@ -50,6 +50,7 @@ class Oracle:
         targets = np.empty((len(states), 2))
         _finder()(scenes, states, goals, self._p.robot.radius + KEPT, targets)
         moved, turned = arc(states[:, 3], states[:, 4], self._p.dt)
+        # Into the body frame, as complex numbers.
         to = (targets - states[:, :2]) @ np.array([1.0, 1j]) * np.exp(-1j * states[:, 2])
         return self._drive.steer((to - moved) * np.conj(turned))
 

@@ -170,7 +170,7 @@ def replay(
 
 
 def _moving(estimate: Any, twist: Command) -> Any:
-    """Return an estimate of any filter with a twist set in each of its beliefs, since a recorded drive may begin in motion."""
+    """Set a twist in each belief of an estimate: a recorded drive may begin in motion."""
     if isinstance(estimate, Belief):
         return estimate._replace(mean=estimate.mean._replace(v=twist.v, omega=twist.omega))
     if isinstance(estimate, tuple) and hasattr(estimate, "_fields"):

@@ -128,6 +128,7 @@ def _propose(policy: str, done: list[Try], tries: int, seed: int) -> dict[str, f
     ranges = POLICIES[policy].ranges()
     random = np.random.default_rng((seed, len(done)))
     shares = random.uniform(size=len(ranges))
+    # The second half of the tries closes in on the best.
     if 2 * len(done) >= tries:
         progress = 2.0 * len(done) / tries - 1.0
         width = _FIRST_WIDTH * (_LAST_WIDTH / _FIRST_WIDTH) ** progress

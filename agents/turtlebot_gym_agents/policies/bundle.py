@@ -140,6 +140,7 @@ class BundlePolicy:
                 f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2), it is from "
                 f"{[(one.type, one.shape) for one in inputs]} to {[(one.type, one.shape) for one in outputs]}."
             )
+        # Alone and in a batch: a model may fix either size.
         for rows in (1, 3):
             observations = np.repeat(np.array([[0.0], [0.5], [1.0]], np.float32), size, axis=1)[:rows]
             try:

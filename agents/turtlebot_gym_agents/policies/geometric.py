@@ -156,6 +156,7 @@ class PolarPolicy(Baseline):
         alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
         phi = wrap(alpha - to.turn)
         v = self.gamma * distance * np.cos(alpha)
+        # NumPy has sinc(x) = sin(pi x) / (pi x).
         omega = self.k * alpha + self.gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self.h * phi)
         excess = np.maximum(np.abs(v) / robot.max_linear, 1.0)
         return action_of(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
@@ -201,7 +202,7 @@ def wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _fields(observations: ArrayLike) -> Observation:
-    """Return the components of observations, each of shape (...), in double precision; without the ranges of a room."""
+    """Return the components of observations in double precision, without the ranges of a room."""
     values = np.asarray(observations, np.float64)
     if values.ndim == 0 or values.shape[-1] not in SIZES.values():
         sizes = " or ".join(f"(..., {size})" for size in SIZES.values())

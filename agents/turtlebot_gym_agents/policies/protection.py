@@ -64,6 +64,7 @@ class SafetyLayer:
         rows = np.asarray(observations, np.float32)
         actions = np.clip(np.asarray(self.policy(rows), np.float32), -1.0, 1.0)
         points = look(rows, self._robot, self.dt, self.lag, edges=True).points
+        # No robot comes farther within the reserve.
         reach = self._radius + self._robot.max_linear * self.reserve
         near = np.abs(points).min(axis=-1) <= reach  # all others are not limited
         limited = actions.copy()
@@ -71,7 +72,7 @@ class SafetyLayer:
         return limited
 
     def _share(self, actions: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return the share of the commanded speed that is allowed, shape (n,), for actions (n, 2) and points (n, ...)."""
+        """Return the allowed share of the commanded speed, shape (n,)."""
         v = actions[:, :1] * self._robot.max_linear * SHARES
         omega = actions[:, 1:] * self._robot.max_angular
         time = time_to_contact(points[:, None, :], v[..., None], omega[..., None], self._radius).min(axis=-1)

@@ -32,7 +32,7 @@ _CURVATURES = np.concatenate([-_BENDS[::-1], [0.0], _BENDS])
 _POINTS = 20
 """Number of points at which each arc is checked."""
 _AT_ONCE = 16
-"""Number of robots whose distances from all points are computed at once, so that these fit into the processor's cache."""
+"""Robots that are handled at once, so that their distances fit into the processor's cache."""
 _SPEEDS = np.array([0.25, 0.5, 1.0])
 """Shares of the highest speed of each arc."""
 
@@ -235,7 +235,8 @@ class DynamicWindowPolicy(Baseline):
 
 
 def _middle_of_widest(is_open: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the angle of the middle of the widest run of open directions, shape (...); NaN where none is open."""
+    """Return the middle of the widest run of open directions, rad; NaN where none is open."""
+    # Twice around, so that a gap behind the robot is one run.
     twice = np.concatenate([is_open, is_open], axis=-1)
     at = np.arange(2 * _TURNS)
     length = np.minimum(at - np.maximum.accumulate(np.where(twice, -1, at), axis=-1), _TURNS)

@@ -86,7 +86,7 @@ def _require_own_finite(path: object, fields: list[tuple[int, int, Any]]) -> Non
 
 
 def _parts(content: bytes, kind: str) -> Iterator[tuple[str, list[tuple[int, int, Any]]]]:
-    """Yield each message in a message with its kind and its fields, each as its number, its wire type and its value."""
+    """Yield the kind and the fields (number, wire type, value) of each message in a message."""
     from google.protobuf import empty_pb2, unknown_fields
 
     message = empty_pb2.Empty()

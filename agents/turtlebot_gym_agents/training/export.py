@@ -92,7 +92,7 @@ OPSET, IR_VERSION = 20, 10
 
 
 def _layers_of(policy: Any) -> list[nn.Module]:
-    """Return the layers from an observation to the deterministic action of an SB3 policy, without its distribution."""
+    """Return the layers from an observation to the deterministic action of an SB3 policy."""
     if hasattr(policy, "mlp_extractor"):  # PPO, A2C
         layers = [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net]
     elif hasattr(policy.actor, "latent_pi"):  # SAC, whose actor is stochastic

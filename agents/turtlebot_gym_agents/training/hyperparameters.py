@@ -43,6 +43,7 @@ def _numeric(range: Range) -> _Reading:
 
     def read(value: Any) -> Any:
         number = float(value) if isinstance(value, str) else value
+        # A number like 2e6 may stand for a whole one.
         whole = range.whole and isinstance(number, float) and number.is_integer()
         return range.check("number", int(number) if whole else number)
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 TOLERANCE = 1e-5
-"""Largest accepted difference between an action of the network and of its bundle; both compute in float32."""
+"""Largest accepted difference between an action of the network and of its bundle."""
 
 
 def export_network(
@@ -105,7 +105,7 @@ class _Clipped(nn.Module):
 
 
 def program_of(network: nn.Module, size: int) -> ModelProto:
-    """Return a network from observations (n, size), with its actions clipped to [-1, 1], as ONNX by torch's exporter."""
+    """Return a network with clipped actions as ONNX, by torch's exporter."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed

@@ -30,7 +30,7 @@ NEAR = 0.03
 
 
 def spread_ranges(observations: torch.Tensor) -> torch.Tensor:
-    """Return observations (..., n) with the ranges of a room as logarithms; those of open ground are unchanged."""
+    """Return observations (..., n) with the ranges of a room as logarithms."""
     if observations.shape[-1] != SIZES[ROOM_LAYOUT]:
         return observations
     belief, ranges, age = observations.split((len(Observation._fields), SECTORS, 1), dim=-1)

@@ -28,7 +28,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 _PURE = ("compute_reward",)
-"""Methods that may be called on any row, since the result does not depend on it; `HerReplayBuffer` uses the first one."""
+"""Methods whose result does not depend on the row; `HerReplayBuffer` uses this one."""
 
 
 class Sb3VecEnv(VecEnv):
@@ -90,7 +90,7 @@ class Sb3VecEnv(VecEnv):
         self._model = model
 
     def reset(self) -> Any:
-        """Start all episodes with the seeds and options set by `seed` and `set_options`, and return observations."""
+        """Start all episodes with the seeds and options that are set, and return observations."""
         # VecEnv.seed(s) sets s + i, as Gymnasium does for the int s; not all vector environments accept lists.
         seed, groups, observations = self._seeds[0], self._groups(), None
         if len(groups) > 1 and not self._begun:
@@ -130,6 +130,7 @@ class Sb3VecEnv(VecEnv):
         observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
         self._returns += rewards
         self._lengths += 1
+        # Returns are summed in double precision before that.
         rewards = rewards.astype(np.float32)
         dones = terminated | truncated
         split: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -235,7 +236,7 @@ class Sb3VecEnv(VecEnv):
 
 
 def _row(infos: dict[str, Any], row: int) -> dict[str, Any]:
-    """Return one environment's part of Gymnasium's dictionary of arrays, where the mask ``_key`` says whether it has one."""
+    """Return one row of Gymnasium's infos, where the mask ``_key`` says whether it has a value."""
     return {
         key: _row(value, row) if isinstance(value, dict) else value[row]
         for key, value in infos.items()

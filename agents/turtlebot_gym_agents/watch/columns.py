@@ -69,7 +69,7 @@ def _split(names: tuple[str, ...], table: NDArray[Any]) -> dict[str, NDArray[Any
 
 
 def _axes(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return widths, heights and tilts of the ellipses of a position, at `SIGMAS` standard deviations; NaN if not known."""
+    """Return widths, heights and tilts of the ellipses of a position; NaN if not known."""
     known = np.isfinite(covariance[:, :2, :2]).all((1, 2))
     width, height, tilt = np.full((3, len(covariance)), np.nan)
     variances, directions = np.linalg.eigh(covariance[known, :2, :2])

@@ -88,7 +88,7 @@ def read_recorded(path: str | Path, *, label: str | None = None, lidar: str = "l
 
 
 def _scene_of(envs: VectorEnv) -> Scene | None:
-    """Return the surroundings of the first robot, whose arrays the environment updates; None on open ground."""
+    """Return the surroundings of the first robot; None on open ground."""
     env: Any = envs.unwrapped
     return scene_at(env.truth()[0], 0) if system_of(env.parameters).surroundings else None
 
@@ -144,6 +144,7 @@ def _scans(rows: Sequence[_Row], drive: Drive, p: Parameters) -> tuple[Seen, ...
     last: NDArray[np.float32] | None = None
     for at, row in enumerate(rows):
         assert row.ranges is not None
+        # Between two scans the newest one stays as it is.
         if last is None or not np.array_equal(row.ranges, last):
             last = row.ranges
             scan = Scan(last[: lidar.beams], 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max)
