@@ -132,7 +132,7 @@ def _yaml_loader() -> Any:
     import yaml  # needed for files only
 
     class Loader(yaml.SafeLoader):
-        """Refuses what is nested too deep, or has too many values once every alias stands for what it repeats."""
+        """Refuses what is nested too deep, or grows too large by aliases."""
 
         def __init__(self, stream: Any) -> None:
             super().__init__(stream)

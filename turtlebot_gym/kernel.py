@@ -82,7 +82,7 @@ compiled_scratch: Any = intrinsics.stack_array if HAS_NUMBA else None
 
 
 def _inlined(function: Callable, make: Callable[..., Callable]) -> None:
-    """Let compiled loops inline what ``make`` returns for the arguments' types, in place of a function."""
+    """Let compiled loops inline what ``make`` returns in place of a function."""
     intrinsics.extending.overload(function, jit_options=intrinsics.INLINED)(make)
 
 

@@ -293,7 +293,7 @@ def _figure(width: float, height: float, title: str | None) -> Figure:
 
 
 def legend_below(figure: Figure, *, columns: int) -> None:
-    """Put one legend for all panels below them, where it hides nothing; it replaces the one before."""
+    """Put one legend for all panels below them, in place of an earlier one."""
     figure.legends.clear()
     entries = {name: handle for axes in figure.axes for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}
     figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns, frameon=False)

@@ -221,7 +221,7 @@ def choose(what: str, name: Any, known: Mapping[Any, T]) -> T:
 
 
 def did_you_mean(name: Any, known: Iterable[Any]) -> str:
-    """Return the question whether a similar name was meant, after a space; nothing if there is none."""
+    """Return " Did you mean ...?" for a similar name, or nothing."""
     from difflib import get_close_matches  # needed in error messages only
 
     similar = get_close_matches(name, [each for each in known if isinstance(each, str)], 1) if isinstance(name, str) else []
@@ -282,7 +282,7 @@ def made(kind: type[T], value: Any, name: str) -> T:
 
 @cache
 def _checks(kind: type) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
-    """Return the name of each field of a parameter class that is checked, with the function that does it."""
+    """Return the fields of a parameter class that are checked, and how."""
     hints, declared = get_type_hints(kind), rules(kind)
     checks = {item.name: _check(hints[item.name], declared.get(item.name)) for item in fields(kind)}
     return tuple((name, check) for name, check in checks.items() if check is not None)

@@ -133,7 +133,7 @@ def _paths_in(value: object) -> Iterator[Path]:
 
 
 def _same(path: Path, other: Path) -> bool:
-    """Return whether two paths lead to the same file or folder, by a symbolic or a hard link as well."""
+    """Return whether two paths lead to the same place, by any link."""
     try:
         return os.path.samefile(path, other)
     except OSError:

@@ -192,7 +192,7 @@ def _truth_delay(drive: Drive) -> Shift:
 
 
 def _shift_truth(drive: Drive, delay: float) -> Drive:
-    """Return a drive whose truth is stamped by the clock of the measured poses, which lag behind it."""
+    """Return a drive with its truth on the measured poses' clock."""
     then = drive.time - delay
     times = drive.time[known(drive.truth)]
     truth = _at(drive.time, drive.truth, then)
@@ -221,7 +221,7 @@ def _find_frame(drive: Drive) -> Frame:
 
 
 def _into_measured_frame(drive: Drive, frame: Frame) -> Drive:
-    """Return a drive whose truth is in the frame of the measured poses, where their noise is defined."""
+    """Return a drive with its truth in the measured poses' frame."""
     away = drive.truth[:, 0] - frame.x + 1j * (drive.truth[:, 1] - frame.y)
     turned = away * np.exp(-1j * frame.theta)
     heading = np.remainder(drive.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi

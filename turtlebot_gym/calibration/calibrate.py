@@ -167,7 +167,7 @@ def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_cert
 
 
 def _lost(drive: Drive) -> tuple[int, int]:
-    """Return how many measured poses were lost, and out of how many, given their usual rate."""
+    """Return how many measured poses were lost, and out of how many."""
     gaps = np.diff(drive.time[known(drive.odometry)])
     # A gap of n usual intervals has lost n - 1 poses.
     among = np.rint(gaps / np.median(gaps))

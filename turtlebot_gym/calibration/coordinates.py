@@ -71,7 +71,7 @@ def with_values(noise: Noise, values: Mapping[str, float]) -> Noise:
 
 
 def _coordinate(name: str, value: float) -> float:
-    """Return the coordinate of a parameter's value: the root of a variance, the arc sine of a probability."""
+    """Return a value's coordinate: a variance's root, a probability's arc sine."""
     kind = PARAMETERS[name].kind
     if kind == VARIANCE:
         return math.sqrt(value)

@@ -1,4 +1,4 @@
-"""Estimates of noise parameters with their intervals, for one group of parameters and one likelihood."""
+"""Estimates of noise parameters, with their intervals."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def _inverse(information: Vector) -> Vector:
 
 
 def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
-    """Return an approximate maximum of a likelihood, and its logarithm there; see `maximize`."""
+    """Return an approximate maximum and the value there; see `maximize`."""
     cost = _finite(likelihood)
 
     def scaled(u: Vector) -> float:
@@ -130,7 +130,7 @@ def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector
 
 
 def valley(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
-    """Return an approximate maximum of a likelihood, found without gradients, and its logarithm there."""
+    """Return an approximate maximum and the value there, without gradients."""
     cost = _finite(likelihood)
     corners = start + np.concatenate([np.zeros((1, len(start))), np.diag(scales)])
     options = {"maxfev": 2000, "xatol": 1e-5, "fatol": 1e-3, "initial_simplex": corners}
@@ -165,7 +165,7 @@ def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
 
 
 def _steps(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
-    """Return steps that change a cost by more than rounding, but little enough for it to be quadratic."""
+    """Return steps beyond rounding within which a cost is quadratic."""
     here, sizes = cost(x), steps.copy()
     low, high = BEND
     for k in range(len(x)):
@@ -252,7 +252,7 @@ def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: 
     best = {0.0: fit.x}
 
     def root_at(distance: float) -> float:
-        """Return the root of the profile's deviance at a distance from the maximum, in standard deviations."""
+        """Return the profile's root deviance at a distance, in deviations."""
         value = fit.x[at] + side * distance * deviation
         nearest = min(best, key=lambda known: abs(known - distance))
         x = best[nearest] + side * (distance - nearest) * deviation * direction

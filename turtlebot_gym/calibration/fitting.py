@@ -108,7 +108,7 @@ def _over(sets: Sequence[Rows], variance: float, middle: float) -> NoiseLikeliho
 
 
 def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> _Found:
-    """Fit execution and measurement noise together, by the innovations of a matched filter."""
+    """Fit execution and measurement noise together, by the innovations."""
     rows = measured_rows(drive)
     step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
     # The median resists spikes; a difference has twice the variance.

@@ -114,6 +114,6 @@ def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: flo
 
 
 def _turn(heading: NDArray[np.float64]) -> float:
-    """Return by how much a heading changes in all, each change the shorter way round, rad."""
+    """Return a heading's total change, each the shorter way round, rad."""
     change = np.diff(heading)
     return float(np.abs(np.remainder(change + math.pi, TURN) - math.pi).sum())

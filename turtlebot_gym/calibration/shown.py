@@ -47,7 +47,7 @@ class Drift(NamedTuple):
 
 
 def residuals(calibration: Calibration) -> Residuals:
-    """Return the errors of the measured poses against the truth if it was used; the innovations otherwise."""
+    """Return the errors of measured poses, or the innovations without truth."""
     drive, odometry = calibration.drive, calibration.likeliest.odometry
     if calibration.has_truth:
         both = known(drive.odometry) & known(drive.truth)
@@ -84,7 +84,7 @@ def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequ
 
 
 def _innovations(rows: Rows, tuning: FilterTuning, calibration: Calibration) -> Iterator[tuple[Pose, Covariance]]:
-    """Yield the innovation of each pose that a filter receives, with the covariance of its prediction."""
+    """Yield the innovation of each pose, with its prediction's covariance."""
     belief, middle, last = None, INTEGRATORS[calibration.integrator], len(rows.time) - 1
     times, poses, twists = rows.time.tolist(), rows.poses.tolist(), (rows.twist * tuning.process.scale).tolist()
     for row in range(last + 1):

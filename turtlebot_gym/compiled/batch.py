@@ -90,7 +90,7 @@ class Batch:
         self.system, self.layout, self._around = system, layout_of(system), system.surroundings
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without what follows from it: views, local functions, and their addresses."""
+        """Return the state without views, local functions and addresses."""
         kernels = {"system", "layout", "_around", "_loops", "_first"}
         return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_given": [], "_addresses": {}}
 
@@ -130,7 +130,7 @@ class Batch:
         self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
 
     def _choose_loops(self, shared: Parameters | None) -> None:
-        """Use the loops of the parameters' special case, if all environments have shared them from the start."""
+        """Use the loops of a special case, if all environments share it."""
         special = GENERAL
         if shared is not None and self._by_parameters and self._special != GENERAL:
             numbers = dict(zip(self.layout.parameters.names, flatten(as_tuple(shared)), strict=True))
@@ -190,7 +190,7 @@ class Batch:
         observations: NDArray[np.float32],
         outcomes: NDArray[np.float64],
     ) -> None:
-        """Write the observations of some environments, and begin their episodes first if asked."""
+        """Write some observations, and begin the episodes first if asked."""
         parallel = self._around is not None and self._parallel and Threads.acquire()
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         try:
@@ -266,6 +266,6 @@ class Batch:
         return self._loops.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
 
     def _rows(self, places: Sequence[int]) -> NDArray[np.float64]:
-        """Return the numbers at some places of the tiles for each environment, shape (N, number of places)."""
+        """Return the numbers at k places for each environment, shape (N, k)."""
         part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, places]
         return part.transpose(0, 2, 1).reshape(-1, len(places))[: self.num_envs].copy()

@@ -31,7 +31,7 @@ each filter. Other numbers need no compilation, except for other delays of fixes
 
 
 def _fill(name: str) -> float:
-    """Compile the loops of a system unless the cache holds them, and return how long it took, s."""
+    """Compile a system's loops if need be, and return how long it took, s."""
     began = time.perf_counter()
     parameters, waypoints, plan, _ = Options(**SYSTEMS[name]).setup()
     for number in (1, ROOMS_PARALLEL_FROM if parameters.room else PARALLEL_FROM):

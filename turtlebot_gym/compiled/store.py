@@ -95,7 +95,7 @@ class Store:
 
 
 def _load(path: Path, target: Any) -> Any:
-    """Return a compile result from a file, None if there is no such file or only a part of one."""
+    """Return a compile result from a file, None without a whole one."""
     try:
         result = CompileResult._rebuild(target, *pickle.loads(path.read_bytes()))
         os.utime(path)  # in use: `_tidy` keeps it
@@ -105,7 +105,7 @@ def _load(path: Path, target: Any) -> Any:
 
 
 def _lock(path: Path, name: str) -> IO[str] | None:
-    """Return a locked file; None if that is impossible, or another process holds it for too long."""
+    """Return a locked file; None if that is impossible in time."""
     if fcntl is None:
         return None
     try:

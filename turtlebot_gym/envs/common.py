@@ -1,4 +1,4 @@
-"""Shared by the scalar and the vector environment: spaces, arguments and the contents of ``info``."""
+"""What both environments share: spaces, arguments and ``info``."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequenc
 
 
 def of_rows(mask: NDArray[np.bool_], observations: NDArray[np.float32]) -> NDArray[Any]:
-    """Return an array of objects: copies of the observations where a mask is true, and None for the others."""
+    """Return copies of observations where a mask is true, and None elsewhere."""
     last = np.empty(len(mask), object)
     for row, observation in zip(np.flatnonzero(mask).tolist(), observations[mask], strict=True):
         last[row] = observation

@@ -193,7 +193,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return observations[0], info
 
     def _warn_of_a_limit(self) -> None:
-        """Warn where Gymnasium's limit, of which no environment is told, has ended an episode early."""
+        """Warn where Gymnasium's own limit has ended an episode early."""
         own = self.parameters.task.max_steps
         if own == math.inf or self.spec is None or self.spec.id not in registry:
             return

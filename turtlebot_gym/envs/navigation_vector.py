@@ -219,7 +219,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return observations, rewards, terminated, truncated, self._info(outcomes) | final
 
     def _begin_next(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
-        """Begin the next episode of some environments, and overwrite the values to be returned for them."""
+        """Begin the next episode of some environments, and overwrite their values."""
         self._batch.episodes[mask] += 1
         self._begin(mask, observations, outcomes)
 
@@ -244,7 +244,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._pictures.begin(mask)
 
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
-        """Return infos of all environments, or of those in the mask, with zeros for the others."""
+        """Return infos of all environments; those outside a mask are zeros."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": outcomes[_SUCCESS] != 0.0}
         for key, path in self._told.items():
             numbers = self._batch.numbers(path)

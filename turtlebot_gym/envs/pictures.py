@@ -1,4 +1,4 @@
-"""Pictures of a batch: of the scalar environment, and of the first rows of a vector environment."""
+"""Pictures of a batch's first rows."""
 
 from __future__ import annotations
 

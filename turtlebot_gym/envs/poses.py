@@ -54,7 +54,7 @@ class GivenPoses:
         return asked
 
     def begin(self, mask: NDArray[np.bool_], asked: Mapping[int, Parameters]) -> None:
-        """Set the parameters of the rows whose episodes begin: those asked for, or else the usual ones."""
+        """Set the parameters, asked for or usual, of rows whose episodes begin."""
         if not asked and not self._usual:
             return
         rows = self._rows()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SIDE, HEADER = 640, 64
 """Side of the map, and height of the strip above it with the legend; pixels."""
 _FINE = 2
-"""Supersampling factor: the picture is drawn larger and scaled down, which smooths every edge."""
+"""Supersampling factor, which smooths every edge."""
 _EDGE = 20 * _FINE
 """Distance from an edge within which no coordinate is written, lest it is cut off."""
 _MARGIN = 0.5
@@ -140,7 +140,7 @@ class Renderer:
         return True
 
     def _at(self, x: float, y: float) -> tuple[float, float]:
-        """Return column and row of a world point on the map, in supersampled pixels like everything below."""
+        """Return column and row of a world point, in supersampled pixels as below."""
         left, top = self._centre[0] - self._half, self._centre[1] + self._half
         return self._length(x - left), self._length(top - y)
 
@@ -183,7 +183,7 @@ class Renderer:
             self._pygame.draw.rect(paper, _GREY, (*self._at(-arena, arena), side, side), round(1.5 * _FINE))
 
     def _draw_grid(self, paper: Surface) -> None:
-        """Draw lines at whole metres, with their coordinates along the lower and the left edge."""
+        """Draw lines at whole metres, with coordinates along two edges."""
         spacing = max(1, round(self._half / 4.0))
         left, bottom = self._centre - self._half
         for axis in (0, 1):

@@ -181,7 +181,7 @@ def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Be
 
 @kernel
 def innovation(mean: State, z: Pose, wraps: bool = True) -> Pose:
-    """Return measured minus predicted pose, the heading wrapped unless the tuning says otherwise."""
+    """Return measured minus predicted pose, with the heading wrapped if asked."""
     turn = z.theta - mean.theta
     return Pose(z.x - mean.x, z.y - mean.y, wrap(turn) if wraps else turn)
 
@@ -251,7 +251,7 @@ def _gated_step(estimate: Estimate, before: Senses, senses: Senses, tuning: Filt
 def _carried_step(
     estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> Estimate:
-    """Move the belief as the odometry moved, and correct nothing; its covariance grows with the distance."""
+    """Move the belief as the odometry moved; its covariance grows."""
     x, y, theta, _, _ = estimate.belief.mean
     twist, z = senses.odometry.twist, senses.odometry.pose
     prior = predict(estimate.belief, twist, tuning, dt, middle)

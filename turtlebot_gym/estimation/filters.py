@@ -154,7 +154,7 @@ class KalmanFilter:
         return int(getattr(self._estimate, "rejections", 0))
 
     def start(self, odometry: Pose) -> None:
-        """Restart from a first measurement, as an episode does (or from the origin, if the tuning says so)."""
+        """Restart from a first measurement, or as the tuning says."""
         self._odometry = Pose(*odometry)
         self._estimate = self._filter.start(_first(self._odometry), self.tuning)
 
@@ -181,7 +181,7 @@ class KalmanFilter:
         self._estimate = Estimate(belief, nis, self._estimate.rejections)
 
     def step(self, command: Command, odometry: Pose | None = None) -> None:
-        """Predict with the command and correct by the odometry, gate included; None if no odometry arrived."""
+        """Predict and correct, gate included; None if no odometry arrived."""
         command = Command(*command)
         measured = odometry is not None
         mean = self.belief.mean

@@ -210,7 +210,7 @@ def _beliefs(tracks: _Tracks) -> Hypotheses:
 
 @kernel
 def least_exponent(tracks: _Tracks) -> float:
-    """Return the exponent of the likeliest hypothesis, which is subtracted from all before weighing."""
+    """Return the likeliest hypothesis' exponent, to subtract before weighing."""
     return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
 
 
@@ -326,7 +326,7 @@ def _slip_fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuni
 def _slip_step(
     estimate: _SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> _SlipEstimate:
-    """Predict, correct and weigh all hypotheses, and mix the modes; see `interface.Filter`."""
+    """Predict, correct and weigh, and mix the modes; see `interface.Filter`."""
     odometry, twist = senses.odometry, senses.odometry.twist
     gripped = track_all(estimate.gripping, odometry, tuning, dt, middle)
     slipped = track_all(estimate.slipping, odometry, tuning, dt, middle)

@@ -56,7 +56,7 @@ class _PlainEstimate(NamedTuple):
 
 @lru_cache(64)
 def _worker(make: Callable[[Any], Any], tuning: Any) -> tuple[Any, NDArray[np.float64], NDArray[np.float64]]:
-    """Return the object that does the work for a tuning, and its first state and covariance."""
+    """Return the object for a tuning, its first state and covariance."""
     try:
         worker = make(tuning)
     except Exception as error:

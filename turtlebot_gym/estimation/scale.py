@@ -38,7 +38,7 @@ def _start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
 def _predict(
     belief: Belief, scale: Sixth, twist: Command, tuning: FilterTuning, dt: float, middle: float
 ) -> tuple[Belief, Sixth]:
-    """Move the pose with the believed twist, then the twist to the executed share of the new one."""
+    """Move the pose; then the twist becomes the executed share of the new one."""
     share, variance = scale.mean, scale.variance
     to = moved_column(scale, belief.mean, dt, middle)
     (x, y, heading, _, _), P = predict(belief, twist, tuning, dt, middle)

@@ -55,7 +55,7 @@ def update_both(
 
 @kernel
 def correct_both(belief: Belief, sixth: Sixth, z: Pose, R: Variances, turn: float) -> tuple[Belief, Sixth, float]:
-    """Condition on a measured pose, whose heading's innovation is ``turn``; return the NIS, too."""
+    """Condition on a measured pose with the innovation ``turn``; return the NIS, too."""
     prior = belief.mean.theta
     belief, sixth, nis_x = update_both(belief, sixth, of_x(belief.covariance), sixth.column.x, z.x - belief.mean.x, R[0])
     belief, sixth, nis_y = update_both(belief, sixth, of_y(belief.covariance), sixth.column.y, z.y - belief.mean.y, R[1])

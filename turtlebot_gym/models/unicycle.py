@@ -52,7 +52,7 @@ def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Co
 
 
 class _Motion(NamedTuple):
-    """A displacement in one control interval, and those of its derivatives that are neither 0 nor 1."""
+    """A displacement in an interval, and its derivatives beyond 0 and 1."""
 
     x: float
     """m"""

@@ -86,7 +86,7 @@ def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before:
 
 @kernel
 def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, top: float) -> int:
-    """Write an axis-aligned box, and return the number of boxes written: none if the box has no extent."""
+    """Write a box, and return how many were written: none without extent."""
     if right <= left or top <= bottom:
         return at
     box = scene.boxes[at]
@@ -98,7 +98,7 @@ def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, to
 
 @kernel
 def _partition(scene: Scene, key: int, first: int) -> int:
-    """Draw the inner walls of an office with their doors, and return their number of boxes."""
+    """Draw an office's inner walls and doors; return their number of boxes."""
     walls = scene.walls
     across, along = OFFICE_ROOMS
     length, width = 2.0 * walls[2] / across, 2.0 * walls[3] / along
@@ -182,7 +182,7 @@ def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: floa
 
 @kernel
 def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -> Pose:
-    """Return a given goal, or one drawn in the part of the room that is close enough to the start."""
+    """Return a given goal, or one drawn close enough to the start."""
     walls, far = scene.walls, rules.max_distance
     goal = _place(scene, rules, rules.goal, 0.8, key, at)
     if not math.isnan(rules.goal[0]) or far == math.inf:
@@ -195,7 +195,7 @@ def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -
 
 @kernel
 def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
-    """Return whether a walker is less than ``reach`` away; the path grid does not contain walkers."""
+    """Return whether a walker, whom the path grid leaves out, is less than ``reach`` away."""
     beside = False
     for k in range(scene.counts[0]):
         walks = scene.circles[k, 3] != 0.0 or scene.circles[k, 4] != 0.0

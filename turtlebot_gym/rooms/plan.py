@@ -49,7 +49,7 @@ class FloorPlan:
                     raise refusal(f"FloorPlan.{name}", "in the room and in no obstacle", pose)
 
     def _rows(self, name: str, sizes: tuple[int, int], *, extents: int) -> list[tuple[float, ...]]:
-        """Return the numbers of all obstacles of a kind: a position, some extents, and what may be left out."""
+        """Return the numbers of all obstacles of a kind, completed."""
         if not isinstance(getattr(self, name), (list, tuple)):
             raise refusal(f"FloorPlan.{name}", "a sequence", getattr(self, name))
         rows = []
@@ -84,7 +84,7 @@ class FloorPlan:
         )
 
     def put(self, scene: Scene) -> Scene:
-        """Write the plan into the arrays of a scene, and return the scene with the shared arrays of the map."""
+        """Write the plan into a scene, and return it with the map's arrays."""
         scene.walls[:] = self.walls
         scene.counts[:] = len(self.circles), len(self.boxes)
         scene.circles[: len(self.circles)] = self.circles or scene.circles[:0]

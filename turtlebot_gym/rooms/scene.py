@@ -32,7 +32,7 @@ class Walls(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """The surroundings of one robot; or of many, with a leading axis in all arrays that are not shared."""
+    """The surroundings of one robot, or of many, with a leading axis."""
 
     walls: Any
     """Shape (4,): the numbers of `Walls`."""

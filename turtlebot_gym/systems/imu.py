@@ -61,7 +61,7 @@ def _first(body, key, p):
 
 @kernel
 def _sense(body, before, key, at, p):
-    """Return the turning rate that is executed from this step on, after the bias has drifted."""
+    """Return the executed turning rate, after the bias has drifted."""
     noise = p.imu
     white, drift = normals(sub_key(key, _USE), at, POSITION)
     bias = before.bias + noise.bias_walk * sqrt(p.dt) * drift

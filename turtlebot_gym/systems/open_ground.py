@@ -77,7 +77,7 @@ def _move(body, command, key, at, p):
 
 @kernel
 def _shown(body, senses, estimate, p):
-    """Return the state that the policy observes: the estimated, the measured or the true one."""
+    """Return the state that the policy observes."""
     mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
     believed, measured = p.observed == BELIEVED, p.observed == MEASURED
     return State(
@@ -91,7 +91,7 @@ def _shown(body, senses, estimate, p):
 
 @kernel
 def _judge(world, body, senses, estimate, waypoints, p):
-    """Return the number of waypoints visited, and the outcome of the step: arrival, reward, end."""
+    """Return the number of waypoints visited, and the step's outcome."""
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     there = arrived(truth, reference, task)

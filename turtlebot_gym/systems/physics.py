@@ -36,7 +36,7 @@ class _PhysicalBody(NamedTuple):
 
 
 def _sense(body, before, key, at, p):
-    """Return the odometry as `sensors.ODOMETRY` does, with the twist from the wheel angles."""
+    """Sense as `sensors.ODOMETRY` does, with the wheels' own twist."""
     truth = body.true_state
     pose = Pose(truth.x, truth.y, truth.theta)
     return odometry.sense(pose, body.wheels, body.twist, before, p.noise.odometry, key, at)

@@ -84,7 +84,7 @@ def _pose(world):
 
 @kernel
 def _first_look(world, key, p, scene):
-    """Measure a revolution at rest before the start, and return the robot's state in the room."""
+    """Measure a revolution at rest, before the start."""
     pose, lidar = _pose(world), p.room.lidar
     aim(scene.beams, lidar)
     divide(scene.spans, lidar.yaw, int(lidar.beams))
@@ -96,7 +96,7 @@ def _first_look(world, key, p, scene):
 
 @kernel
 def _look_round(world, key, p, scene):
-    """Move walkers, measure the beams of the interval, and return the robot's state in the room."""
+    """Move walkers, and measure the beams of the interval."""
     before, pose, lidar, at = world.room, _pose(world), p.room.lidar, int(world.steps)
     walk(scene, before.pose, p.room.rules.courtesy, p.dt)
     first, last = beams_by(at - 1, lidar, p.dt), beams_by(at, lidar, p.dt)
@@ -135,7 +135,7 @@ def _ranges(scene):
 
 
 def _make(parameters: Sequence[Parameters]) -> Scene:
-    """Return arrays large enough for the largest room and the largest LiDAR among some parameters."""
+    """Return arrays for the largest room and LiDAR of some parameters."""
     rules = {row.room.rules for row in parameters}
     circles, boxes = (max(sizes) for sizes in zip(*map(capacity, rules), strict=True))
     return make_scenes(

@@ -84,7 +84,7 @@ class System(NamedTuple):
     """Whether all parts are kernels; if one is not, such as a physics engine, the loop runs as plain Python too."""
 
     def with_sensor(self, sensor: Sensor) -> System:
-        """Return the system with a further sensor, or with this one in place of that of its name."""
+        """Return the system with a further sensor, or another of its name."""
         others = tuple(other for other in self.sensors if other.name != sensor.name)
         at = [other.name for other in self.sensors].index(sensor.name) if len(others) < len(self.sensors) else len(others)
         example = self.example if sensor.noise is None else self.example._replace(**{sensor.name: sensor.noise})

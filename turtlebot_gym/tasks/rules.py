@@ -15,7 +15,7 @@ from turtlebot_gym.values import Command, Pose, State
 
 @kernel
 def start_pose(key: int, task: Task) -> Pose:
-    """Return the start pose of an episode: drawn in the arena if the task is random, otherwise the origin."""
+    """Return an episode's start pose: drawn if the task is random, else the origin."""
     u1, u2 = uniforms(key, 0, START)
     u3, _ = uniforms(key, 1, START)
     drawn = Pose((2.0 * u1 - 1.0) * task.arena, (2.0 * u2 - 1.0) * task.arena, wrap(2.0 * PI * u3))

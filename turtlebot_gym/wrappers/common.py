@@ -113,7 +113,7 @@ class Sensor:
         self._seeds, self._episodes, self._steps = np.zeros((3, rows), np.int64)
 
     def reset(self, env: Any, seed: Any, mask: NDArray[np.bool_]) -> None:
-        """Begin the episodes of some rows, with the environment's own seeds where none is given."""
+        """Begin the episodes of some rows; without seeds, with the environment's."""
         rows = len(self._seeds)
         seeds = _seeds_of(seed, rows)
         if not self._seeded and None in seeds:

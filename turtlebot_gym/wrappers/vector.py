@@ -47,7 +47,7 @@ class _Stepped(NamedTuple):
         return Moment(observations, _merged(infos, self.infos.get("final_info", {}), self.done))
 
     def returned(self, observations: Any, final: Any = None) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Return the step's result with changed observations, and changed final ones if given."""
+        """Return the step's result with other observations."""
         infos = self.infos if final is None or "final_obs" not in self.infos else {
             **self.infos, "final_obs": of_rows(self.done, final)
         }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Compute the results of each episode from the step-by-step record of a batch of environments."""
+"""Results of each episode, from the record of a batch."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _at(
     task: Task,
     rule: Callable[[State, Pose, Task], bool],
 ) -> NDArray[np.bool_]:
-    """Return which states satisfy a rule of the task at the current waypoints, shape (T, n)."""
+    """Return which states satisfy a rule of the task, shape (T, n)."""
     at = running & (_distance(states, due) <= task.radius)  # only few are near enough to check
     for step, row in np.argwhere(at):
         at[step, row] = rule(State(*states[step, row].tolist()), Pose(*due[step, row].tolist()), task)

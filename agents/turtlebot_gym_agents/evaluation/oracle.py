@@ -57,7 +57,7 @@ class Oracle:
 
 @kernel
 def _follow(scene, x, y, distance, target):
-    """Write the farthest point of the path that a straight line reaches; the nearest one if there is none."""
+    """Write the farthest point that a straight line reaches, or the nearest."""
     row, column = _best_near(scene, *cell_of(scene, x, y))
     target[0], target[1] = centre_of(scene, row, column)
     for _ in range(LOOK):

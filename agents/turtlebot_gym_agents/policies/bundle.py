@@ -132,7 +132,7 @@ class BundlePolicy:
         self._require_shapes()
 
     def _require_shapes(self) -> None:
-        """Refuse a model that does not map any number of observations to as many finite actions."""
+        """Refuse a model that does not map observations to as many actions."""
         inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), SIZES[self.layout]
         ends = [(end.type, end.shape[1:]) for end in (*inputs, *outputs)]
         if ends != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):

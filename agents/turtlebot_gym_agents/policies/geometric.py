@@ -42,7 +42,7 @@ class Baseline:
 
     @classmethod
     def ranges(cls) -> dict[str, Range]:
-        """Return the numbers that can be tuned with their ranges, a class's own before those of its base."""
+        """Return the ranges of tunable numbers, a class's own first."""
         hints = get_type_hints(cls, include_extras=True)
         marks: dict[str, tuple[Any, ...]] = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
         names = dict.fromkeys(name for kind in cls.__mro__ for name in get_annotations(kind))
@@ -202,7 +202,7 @@ def wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _fields(observations: ArrayLike) -> Observation:
-    """Return the components of observations in double precision, without the ranges of a room."""
+    """Return the components of observations, without a room's ranges."""
     values = np.asarray(observations, np.float64)
     if values.ndim == 0 or values.shape[-1] not in SIZES.values():
         sizes = " or ".join(f"(..., {size})" for size in SIZES.values())

@@ -61,7 +61,7 @@ class _Reactive(Baseline):
         return look(observations, self._robot, self.dt, self.lag)
 
     def _blocked(self, to: Sight) -> NDArray[np.bool_]:
-        """Return which of the candidates lead into an obstacle on this side of the goal, shape (..., 72)."""
+        """Return which candidates lead into an obstacle, shape (..., 72)."""
         away = np.abs(to.points)
         wide = np.arcsin(np.minimum((self._robot.radius + self.margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
         counts = away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius)[..., None]
@@ -71,7 +71,7 @@ class _Reactive(Baseline):
         return np.any(between > cosine[..., None, :], axis=-1)
 
     def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return actions (..., 2) towards directions (...), slower when contact is closer in time."""
+        """Return actions (..., 2) towards directions (...), slower near contact."""
         robot = self._robot
         v = np.maximum(np.cos(angle), 0.0) ** self.focus * robot.max_linear
         omega = np.clip(self.gain * angle, -robot.max_angular, robot.max_angular)
@@ -221,7 +221,7 @@ class DynamicWindowPolicy(Baseline):
         return action_of(np.where(stuck, 0.0, v), np.where(stuck, spot, omega))
 
     def _free_length(self, points: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return the free distance on each curve before the robot meets a point, shape (..., curvatures), m."""
+        """Return the free distance on each curve, shape (..., curvatures), m."""
         rows = points.reshape(-1, points.shape[-1])
         meets = np.empty((len(rows), self._near.size), np.bool_)
         for at in range(0, len(rows), _AT_ONCE):

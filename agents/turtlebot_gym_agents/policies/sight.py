@@ -65,7 +65,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
 
 
 def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return where a robot is after a time at constant speeds, and its heading as a unit vector."""
+    """Return a robot's place after a time at constant speeds, and its heading."""
     half = 0.5 * omega * time
     return v * time * np.sinc(half / np.pi) * np.exp(1j * half), np.exp(2j * half)
 

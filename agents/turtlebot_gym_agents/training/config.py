@@ -98,7 +98,7 @@ class TrainingConfig(Options):
         )
 
     def make_training(self) -> VectorEnv:
-        """Return environments to train in, which differ from each other if they are randomized."""
+        """Return environments to train in, randomized if asked."""
         envs = self.make(self.hyper["n_envs"])
         if self.randomize:
             bare: Any = envs.unwrapped

@@ -142,7 +142,7 @@ def _numbers(values: Any) -> np.ndarray:
 
 
 class _Graph:
-    """A graph to which operations are appended, each with the previous result as its first input."""
+    """A chain of operations, each on the result of the one before."""
 
     def __init__(self, begin: str) -> None:
         self.nodes: list[Any] = []

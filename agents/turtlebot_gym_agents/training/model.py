@@ -188,7 +188,7 @@ def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
 
 
 def _read(path: Path, model: BaseAlgorithm) -> tuple[dict[str, int], Any, Any]:
-    """Return the counters, the state of the networks and optimizers, and further tensors in a saved model."""
+    """Return the counters, parameters and further tensors in a saved model."""
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))

@@ -90,7 +90,7 @@ class Sb3VecEnv(VecEnv):
         self._model = model
 
     def reset(self) -> Any:
-        """Start all episodes with the seeds and options that are set, and return observations."""
+        """Start all episodes with the seeds and options set, and return observations."""
         # VecEnv.seed(s) sets s + i, as Gymnasium does for the int s; not all vector environments accept lists.
         seed, groups, observations = self._seeds[0], self._groups(), None
         if len(groups) > 1 and not self._begun:

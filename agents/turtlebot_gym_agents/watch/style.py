@@ -65,7 +65,7 @@ class Theme:
             self.entries.append([model, name, ink.light, ink.dark])
 
     def dress(self, figure: Figure) -> None:
-        """Set the page's colours and font for a figure's axes, grid and title, with a transparent background."""
+        """Give a figure the page's colours and font."""
         figure.background_fill_color = figure.border_fill_color = None
         figure.toolbar.logo = None
         for axis in figure.axis:
