@@ -17,7 +17,7 @@ from rich.table import Table
 
 from turtlebot_gym import FixNoise, make_parameters
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.common import matrices
+from turtlebot_gym.envs.common import SYMMETRIC
 from turtlebot_gym.estimation.consistency import difference, nees
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.presets import FIXES
@@ -108,7 +108,8 @@ def drive(p: Parameters, system: System, on_square: bool, config: Config, done: 
         mean, truth = batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state")
         error = difference(mean[:, :3], truth[:, :3])
         position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
-        consistent[step] = nees(mean, truth, matrices(batch.numbers("estimate.belief.covariance")), components=3)
+        covariance = batch.numbers("estimate.belief.covariance")[..., SYMMETRIC]
+        consistent[step] = nees(mean, truth, covariance, components=3)
         done(step + 1)
     return {
         "position": metrics.mean(position.mean(axis=0)),

@@ -10,8 +10,7 @@ import numpy as np
 
 from turtlebot_gym.calibration.alignment import Frame, Shift, aligned
 from turtlebot_gym.calibration.coordinates import value_of, with_values
-from turtlebot_gym.calibration.estimates import ONLY_TRUTH, Estimate, of_share
-from turtlebot_gym.calibration.fitting import POSE, WHEELS, by_innovations, by_truth
+from turtlebot_gym.calibration.estimates import ONLY_TRUTH, POSE, WHEELS, Estimate, by_innovations, by_truth, of_share
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
@@ -97,7 +96,7 @@ def calibrate(
         use_truth: Use the truth where the drive has it; if false, the innovations alone.
         integrator: "euler" or "midpoint"; None for the one that explains the motion better.
         segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if
-            that also predicts the drift over `fitting.SEGMENTS`, and those segments otherwise. With truth only.
+            that also predicts the drift over `estimates.SEGMENTS`, and those segments otherwise. With truth only.
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
         start: Start of the search for the alphas; an alpha of which the drive says nothing keeps this value.
         progress: Called with the name of each finished part.

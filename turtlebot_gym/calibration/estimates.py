@@ -1,16 +1,19 @@
-"""Estimates of noise parameters, with their intervals."""
+"""Estimates of noise parameters with their intervals: fitted to the truth, or to the innovations alone."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from turtlebot_gym.calibration.coordinates import (
+    MEASURED,
+    MOTION,
     PARAMETERS,
     PLAIN,
     VARIANCE,
@@ -21,9 +24,14 @@ from turtlebot_gym.calibration.coordinates import (
     with_values,
 )
 from turtlebot_gym.calibration.fit import LEVEL, Fit, climb, interval, maximize, valley
-from turtlebot_gym.parameters import Noise
+from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, measurements, segment_rows
+from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.parameters import Noise, OdometryNoise
+from turtlebot_gym.validation import choose
 
-NoiseLikelihood = Callable[[Noise], float]
+_Likelihood = Callable[[Noise], float]
 
 SPIKES = ("spike_probability", "spike")
 SPIKY = float(stats.chi2.ppf(0.999, 2))
@@ -57,6 +65,21 @@ ONLY_TRUTH = {
 HIDDEN = ("alpha1", "alpha3")
 """Parameters that the larger noise of measured poses hides; they seem determined by chance."""
 
+POSE, WHEELS = "pose", "wheel"
+"""Odometry that measures the pose, and odometry that integrates the wheels."""
+SEGMENTS = (0.25, 0.5, 1.0)
+"""Segment lengths for errors that are correlated from row to row, m: timing errors show over short distances, drift
+over long ones. All lengths together count as much as the last one alone, since correlated errors are no further
+evidence."""
+EXACT = (1e-6) ** 2
+"""Variance of the truth row by row, m^2 and rad^2 ..."""
+CAPTURED = (1e-3) ** 2
+"""... and over segments: that of motion capture, a millimetre and a milliradian."""
+FEWEST = 6
+"""Fewest segments or poses to which anything is fitted."""
+FALSE_ALARM = 1e-4
+"""Level of the test for errors that are correlated from row to row."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
@@ -76,7 +99,7 @@ class Estimate:
     """What would determine it, if the drive does not."""
 
 
-def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
+def _search(likelihood: _Likelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
     """Return the maximum of a likelihood over some parameters of a noise model.
 
     Args:
@@ -98,7 +121,7 @@ def search(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], *, w
     return maximize(of, begin, scales)
 
 
-def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
+def _search_with_spikes(likelihood: _Likelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
     """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the drive has any.
 
     Args:
@@ -114,14 +137,14 @@ def search_with_spikes(likelihood: NoiseLikelihood, start: Noise, names: Sequenc
     rest = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
     sizes = [size * math.sqrt(smooth.odometry.R[2]) for size in SPIKE_SIZES]
     begin = max((with_values(smooth, {**rest, "spike": size}) for size in sizes), key=likelihood)
-    spiky = search(likelihood, begin, names)
+    spiky = _search(likelihood, begin, names)
     if 2.0 * (spiky.value - without) > SPIKY:
         return tuple(names), begin, spiky
-    return plain, smooth, search(likelihood, smooth, plain)
+    return plain, smooth, _search(likelihood, smooth, plain)
 
 
-def estimates(
-    likelihood: NoiseLikelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
+def _estimates(
+    likelihood: _Likelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
 ) -> dict[str, Estimate]:
     """Return values and intervals of parameters at the maximum of their likelihood.
 
@@ -190,3 +213,110 @@ def of_share(happened: int, among: int, remedy: str) -> Estimate:
         is_determined=among >= 100,
         remedy="" if among >= 100 else remedy,
     )
+
+
+class _Found(NamedTuple):
+    estimates: dict[str, Estimate]
+    likeliest: Noise
+    integrator: str
+    segment: float
+    segments: int
+
+
+def by_truth(
+    drive: Drive, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
+) -> _Found:
+    """Fit to a drive with truth: execution noise and measurement noise separately."""
+    fitted: dict[str, Estimate] = {}
+    noise = start
+    every = segment_rows(drive, 0.0)
+    if integrator is None:
+        integrator = _better(lambda middle: innovations(every, _exactly(start, CAPTURED), middle=middle))
+    middle = choose("integrator", integrator, INTEGRATORS)
+
+    if not segment:
+        length, rows = 0.0, every
+        likelihood: _Likelihood = lambda model: innovations(every, _exactly(model, EXACT), middle=middle)  # noqa: E731
+    else:
+        length, rows = segment, segment_rows(drive, segment)
+        likelihood = _over([rows], CAPTURED, middle)
+    fit = _search(likelihood, start, MOTION, widely=length > 0.0)
+    if segment is None:
+        longer = [segment_rows(drive, each) for each in SEGMENTS]
+        if count_segments(longer[-1]) >= FEWEST:
+            over = _over(longer, CAPTURED, middle)
+            best = _search(over, start, MOTION, widely=True)
+            gain = 2.0 * (best.value - over(from_coordinates(start, MOTION, fit.x)))
+            if gain > stats.chi2.ppf(1.0 - FALSE_ALARM, len(MOTION)):
+                length, rows, likelihood, fit = SEGMENTS[-1], longer[-1], over, best
+    fitted |= _estimates(likelihood, start, MOTION, fit, has_truth=True)
+    noise = from_coordinates(noise, MOTION, fit.x)
+    progress("execution")
+    if kind == POSE:
+        measured = measured_rows(drive)
+        true = known(drive.truth)
+        measured = measured._replace(due=measured.due & true)
+        truth = np.where(true[:, None], drive.truth, 0.0)
+        error = difference(drive.odometry, drive.truth)[measured.due]
+        if len(error) < FEWEST:
+            raise ValueError(f"only {len(error)} measured poses have a true one beside them.")
+        begin = replace(noise.odometry, R=tuple(np.maximum(error.var(axis=0), 1e-12)), bias=tuple(error.mean(axis=0).tolist()))
+        begun = Noise(process=noise.process, odometry=begin)
+        likely = lambda model: measurements(measured, truth, model)  # noqa: E731
+        names, base, best = _search_with_spikes(likely, begun, MEASURED)
+        fitted |= _estimates(likely, base, names, best, has_truth=True)
+        noise = from_coordinates(base, names, best.x)
+        progress("measurements")
+    return _Found(fitted, noise, integrator, length, count_segments(rows))
+
+
+def _over(sets: Sequence[Rows], variance: float, middle: float) -> _Likelihood:
+    """Return the likelihood of a noise model over segments of several lengths, weighted as if there were only the last length.
+
+    The count is reduced by the number of fitted parameters: with few errors, three for each segment, maximum likelihood
+    makes variances too small by that share.
+    """
+    counts = [count_segments(rows) for rows in sets]
+    errors = 3.0 * counts[-1]
+    rest = max(errors - len(MOTION), 0.2 * errors) / errors
+    shares = [rest * counts[-1] / (len(sets) * max(each, 1)) for each in counts]
+
+    def likelihood(model: Noise) -> float:
+        exact = _exactly(model, variance)
+        return sum(share * innovations(rows, exact, middle=middle) for share, rows in zip(shares, sets, strict=True))
+
+    return likelihood
+
+
+def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> _Found:
+    """Fit execution and measurement noise together, by the innovations."""
+    rows = measured_rows(drive)
+    step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
+    # The median resists spikes; a difference has twice the variance.
+    spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
+    begun = replace(start, odometry=replace(start.odometry, R=tuple(np.maximum(spread, 1e-8).tolist()), wheel=False))
+    if integrator is None:
+        integrator = _better(lambda middle: innovations(rows, begun, middle=middle))
+    middle = choose("integrator", integrator, INTEGRATORS)
+    likely = lambda model: innovations(rows, model, middle=middle)  # noqa: E731
+    names = tuple(name for name in (*MEASURED, *MOTION) if name not in ONLY_TRUTH)
+    names, base, best = _search_with_spikes(likely, begun, names)
+    progress("search")
+    fitted = _estimates(likely, base, names, best, has_truth=False)
+    progress("intervals")
+    return _Found(fitted, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
+
+
+def _better(likelihood: Callable[[float], float]) -> str:
+    return max(INTEGRATORS, key=lambda name: likelihood(INTEGRATORS[name]))
+
+
+def _exactly(noise: Noise, variance: float) -> Noise:
+    return Noise(process=noise.process, odometry=OdometryNoise(R=(variance,) * 3))
+
+
+def measured_rows(drive: Drive) -> Rows:
+    """Return a drive's measured poses."""
+    due = known(drive.odometry)
+    poses = np.where(due[:, None], drive.odometry, 0.0)
+    return Rows(drive.time, drive.twist, poses, due, np.zeros(len(due), np.bool_), drive.joined)

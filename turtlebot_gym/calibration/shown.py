@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.calibrate import Calibration
-from turtlebot_gym.calibration.fitting import measured_rows
+from turtlebot_gym.calibration.estimates import measured_rows
 from turtlebot_gym.calibration.likelihood import Rows, segment_rows, tuning_of
 from turtlebot_gym.drives import known
 from turtlebot_gym.estimation import ekf

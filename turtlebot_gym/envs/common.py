@@ -99,11 +99,6 @@ def no_way(parameters: Parameters) -> str:
     return f"No way leads from start to goal for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
 
 
-def matrices(entries: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return covariance matrices (..., 5, 5) from their independent entries (..., 15)."""
-    return entries[..., SYMMETRIC]
-
-
 def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
     """Return the seed of each environment: ``seed + i`` for a whole number, those of a sequence, None where there is none.
 

@@ -18,8 +18,8 @@ from turtlebot_gym.envs.common import (
     NUMBERS,
     PARTS,
     ROOM_PARTS,
+    SYMMETRIC,
     make_batch,
-    matrices,
     no_way,
     of_rows,
     read_actions,
@@ -250,7 +250,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             numbers = self._batch.numbers(path)
             infos[key] = numbers != 0.0 if key in FLAGS else numbers
         if self._full:
-            infos["covariance"] = matrices(infos["covariance"])
+            infos["covariance"] = infos["covariance"][..., SYMMETRIC]
         if mask is not None:
             infos["distance"] = infos["distance"].copy()
             for value in infos.values():

@@ -6,12 +6,13 @@ import os
 import sys
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress, require_installed
+from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress
 from turtlebot_gym_agents.outputs import FOLDER
 
 _BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
@@ -62,10 +63,15 @@ class Benchmark(Writing):
             )
         self._check_options()
         if self.training and self.check is None and self.against is None:
-            require_installed("torch", "stable_baselines3", extra="agents", without="--no-training")
+            self._require_training()
         if str(_BENCHMARKS) not in sys.path:
             sys.path.append(str(_BENCHMARKS))
         import_module("harness.measure").run(self)
+
+    def _require_training(self) -> None:
+        for name in ("torch", "stable_baselines3"):
+            if find_spec(name) is None:
+                raise ImportError(f"{name} is not installed: pip install 'turtlebot-gym[agents]', or use --no-training.")
 
     def _check_options(self) -> None:
         if not self.num_envs or min(self.num_envs) < 2 or len({*self.num_envs}) < len(self.num_envs):

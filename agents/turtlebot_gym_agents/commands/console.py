@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -95,21 +94,6 @@ def needs(extra: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[{extra}]'.") from error
-
-
-def require_installed(*modules: str, extra: str, without: str) -> None:
-    """Say what to install before the work starts.
-
-    Args:
-        *modules: What the work needs.
-        extra: What brings them.
-        without: The option with which they are not needed.
-
-    Raises:
-        ImportError: If one is missing.
-    """
-    if missing := next((name for name in modules if find_spec(name) is None), None):
-        raise ImportError(f"{missing} is not installed: pip install 'turtlebot-gym[{extra}]', or use {without}.")
 
 
 @contextmanager
