@@ -105,12 +105,7 @@ def _progress(drive: Drive) -> NDArray[np.float64]:
 
 
 def _shift_twist(drive: Drive, delay: float) -> Drive:
-    """Return a drive whose twists are delayed; a row that has no twist then does not continue the one before it.
-
-    Args:
-        drive: The drive.
-        delay: Time by which the motion follows the recorded twist, s.
-    """
+    """Return a drive whose twists are delayed; a row that has no twist then does not continue the one before it."""
     if delay == 0.0:
         return drive
     steps, driven = np.diff(drive.time), _progress(drive)
@@ -148,13 +143,7 @@ def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.
 
 
 def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
-    """Return how long the motion lags behind the recorded twist.
-
-    Args:
-        drive: The drive.
-        poses: True or measured poses, shape (T, 3).
-        window: Window over which motions are compared, s.
-    """
+    """Return how long the motion lags behind the recorded twist."""
     begin = np.arange(drive.time[0] + REACH, drive.time[-1] - REACH - window, 0.5 * window)
     if len(begin) < 20:
         return _NO_SHIFT

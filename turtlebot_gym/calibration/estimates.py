@@ -102,11 +102,7 @@ class Estimate:
 def _search(likelihood: _Likelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
     """Return the maximum of a likelihood over some parameters of a noise model.
 
-    Args:
-        likelihood: Log-likelihood as a function of a noise model.
-        start: Start of the search.
-        names: The parameters.
-        widely: Also start elsewhere, and search without gradients first: for few data, whose likelihood has narrow valleys.
+    With ``widely`` it also starts elsewhere, and without gradients: the likelihood of few data has narrow valleys.
     """
     scales = np.array([PARAMETERS[name].scale for name in names])
     begin = to_coordinates(start, names)
@@ -122,13 +118,7 @@ def _search(likelihood: _Likelihood, start: Noise, names: Sequence[str], *, wide
 
 
 def _search_with_spikes(likelihood: _Likelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
-    """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the drive has any.
-
-    Args:
-        likelihood: Log-likelihood as a function of a noise model.
-        start: Start of the search, without spikes.
-        names: All parameters, including those of spikes.
-    """
+    """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the drive has any."""
     plain = tuple(name for name in names if name not in SPIKES)
     scales = np.array([PARAMETERS[name].scale for name in plain])
     x, without = climb(lambda x: likelihood(from_coordinates(start, plain, x)), to_coordinates(start, plain), scales)
@@ -146,15 +136,7 @@ def _search_with_spikes(likelihood: _Likelihood, start: Noise, names: Sequence[s
 def _estimates(
     likelihood: _Likelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
 ) -> dict[str, Estimate]:
-    """Return values and intervals of parameters at the maximum of their likelihood.
-
-    Args:
-        likelihood: Log-likelihood as a function of a noise model.
-        start: Values of the parameters that are not searched.
-        names: The parameters that are searched.
-        fit: The maximum.
-        has_truth: Whether the truth was used.
-    """
+    """Return values and intervals of parameters at the maximum of their likelihood."""
     likeliest = from_coordinates(start, names, fit.x)
     upright = fit._replace(x=np.where([PARAMETERS[name].kind == PLAIN for name in names], fit.x, np.abs(fit.x)))
     # Coordinates of variances have no sign: take the positive ones.
