@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.sixth import Sixth, correct_both, moved_column, update_both
+from turtlebot_gym.estimation.scale import Sixth, correct_both, moved_column, update_both
 from turtlebot_gym.estimation.update import Projection, Variances
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap

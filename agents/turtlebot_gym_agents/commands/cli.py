@@ -21,6 +21,7 @@ from turtlebot_gym_agents.commands.console import (
     Driven,
     FigureFile,
     JsonFile,
+    Placement,
     Writing,
     needs,
     print_tables,
@@ -30,7 +31,6 @@ from turtlebot_gym_agents.commands.console import (
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
-from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.commands.study import Study, TuneBaseline
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
 from turtlebot_gym_agents.provenance import write_json
@@ -105,7 +105,7 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
         from turtlebot_gym_agents.cluster.drives import DriveUnit, evaluate_all
 
         with self.place(memory=DriveUnit.memory) as place:
-            return evaluate_all(asked, **place._asdict(), progress=advance_to)
+            return evaluate_all(asked, **place, progress=advance_to)
 
     def _label(self, *names: str) -> str:
         choices = (self.policy, self.noise, self.observation)

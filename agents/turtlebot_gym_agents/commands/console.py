@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from turtlebot_gym_agents.commands.flags import OPTIONS, flags
-from turtlebot_gym_agents.outputs import FIGURE, JSON
+from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,6 +85,55 @@ class Driven(_DRIVE, Setting):
 
         plant = make_plant(self.plant, friction=self.friction, caster_friction=self.caster_friction)
         return super().options() | {"plant": plant or self.plant, "allow_mismatch": self.allow_mismatch}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """Where the work runs; results do not depend on it."""
+
+    cluster: str | None = None
+    """Run the work in several processes: "local" for one per core of this machine; with the extra [cluster], "auto" for the Ray
+    cluster that this machine belongs to, or the ADDRESS of one, HOST:PORT."""
+    workers: int | None = None
+    """With --cluster local: number of workers."""
+    store: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER"), FOLDER] = None
+    """Folder for the result of each unit of work; units whose result is there are not repeated."""
+
+    @property
+    def spread(self) -> bool:
+        """Whether the work is split into units."""
+        return self.cluster is not None or self.store is not None
+
+    @contextmanager
+    def place(self, *, memory: int, store: Path | None = None) -> Iterator[dict[str, Any]]:
+        """Provide workers and store, the arguments of `cluster.units.complete`, for the duration of the block.
+
+        Args:
+            memory: Memory of a unit, bytes.
+            store: Default folder for results.
+        """
+        from turtlebot_gym_agents.cluster.units import Store, in_turn
+
+        self.require_cluster()
+        folder = self.store or store
+        kept = None if folder is None else Store(folder)
+        if self.cluster is None:
+            yield {"workers": in_turn, "store": kept}
+            return
+        from turtlebot_gym_agents.cluster.workers import workers_on
+
+        with workers_on(self.cluster, workers=self.workers, memory=memory) as workers:
+            yield {"workers": workers, "store": kept}
+
+    def require_cluster(self) -> None:
+        """Raise ValueError if workers are given without a cluster."""
+        if self.workers is not None and self.cluster is None:
+            raise ValueError("workers is an option of a cluster: add --cluster local.")
+
+    def settings(self) -> Mapping[str, Any]:
+        """Return the options that results depend on."""
+        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "force", "wandb"}
+        return {name: value for name, value in asdict(self).items() if name not in elsewhere}
 
 
 @contextmanager

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import File, JsonFile, Setting, Writing, needs, print_tables, progress
+from turtlebot_gym_agents.commands.console import File, JsonFile, Placement, Setting, Writing, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import flags, own_first
-from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.outputs import FOLDER, Output
 from turtlebot_gym_agents.provenance import write_json
 
@@ -114,7 +113,7 @@ class Train(Placement, _Learned):
         if self.resume:
             raise ValueError("resume continues from a checkpoint; with units of work, finished trainings are in the store.")
         with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as place:
-            yield from train_all(configs, folders, **place._asdict(), progress=advance_to)
+            yield from train_all(configs, folders, **place, progress=advance_to)
 
     def _callbacks(self, config: TrainingConfig, folder: Path) -> list[Any]:
         """Return the callbacks that show the policy and send its curves, where that is asked for."""
@@ -180,7 +179,7 @@ class Tune(Placement, _Learned):
                 study = tune(config, self.out, **common)
             else:
                 with self.place(memory=Trial.memory, store=self.out / "units") as place:
-                    study = tune(config, self.out, generation=generation, **common, **place._asdict())
+                    study = tune(config, self.out, generation=generation, **common, **place)
         title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
         print_tables(_search_table(study.trials, title=title))
         if self.json is not None:

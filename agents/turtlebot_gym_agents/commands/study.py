@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import JsonFile, Setting, Writing, print_tables, progress
+from turtlebot_gym_agents.commands.console import JsonFile, Placement, Setting, Writing, print_tables, progress
 from turtlebot_gym_agents.commands.flags import own_first
-from turtlebot_gym_agents.commands.placement import Placement
 from turtlebot_gym_agents.outputs import FOLDER, JSON
 from turtlebot_gym_agents.provenance import write_json
 
@@ -46,7 +45,7 @@ class Study(Placement, Writing):
         grid = read_grid(self.file)
         memory = Training.memory if grid.trainings else DriveUnit.memory
         with self.place(memory=memory, store=self.out / "units") as place, progress(1) as advance_to:
-            rows = study(grid, **place._asdict(), progress=lambda done, total: advance_to(done, total))
+            rows = study(grid, **place, progress=lambda done, total: advance_to(done, total))
         drawn = table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")
         print_tables(drawn, keys=1 + [column.header for column in drawn.columns].index("policy"))
         if self.json is not None:
