@@ -43,7 +43,7 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
 
 @contextmanager
 def unpacked(attachments: Attachments) -> Iterator[Mapping[str, str]]:
-    """Write files into a folder for the duration of the block; yields their paths by their original names."""
+    """Write files into a folder within this block; yields their paths by their names."""
     if not attachments:
         yield {}
         return
@@ -84,7 +84,7 @@ def hashes(attachments: Attachments) -> dict[str, dict[str, str]]:
 
 
 def _images(path: Path) -> list[Path]:
-    """Return the image of a map; none for other files, and for images that are not beside their map."""
+    """Return the image beside a map, if there is one."""
     if path.suffix not in (".yaml", ".yml"):
         return []
     try:

@@ -21,7 +21,7 @@ from turtlebot_gym_agents.provenance import plain
 ROWS = ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command", "clearance")
 """Columns of a trajectory that a unit returns."""
 CHUNK = 250
-"""Episodes per unit. It never depends on the number of workers, so that stored units are found again."""
+"""Episodes per unit, whatever the number of workers: stored units are found again."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -146,7 +146,7 @@ def _content(folder: Path, suffix: str) -> bytes:
 
 
 def key(unit: Unit) -> str:
-    """Return the name of a unit's result: a hash of everything it depends on, code and libraries included."""
+    """Return a hash of everything that a unit depends on, code and libraries included."""
     # Sorted, since the order of settings does not matter.
     text = json.dumps({"about": unit.about(), "origin": origin()}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -21,7 +21,7 @@ ERRORS = (
     *("position mean, m", "position max, m", "position final, m"),
     *("heading mean, rad", "heading max, rad", "heading final, rad"),
 )
-"""Headings of `Errors`; each says what it is, since a narrow terminal shows them in several tables."""
+"""Headings of `Errors`, each complete: a narrow terminal shows them in several tables."""
 
 
 def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, ...]:
@@ -74,7 +74,7 @@ def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
 
 
 def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> Figure:
-    """Return a figure of the first episode; for several evaluations, of the paths of their first episodes."""
+    """Return a figure of the first episode, or of the paths of several."""
     if len(evaluations) == 1:
         ((label, evaluation),) = evaluations.items()
         return tutorial_figure(evaluation.trajectory, title=f"{title}, {label}")

@@ -1,4 +1,4 @@
-"""Tables that fit a terminal: a table that is too wide becomes several, one below the other, and no number is ever cut."""
+"""Tables that fit a terminal: a wide one becomes several, and no number is ever cut."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LONG = 24
 SHORTER = (16, 12, 8, 4)
 """The same for key columns that leave too little room for the others."""
 BORDER, BETWEEN = 1, 3
-"""Characters of a table's left border, and of each column's padding and right border, in the default box of Rich."""
+"""Characters of a table's left border, and around each column, in Rich's default box."""
 _NUMBERS = re.compile(r"(?:[-+±?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b[xkM]\b|inf|nan)*")
 
 
@@ -87,7 +87,7 @@ def _total(widths: Sequence[int]) -> int:
 
 
 def _groups(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
-    """Return which columns stand in which part: as few parts as possible, of widths as even as possible."""
+    """Return which columns stand in which part: few parts, of even widths."""
     best = _filled(least, keys, width)
     # The least width that needs no more parts makes them even.
     for narrower in range(width - 1, 0, -1):
@@ -99,7 +99,7 @@ def _groups(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
 
 
 def _filled(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
-    """Return parts that are filled one after the other; each has at least one column besides the keys."""
+    """Return parts that are filled in turn, each with a column besides the keys."""
     groups: list[list[int]] = [[]]
     for at in range(keys, len(least)):
         if groups[-1] and _total([*least[:keys], *(least[column] for column in (*groups[-1], at))]) > width:

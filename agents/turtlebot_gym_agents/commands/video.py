@@ -128,7 +128,7 @@ def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np
 
 
 def _write_gif(path: Path, frames: Iterator[Image.Image], fps: int) -> None:
-    """Write frames with the palette of the first one: its legend holds all colours, and nothing flickers."""
+    """Write frames with the first one's palette: its legend holds all colours."""
     if fps > 50 or 100 % fps != 0:
         raise ValueError(f"fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50 (frames last whole 1/100 s), got {fps}.")
     first = next(frames)

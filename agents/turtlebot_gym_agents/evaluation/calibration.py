@@ -65,7 +65,7 @@ def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int =
 
 
 class _Judged(NamedTuple):
-    """Accuracy and consistency of a filter on a recorded drive; arrays have a number for each seed."""
+    """Accuracy and consistency of a filter on a drive, for each seed."""
 
     nees: NDArray[np.float64]
     """Mean normalized estimation error squared of the pose: 3 for a consistent filter."""

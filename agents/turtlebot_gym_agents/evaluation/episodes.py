@@ -30,7 +30,7 @@ class Record(NamedTuple):
     """NaN on open ground, as the next."""
     way_left: NDArray[np.float64]
     running: NDArray[np.bool_]
-    """Whether the step belongs to the first episode; after its end an environment begins others."""
+    """Whether the step belongs to the first episode of its environment."""
     covariance: NDArray[np.float64]
     """Covariance of the first environment only, shape (T + 1, 5, 5)."""
 
@@ -51,7 +51,7 @@ class Episodes(NamedTuple):
     time: NDArray[np.float64]
     """Length of the episode, s."""
     ideal: NDArray[np.float64]
-    """Time at full speed in straight lines from waypoint to waypoint and to the edge of the last one, s."""
+    """Time at full speed in straight lines to the edge of the last waypoint, s."""
     path: NDArray[np.float64]
     """Length of the true path, m."""
     effort: NDArray[np.float64]
@@ -59,11 +59,11 @@ class Episodes(NamedTuple):
     reached: NDArray[np.int64]
     """Number of waypoints that the true pose reached while they were current."""
     miss: NDArray[np.float64]
-    """True distance to a waypoint when it is completed, by arrival, time or the episode's end; mean over waypoints, m."""
+    """True distance to a waypoint at its completion; mean over waypoints, m."""
     false_arrival: NDArray[np.bool_]
-    """Whether the robot's first belief of having arrived at some waypoint was false by its true pose."""
+    """Whether the first belief of having arrived at some waypoint was false."""
     arrival_distance: NDArray[np.float64]
-    """True distance to a waypoint when the robot first believed it had arrived; mean over waypoints, m."""
+    """True distance to a waypoint at the first belief of arrival; mean, m."""
     collision: NDArray[np.bool_]
     """Whether the episode ended in a collision."""
     clearance: NDArray[np.float64]

@@ -63,11 +63,11 @@ class _FilterResult:
     ratio: tuple[Interval, Interval, Interval]
     """Ratio of RMSE to bound at the end, for x, y and heading; infinite where the bound is 0."""
     nees: Interval
-    """Mean normalized estimation error squared of the pose at the end: 3 for a consistent filter."""
+    """Mean NEES of the pose at the end: 3 for a consistent filter."""
     nis: Interval
-    """Mean normalized innovation squared of the last measurement: 3 for a consistent filter without spikes."""
+    """Mean NIS of the last measurement: 3 for a consistent filter without spikes."""
     outside: float
-    """Share of the time in which x, y or heading is more than three standard deviations off: 0.8 % for a consistent filter."""
+    """Share of the time beyond three standard deviations: 0.8 % for a consistent filter."""
     correlation: tuple[float, float, float]
     """Correlation of successive innovations: 0 for an optimal filter."""
 
@@ -169,7 +169,7 @@ def estimate(
 
 
 def in_force(noise: str | Noise, *, bias: bool = True, slip: bool = True) -> Noise:
-    """Return a noise model, given as such or by name, with or without its bias and its slip."""
+    """Return a noise model with or without its bias and its slip."""
     model = make_noise(noise)
     odometry = model.odometry if bias else replace(model.odometry, bias=(0.0, 0.0, 0.0))
     return Noise(process=model.process if slip else replace(model.process, slip=0.0), odometry=odometry)
@@ -205,7 +205,7 @@ def drive(count: int, steps: int, seed: int, **options: Any) -> _Drives:
 
 
 def innovations(drives: _Drives, dt: float, middle: float) -> NDArray[np.float64]:
-    """Return measured minus predicted poses, shape (n, T, 3); m, m, rad; NaN where no measurement arrived."""
+    """Return measured minus predicted poses, (n, T, 3); m, m, rad; NaN without a measurement."""
     before = drives.estimate[:, :-1]
     twists = before[..., 2:].reshape(-1, 3).tolist()
     moved = np.array([motion(theta, v, omega, dt, middle)[:3] for theta, v, omega in twists])

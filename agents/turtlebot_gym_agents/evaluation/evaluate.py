@@ -49,11 +49,11 @@ class Evaluation:
     """The first episode."""
 
     def times(self) -> NDArray[np.float64]:
-        """Return the time of each episode, with a failure as the limit, shape (n,), s; policies are compared by it."""
+        """Return the time of each episode, shape (n,), s; a failure counts as the limit."""
         return np.where(self.episodes.success, self.episodes.time, self.limit)
 
     def spl(self) -> NDArray[np.float64]:
-        """Return the SPL of each episode in a room, its success weighted by shortest over driven path length, shape (n,)."""
+        """Return each episode's SPL, success times shortest over driven length, shape (n,)."""
         e = self.episodes
         return e.success * e.shortest / np.maximum(e.path, e.shortest)
 

@@ -1,4 +1,4 @@
-"""The oracle, a reference policy that knows the map and its true pose and follows the shortest path."""
+"""The oracle, which knows map and true pose, and follows the shortest path."""
 
 from __future__ import annotations
 

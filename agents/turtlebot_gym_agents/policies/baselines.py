@@ -33,7 +33,7 @@ POLICIES: dict[str, type[Baseline]] = {
     "gap": FollowTheGapPolicy,
     "dwa": DynamicWindowPolicy,
 }
-"""Baselines by name: callables of a robot, a control interval and tunable numbers as keywords. The last three are for rooms."""
+"""Baselines by name; the last three are for rooms."""
 
 
 def layout_of_baseline(name: str) -> int:

@@ -25,7 +25,7 @@ _TINY = 1e-12  # instead of zero in a denominator
 
 @dataclass(eq=False)
 class Baseline:
-    """Base of the policies without learning: a robot, its control interval, and numbers that can be tuned, as keywords."""
+    """Base of the policies without learning: robot, control interval and tunable numbers."""
 
     robot: str | Robot = "burger"
     """A name in `turtlebot_gym.ROBOTS`, or a robot."""
@@ -117,7 +117,7 @@ class CornerPolicy(BearingPolicy):
     """
 
     cut: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.26
-    """Distance of the aim point from the waypoint, m; somewhat less than the radius in which a waypoint counts as reached."""
+    """Distance of the aim point from the waypoint, m; less than the radius of arrival."""
     depth: Annotated[float, Range(0.0, 1.0, open_high=True), Range(0.3, 0.85)] = 0.75
     """That share, less than 1."""
 

@@ -1,4 +1,4 @@
-"""Policies by name: baselines, bundles shipped with the package, files, and users' callables, whose answers are checked."""
+"""Policies by name: baselines, bundles, files, and users' callables, which are checked."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
 
 
 def _load_own(name: str, robot: Robot, dt: float) -> Policy:
-    """Import a policy, named as "module:callable"; a class is instantiated with ``robot`` and ``dt`` as keywords."""
+    """Import "module:callable"; a class is instantiated with ``robot`` and ``dt``."""
     policy = load_object(name)
     if not callable(policy):
         raise ValueError("it cannot be called.")

@@ -1,4 +1,4 @@
-"""A safety layer for any policy in a room: the speed is limited by the time to contact on the commanded arc."""
+"""A safety layer for any policy: the time to contact on its arc limits the speed."""
 
 from __future__ import annotations
 

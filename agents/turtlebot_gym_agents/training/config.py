@@ -1,4 +1,4 @@
-"""Configuration of a training run: checked and complete once it is made, and separate from the training, which needs torch."""
+"""Configuration of a training run, checked once it is made; it needs no torch."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 """The algorithms of Stable-Baselines3 by their names in lower case."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
-"""Environments of a run have seeds from (1 + its seed) times this, separate from other runs and from the evaluation."""
+"""A run's environments have seeds from (1 + its seed) times this, apart from others."""
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -137,7 +137,7 @@ def parameters_of(envs: VectorEnv) -> Parameters:
 
 
 def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model atomically: at any moment the file is the complete old or the complete new one."""
+    """Save a model; the file is replaced atomically."""
     with replacing(path) as beside, beside.open("wb") as file:
         model.save(file)
 

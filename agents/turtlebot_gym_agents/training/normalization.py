@@ -26,7 +26,7 @@ CLIP = 10.0
 CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
 NEAR = 0.03
-"""Share of `turtlebot_gym.rooms.lidar.SIGHT` added to a range before taking its logarithm: 0.1 m, about a robot's radius."""
+"""Share of `rooms.lidar.SIGHT` added to a range before its logarithm: a robot's radius."""
 
 
 def spread_ranges(observations: torch.Tensor) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""torch's Adam without imports that take a second, and the schedule of its rate; checkpoints refer to both by their names."""
+"""torch's Adam without slow imports, and a schedule; checkpoints refer to both by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Domain randomization: parameters that differ between environments, so that a policy learns to cope with unknown ones."""
+"""Domain randomization: parameters that differ between environments."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ class Sb3VecEnv(VecEnv):
         return layer
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of each row; for a native vector environment, the one that all rows share."""
+        """Return an attribute of each row, which those of a native environment share."""
         rows, chosen = self._rows(), self._chosen(indices)
         if rows is not None:
             return [rows[row].get_wrapper_attr(attr_name) for row in chosen]
@@ -223,7 +223,7 @@ class Sb3VecEnv(VecEnv):
         return [getattr(self._layer_of(method_name), method_name)(*args, **kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return whether each row is wrapped; all count as wrapped by a `Monitor`, since the infos have its entries."""
+        """Return whether each row is wrapped; by a `Monitor` all are, as their infos show."""
         rows, chosen = self._rows(), self._chosen(indices)
         if rows is None or wrapper_class is Monitor:
             return [wrapper_class is Monitor] * len(chosen)

@@ -1,4 +1,4 @@
-"""A training's configuration and curves on Weights & Biases. The library, the extra [wandb], is imported only here."""
+"""A training's configuration and curves on Weights & Biases, the extra [wandb]."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 PROJECT = "turtlebot-gym"
 """Name of the project where none is given."""
 RUN_FILE = "wandb-run"
-"""File in a training's folder that holds the id of its run, so that a resumed training resumes the run."""
+"""File in a training's folder with its run's id, which a resumed training reads."""
 
 
 class WandbCallback(BaseCallback):

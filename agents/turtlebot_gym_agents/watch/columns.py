@@ -57,7 +57,7 @@ def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[
 
 
 def scans_of(scans: tuple[Seen, ...]) -> dict[str, Any]:
-    """Return the columns of scans: the LiDAR's pose, direction and distance of the beams, and the ranges in mm."""
+    """Return the columns of scans: the LiDAR's pose, its beams, and ranges in mm."""
     numbers = np.array([[*seen.lidar, seen.scan.first, seen.scan.increment] for seen in scans], np.float32).reshape(-1, 5)
     columns: dict[str, Any] = _split(("x", "y", "theta", "first", "increment"), numbers)
     columns["ranges"] = [_millimetres(seen.scan.ranges) for seen in scans]

@@ -1,4 +1,4 @@
-"""Colours, dashes and fonts of the view: the colours of `turtlebot_gym.plotting`, each with a variant for dark pages."""
+"""Colours, dashes and fonts of the view, on light pages and on dark ones."""
 
 from __future__ import annotations
 
