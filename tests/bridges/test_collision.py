@@ -42,6 +42,11 @@ def scan(ranges, **changes):
     return Scan(ranges, 0.0, step, 0.12, 3.5, "base_scan")._replace(**changes)
 
 
+def measured_anew(scan, k):
+    """A scan whose ranges differ in their last places, as those of a LiDAR at work do."""
+    return scan._replace(ranges=np.asarray(scan.ranges, np.float32) * np.float32(1.0 + 1e-6 * (k % 7)))
+
+
 def wall(distance, direction=0.0, beams=360, **changes):
     """A scan of one straight wall."""
     angles = 2.0 * math.pi * np.arange(beams) / beams
@@ -250,8 +255,8 @@ def test_a_gap_narrower_than_the_robot_is_filled_and_a_wider_one_slows_down_who_
 
 def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_moved_where_it_sees():
     monitor, way, now = standing(), 0.0, T
-    for _ in range(200):
-        monitor.hear(with_gap(60.0, 0.0), sent=now)
+    for k in range(200):
+        monitor.hear(measured_anew(with_gap(60.0, 0.0), k), sent=now)
         allowed = monitor.limit(AHEAD, now)
         assert allowed.v <= LIMITS.escape_speed * 1.02
         monitor.told(allowed, now)
@@ -550,7 +555,7 @@ def test_a_command_that_is_held_is_judged_anew_while_the_robot_comes_nearer(sour
     assert 0.0 < free[-1] < 0.03
     assert arbiter.monitor.state.startswith("stopped")
     assert arbiter.state == source
-    assert drive(arbiter, Command(-0.2, 0.0), 1.0, start=12.0, source=source, seen=lambda t: wall(left))[-1].v < 0.0
+    assert drive(arbiter, Command(-0.2, 0.0), 1.0, start=12.0, source=source, seen=lambda t: wall(left + 1e-3 * t))[-1].v < 0.0
     # Without a command it has nothing to say.
     for k in range(50):
         arbiter.step(T + 13.0 + 0.02 * k)
@@ -578,7 +583,7 @@ def test_the_parameters_are_those_of_the_monitor():
     monitor = Arbiter(preset, T).monitor
     assert monitor._body == Body(0.22, -0.064, Mount("base_scan", -0.064, 0.0, 0.0))
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
-    assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15)
+    assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15, returns=0.02)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
 
 

@@ -165,6 +165,7 @@ def test_the_guards_defaults_are_these_and_do_not_change():
         "scan_age": 0.4,
         "scan_period": 0.2,
         "scan_error": 0.085,
+        "scan_returns": 0.02,
         "reaction": 0.2,
         "scan_mount": "robot",
         "footprint_x": 0.0,

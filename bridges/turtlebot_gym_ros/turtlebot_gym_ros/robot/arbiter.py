@@ -94,6 +94,9 @@ class Parameters:
     """Time of one revolution of the LiDAR, s."""
     scan_error: Annotated[float, Range(0.0, 0.5)] = 0.085
     """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
+    scan_returns: Annotated[float, Range(0.0, 1.0)] = 0.02
+    """Least share of a scan's beams that return something; with less for 0.5 s the robot stands: a covered LiDAR looks like
+    one in a hall larger than its range. With 0 the robot drives in such halls, and a cover is not noticed."""
     reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
     scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
@@ -127,7 +130,7 @@ def _monitor_of(p: Parameters, now: float) -> Monitor | None:
     """Return the collision monitor, if it is switched on."""
     if not p.collision_monitor:
         return None
-    robot, timing = make_robot(p.robot), Timing(p.scan_age, p.scan_period, p.reaction)
+    robot, timing = make_robot(p.robot), Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
     given = p.footprint_x, Mount(p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw)
     center_x, mount = given if p.scan_mount == "given" else MOUNTS[p.robot]
     body = Body(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
@@ -279,6 +282,8 @@ class Arbiter:
             return why
         if on:
             self.emergency = False
+            if self.monitor:
+                self.monitor.watch.forget()
         self.enabled, self._since = on, now
         self._heard.clear()
         self._zeros_until = now + ZEROS

@@ -8,7 +8,8 @@ which it was sent; all of these points count, and thus the worst. At rest they c
 
 **Valid scan.** The newest one, while it is younger than ``age`` since it was sent (see `sent`; the ``period`` is subtracted
 from a header's age, as some drivers stamp the first beam). A scan that cannot be read, see `turtlebot_gym.beams`, replaces the
-previous one. Without a valid scan the robot stands and does not turn either.
+previous one, and so does one of a LiDAR that does not measure or is mounted otherwise, see `scan_watch`. Without a valid scan
+the robot stands and does not turn either.
 
 **Unknown space**, see `collision`, is entered slowly, at ``escape_speed`` at most, and only for the way that this makes in the
 time to contact: then the robot stops before it. Motion over ground that the scan shows gives the way back, since the robot may
@@ -25,6 +26,7 @@ import numpy as np
 
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, into, limited, moved, narrow_gap, out_of, view_of
+from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
 LAYERS = 5
 """Number of times at which a scan is placed: every 0.1 s if ``period`` and ``reaction`` are 0.2 s each."""
@@ -41,6 +43,8 @@ class Timing(NamedTuple):
     """Time of one revolution, s."""
     reaction: float
     """Longest delay of the wheels in executing a command, and of the driver in sending a scan, s."""
+    returns: float = 0.0
+    """Least share of a scan's beams that return something."""
 
 
 class Monitor:
@@ -67,6 +71,7 @@ class Monitor:
         self._enters, self._judged = False, now
         self._points, self._unknown = np.empty((3, 0)), np.empty((3, 0))
         self._sent, self._bad = -math.inf, "no scan has arrived"
+        self.watch = ScanWatch(lag=timing.period + timing.reaction, returns=timing.returns, now=now)
         self._times, self._poses, self._told = [now], [(0.0, 0.0, 0.0)], [STOP]
         self.state = ""
 
@@ -80,6 +85,10 @@ class Monitor:
         except ValueError as error:
             self._bad = f"a scan was refused: {error}"
             return
+        ranges = np.asarray(scan.ranges, np.float32)
+        valid = np.where((ranges >= scan.range_min) & (ranges <= scan.range_max), ranges, np.inf)
+        directions = scan.angle_min + scan.angle_increment * np.arange(len(ranges)) + self._body.scan.yaw
+        self.watch.hear(valid, directions, sent)
         span = self._timing.period + self._timing.reaction
         layers = [out_of(self._pose(sent - span * layer / (LAYERS - 1)), view.seen) for layer in range(LAYERS)]
         self._points = np.concatenate(layers, axis=1)
@@ -87,6 +96,7 @@ class Monitor:
 
     def told(self, command: Command, now: float) -> None:
         """Record the command of the wheels from now on."""
+        self.watch.told(command, now)
         pose = self._pose(now)
         old = bisect_right(self._times, now - MEMORY) - 1
         if old > 0:
@@ -99,6 +109,8 @@ class Monitor:
         """Return why the robot must stand, or an empty text."""
         if self._bad:
             return self._bad
+        if why := self.watch.trouble():
+            return why
         return f"the last scan is older than {self._timing.age:g} s" if now - self._sent > self._timing.age else ""
 
     def limit(self, command: Command, now: float) -> Command:

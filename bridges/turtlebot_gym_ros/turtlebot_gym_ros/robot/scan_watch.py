@@ -155,6 +155,8 @@ class ScanWatch:
             return
         shifts = [_turn(shift[:, None], -0.5 * math.pi * quarter) for quarter in range(4)]
         fits = [_misfit(_binned(_turn(key[1] - each, -turn), bins), now) for each in shifts]
+        if max(fits) == math.inf:
+            return
         best = min(range(4), key=fits.__getitem__)
         if best and fits[best] < BETTER * fits[0]:
             self._votes.append(best)
