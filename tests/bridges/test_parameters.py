@@ -32,6 +32,7 @@ RULES = {
         "goal_tolerance": "a number from 0 to 1e+09 m",
         "lidar_yaw": "a number from -1e+09 to 1e+09 rad",
         "lidar_beams": "a whole number from 0 to 2147483648",
+        "lidar_returns": "a number from 0 to 1",
     },
     "turtlebot_simulator": {
         "period": "a number above 0 and below 1000 s",
@@ -64,6 +65,7 @@ RULES = {
         "scan_age": "a number above 0 and at most 0.5 s",
         "scan_period": "a number from 0 to 0.5 s",
         "scan_error": "a number from 0 to 0.5",
+        "scan_returns": "a number from 0 to 1",
         "reaction": "a number from 0 to 0.5 s",
         "scan_mount": "one of robot, given",
         "footprint_x": "a number from -1 to 1 m",

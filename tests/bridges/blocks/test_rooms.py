@@ -9,6 +9,7 @@ import pytest
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.values import STOP
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.node.block import Aged
@@ -30,13 +31,15 @@ class Loop:
         told = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
         self.controller = make(VelocityController, policy=policy, goal_tolerance=0.0, **told)
         self.command, self.scan, self.at, self.stamp = None, None, 0, 0
+        self.frozen = False
 
     def step(self):
         """Take one step, and return what the plant said; stamps are whole nanoseconds, as in messages."""
         said = self.plant.step(DT, self.command)
         now = self.at * 100_000_000
         if "scan" in said:
-            self.scan, self.stamp = said["scan"].value, now - round(said["scan"].age * 1e9)
+            self.scan = self.scan if self.frozen else said["scan"].value
+            self.stamp = now - round(said["scan"].age * 1e9)
         estimate = self.filter.step(DT if self.at else 0.0, said["odometry"])["estimate"]
         way = self.generator.step(DT, estimate, None, said["goal"])
         scan = Aged(self.scan, (now - self.stamp) / 1e9)
@@ -107,3 +110,20 @@ def test_on_open_ground_nothing_is_said_of_a_room():
     plant = make(TurtlebotSimulator)
     assert plant.outputs.keys() == plant.step(DT, None).keys() == {"truth", "odometry"}
     assert plant.notice is None
+
+
+@pytest.mark.parametrize("lidar", ["lds01", "ideal"])
+def test_a_policy_does_not_drive_by_a_frozen_lidar(lidar):
+    loop = Loop(world="dense", lidar=lidar, seed=3)
+    for _ in range(30):
+        loop.step()
+        assert loop.controller.notice is None
+    loop.frozen = True
+    for _ in range(12):
+        loop.step()
+    assert loop.command == STOP
+    assert "the LiDAR is frozen" in loop.controller.notice
+    loop.frozen = False
+    for _ in range(4):
+        loop.step()
+    assert loop.controller.notice is None if lidar == "lds01" else loop.command == STOP  # without noise, nothing shows it

@@ -21,7 +21,10 @@ from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
+from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
+LAG = 0.4
+"""Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
 
@@ -30,7 +33,8 @@ class VelocityController:
     """Drive to the reference with a policy. A policy of observation layout 2 sees the room by LiDAR; others see only poses.
 
     It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: it
-    stops and releases the robot until the reference changes.
+    stops and releases the robot until the reference changes. With a LiDAR that is frozen, covered or mounted otherwise, by the
+    rule of the guard's monitor (`scan_watch`) and the estimate's twist, it stands.
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
     ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0 for a
@@ -55,6 +59,8 @@ class VelocityController:
         """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4."""
         lidar_beams: Annotated[int, Range(0, 2**31, whole=True)] = 0
         """Number of beams that a scan must have; 0 for any."""
+        lidar_returns: Annotated[float, Range(0.0, 1.0)] = 0.0
+        """Least share of a scan's beams that return something. With less for 0.5 s the robot stands: it may be covered."""
 
         def __post_init__(self) -> None:
             typed(self, "")
@@ -81,6 +87,9 @@ class VelocityController:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
         self._pool = Pooling(yaw=params.lidar_yaw, beams=params.lidar_beams)
+        self.notice: str | None = None
+        """Why the robot stands in spite of its policy, if so."""
+        self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
         self.observation: NDArray[np.float32] = np.zeros(SIZES[layout], np.float32)
         """Last observation of the policy, shape (n,) by its layout."""
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
@@ -90,6 +99,9 @@ class VelocityController:
     def reset(self) -> None:
         """Forget the last episode, including a policy's memory."""
         self._done_with: Pose | None = None
+        self._time, self._measured = 0.0, -math.inf
+        self._watch = ScanWatch(lag=LAG, returns=self._returns, now=self._time)
+        self.notice = None
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
 
@@ -103,6 +115,7 @@ class VelocityController:
         nis: Nis | None = None,
     ) -> dict[str, Any]:
         """Return the command, or nothing if the robot is done."""
+        self._time += dt
         mean, P = estimate.belief
         if min(P.xx, P.yy, P.tt) <= 0.0:
             P = P._replace(**{name: getattr(P, name) or VARIANCE_FLOOR for name in ("xx", "yy", "tt")})
@@ -114,6 +127,10 @@ class VelocityController:
             self._done_with = reference
             return {}
         self._done_with = None
+        if scan is not None and (why := self._refusal(scan, Command(mean.v, mean.omega))):
+            self.notice = f"the robot stands: {why}"
+            return {"command": STOP}
+        self.notice = None
         surprise = estimate.nis if nis is None else nis.value
         seen = observe(mean, stated_deviations(P), surprise, reference, following or reference, self._robot)
         ranges = () if scan is None else (*self._pool(scan.value), min(max(scan.age, 0.0), MAX_AGE))
@@ -123,3 +140,12 @@ class VelocityController:
             raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
         forward, turn = (min(max(part, -1.0), 1.0) for part in self.action.tolist())
         return {"command": limit(Command(forward * self._robot.max_linear, turn * self._robot.max_angular), self._robot)}
+
+    def _refusal(self, scan: Aged, twist: Command) -> str:
+        """Return why a scan must not be used, or an empty text."""
+        measured, (ranges, first, increment) = self._time - scan.age, scan.value[:3]
+        self._watch.told(twist, self._time)
+        if measured > self._measured + 1e-6:  # between two scans, each step has the last one again
+            self._measured = measured
+            self._watch.hear(ranges, self._yaw + first + increment * np.arange(len(ranges)), measured)
+        return self._watch.trouble()
