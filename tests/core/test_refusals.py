@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from gymnasium.error import Error, InvalidAction, ResetNeeded
 
-from turtlebot_gym import FixNoise, Noise, OdometryNoise, Options, ProcessNoise, Reward, Robot, make_parameters
+from turtlebot_gym import Options, make_parameters
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -32,10 +31,14 @@ def refused(call, rule, error=ValueError):
     assert "\n" not in str(caught.value)
 
 
-@pytest.fixture(params=["scalar", "vector"])
+def vector(id=NAV, **options):
+    return gym.make_vec(id, **{"num_envs": 3} | options)
+
+
+@pytest.fixture(params=[gym.make, vector], ids=["scalar", "vector"])
 def maker(request):
     """Make an environment of one or of three."""
-    return gym.make if request.param == "scalar" else lambda id, **options: gym.make_vec(id, num_envs=3, **options)
+    return request.param
 
 
 NAMES = {
@@ -53,45 +56,32 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_unknown_names_are_answered_with_the_known_ones(maker, name):
-    refused(
-        lambda: maker(SQUARE, **{name: "nonsense"}),
-        f"{name} must be one of {', '.join(map(repr, NAMES[name]))}, got 'nonsense'",
-    )
-
-
 @pytest.mark.parametrize("name", [*NAMES, "reward", "world", "lidar"])
-@pytest.mark.parametrize("bad", ["", [], 0, 0.5, True, ["x"], {"nonsense": 1.0}, Ellipsis], ids=str)
-def test_an_option_of_another_type_is_refused_by_its_name(maker, name, bad):
-    refused(lambda: maker(ROOMS if name in ("world", "lidar") else NAV, **{name: bad}), rf"{name}\b")
+def test_an_option_of_another_name_or_type_is_refused_by_its_name(maker, name):
+    if name in NAMES:
+        known = ", ".join(map(repr, NAMES[name]))
+        refused(lambda: maker(SQUARE, **{name: "nonsense"}), f"{name} must be one of {known}, got 'nonsense'")
+    for bad in ("", [], 0, 0.5, True, ["x"], {"nonsense": 1.0}, Ellipsis):
+        id = ROOMS if name in ("world", "lidar") else NAV
+        refused(lambda id=id, bad=bad: maker(id, **{name: bad}), rf"{name}\b")
+
+
+POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+09 m away, got "
 
 
 @pytest.mark.parametrize(
     ("options", "rule"),
     [
-        *(
-            ({"dt": dt}, "dt must be a number from 0.0001 to 10 s, got ")
-            for dt in ("0.1", True, 1e300, 1e-5, 0.0, -0.1, NAN, INF)
-        ),
+        *(({"dt": dt}, "dt must be a number from 0.0001 to 10 s, got ") for dt in ("0.1", True, 10.1, 0.9e-4, NAN)),
         *(({"delay": delay}, "delay must be a whole number from 0 to 3, got ") for delay in (1.0, 4, True)),
         *(({"laps": laps}, "laps must be a whole number of at least 1, got ") for laps in (0, True)),
-        *(
-            ({"waypoints": given}, r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+09 m away, got ")
-            for given in ([], 3, "abc", [(1e300, 0.0, 0.0)], [(0.0, NAN, 0.0)])
-        ),
+        *(({"waypoints": given}, POSES) for given in ([], 3, "abc", [(1e300, 0.0, 0.0)], [(0.0, NAN, 0.0)])),
         ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late, got 0.3 s with dt 0.0001 s"),
         ({"robot": {"max_linear": 0.2}}, "robot: Robot needs max_angular"),
         ({"noise": {"odometry": {"R": [1, 2]}}}, "OdometryNoise.R must be 3 numbers or a diagonal"),
         ({"reward": {"time": "much"}}, "Reward.time must be a number from .*, got 'much'"),
-        (
-            {"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]},
-            "waypoints, .* are for tasks with given waypoints: this one draws its",
-        ),
-        (
-            {"world": "dense"},
-            "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task",
-        ),
+        ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints, .* are for tasks with given waypoints: this one draws"),
+        ({"world": "dense"}, "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task"),
         ({"task": "room", "plant": "mujoco"}, "plant must be 'unicycle' in a room"),
     ],
     ids=str,
@@ -113,16 +103,13 @@ def test_invalid_options_are_refused_by_name(maker, options, rule):
     ids=str,
 )
 def test_arguments_of_a_vector_environment_are_refused_by_name(options, rule):
-    refused(lambda: gym.make_vec(NAV, **options), rule)
+    refused(lambda: vector(**options), rule)
 
 
 def test_an_unknown_option_is_answered_with_the_nearest_one(maker):
-    for make in (
-        lambda: maker(NAV, nois="clean"),
-        lambda: make_parameters(nois="clean"),
-        lambda: Options.of({"nois": "clean"}),
-    ):
-        refused(make, "There is no option 'nois'; options are task, robot, .* Did you mean 'noise'", TypeError)
+    for make in (lambda **options: maker(NAV, **options), make_parameters, lambda **options: Options.of(options)):
+        rule = "There is no option 'nois'; options are task, robot, .* Did you mean 'noise'"
+        refused(lambda make=make: make(nois="clean"), rule, TypeError)
 
 
 @pytest.mark.parametrize("seed", [1.5, True, "1", -1, NAN, np.float32(1.0), b"1", {}], ids=str)
@@ -133,24 +120,19 @@ def test_a_seed_is_a_whole_number(maker, seed):
 @pytest.mark.parametrize(
     ("seed", "rule"),
     [
-        ([1, 2], "seed must hold 3 seeds, got 2"),
-        ((), "seed must hold 3 seeds, got 0"),
-        ([1, 2, 3, 4], "seed must hold 3 seeds, got 4"),
+        *((seed, f"seed must hold 3 seeds, got {len(seed)}") for seed in ((), [1, 2], [1, 2, 3, 4])),
         ([1, 2.5, 3], r"seed\[1\] must be a whole number of at least 0, got 2.5"),
-        ([1, 2, True], r"seed\[2\] must be a whole number"),
-        ([1, 2, -3], r"seed\[2\] must be a whole number"),
+        *(([1, 2, seed], r"seed\[2\] must be a whole number") for seed in (True, -3)),
         (np.array([0.5, 1.0, 2.0]), r"seed\[0\] must be a whole number"),
     ],
     ids=str,
 )
 def test_a_list_of_seeds_has_one_for_each_environment(seed, rule):
-    refused(lambda: gym.make_vec(NAV, num_envs=3).reset(seed=seed), rule)
+    refused(lambda: vector().reset(seed=seed), rule)
 
 
 @pytest.mark.parametrize("id", [NAV, ROOMS])
-@pytest.mark.parametrize(
-    "options", [{"begin": 1}, {"resetmask": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]], ids=str
-)
+@pytest.mark.parametrize("options", [{"begin": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]], ids=str)
 def test_unknown_options_of_a_reset_are_refused(maker, id, options):
     env = maker(id)
     refused(lambda: env.reset(seed=0, options=options), r"options must be \w")
@@ -162,67 +144,46 @@ OTHER_MASKS = [[True, False, True], np.ones(2, np.bool_), np.ones((3, 1), np.boo
 
 @pytest.mark.parametrize("mask", OTHER_MASKS, ids=["list", "short", "deep", "numbers", "empty"])
 def test_a_mask_of_another_form_is_refused(mask):
-    envs = gym.make_vec(NAV, num_envs=3)
+    envs = vector()
     envs.reset(seed=0)
     refused(lambda: envs.reset(options={"reset_mask": mask}), "reset_mask must be")
 
 
 def test_a_mask_cannot_leave_out_what_was_never_reset():
-    envs = gym.make_vec(NAV, num_envs=3)
+    envs, options = vector(), {"reset_mask": np.array([True, False, True])}
+    rule = r"Environment 1: call reset\(\) for all before a reset_mask leaves it out.$"
     for _ in range(2):  # a refused reset begins nothing
-        refused(
-            lambda: envs.reset(seed=0, options={"reset_mask": np.array([True, False, True])}),
-            r"Environment 1: call reset\(\) for all before a reset_mask leaves it out.$",
-            ResetNeeded,
-        )
+        refused(lambda: envs.reset(seed=0, options=options), rule, ResetNeeded)
         refused(lambda: envs.step(np.zeros((3, 2))), "Call reset", ResetNeeded)
 
 
-@pytest.mark.parametrize("bad", [NAN, INF, -INF])
-@pytest.mark.parametrize("at", [0, 1])
-def test_an_action_that_is_not_finite_is_refused_with_the_environments_index(maker, bad, at):
-    env, row = maker(NAV), 0 if maker is gym.make else 2
-    env.reset(seed=0)
-    actions = np.tile(STRAIGHT, (*env.action_space.shape[:-1], 1))
-    np.atleast_2d(actions)[row, at] = bad
-    refused(lambda: env.step(actions), f"Environment {row}: .*finite", InvalidAction)
+@pytest.mark.parametrize("bad", [(NAN, 0.0), (0.0, NAN), (INF, 0.0), (0.0, -INF), (INF, -INF)], ids=str)
+def test_an_action_that_is_not_finite_is_refused_with_the_environments_index_and_changes_nothing(maker, bad):
+    env, other, row = maker(NAV), maker(NAV), 0 if maker is gym.make else 2
+    actions = np.full(env.action_space.shape, 0.5, np.float32)
+    for each in (env, other):
+        each.reset(seed=0)
+        each.step(actions)
+    wrong = actions.copy()
+    np.atleast_2d(wrong)[row] = bad
+    refused(lambda: env.step(wrong), f"Environment {row}: .*finite", InvalidAction)
+    np.testing.assert_array_equal(env.step(actions)[0], other.step(actions)[0])
 
 
-def test_opposite_infinities_do_not_cancel():
-    env = gym.make(NAV)
-    env.reset(seed=0)
-    refused(lambda: env.step(np.array([INF, -INF], np.float32)), "Environment 0: .*finite", InvalidAction)
-
-
-@pytest.mark.parametrize("shape", [(), (1,), (3,), (2, 1), (1, 2), (0,)], ids=str)
-def test_actions_of_another_shape_are_refused(maker, shape):
-    env = maker(NAV)
-    env.reset(seed=0)
-    refused(lambda: env.step(np.zeros(shape, np.float32)), ".*shape", InvalidAction)
-
-
+REAL = "An action must hold real numbers, got "
 NO_ACTIONS = ({"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * STRAIGHT, STRAIGHT.astype("M8[s]"))
+OTHER_SHAPES = [np.zeros(shape, np.float32) for shape in ((), (1,), (3,), (2, 1), (1, 2), (0,))]
 
 
-@pytest.mark.parametrize("bad", NO_ACTIONS, ids=str)
-def test_actions_that_hold_no_real_numbers_are_refused(maker, bad):
+@pytest.mark.parametrize(("bad", "rule"), [*((bad, REAL) for bad in NO_ACTIONS), *((bad, ".*shape") for bad in OTHER_SHAPES)])
+def test_actions_of_another_kind_or_shape_are_refused(maker, bad, rule):
     env = maker(NAV)
     env.reset(seed=0)
-    refused(lambda: env.step(bad), "An action must hold real numbers, got ", InvalidAction)
-
-
-def test_a_refused_action_changes_nothing(maker):
-    one, two = maker(NAV), maker(NAV)
-    actions = np.full(one.action_space.shape, 0.5, np.float32)
-    for env in (one, two):
-        env.reset(seed=0)
-        env.step(actions)
-    refused(lambda: one.step(actions * NAN), "Environment 0", InvalidAction)
-    np.testing.assert_array_equal(one.step(actions)[0], two.step(actions)[0])
+    refused(lambda: env.step(bad), rule, InvalidAction)
 
 
 def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
-    env = gym.make_vec(NAV, num_envs=3, autoreset_mode="DISABLED", max_episode_steps=3)
+    env = vector(autoreset_mode="DISABLED", max_episode_steps=3)
     env.reset(seed=0)
     env.step(np.zeros((3, 2), np.float32))
     env.reset(options={"reset_mask": np.array([True, False, False])})
@@ -237,18 +198,3 @@ def test_what_cannot_be_drawn_is_refused(maker):
     refused(lambda: maker(NAV, render_mode="rgb_array").unwrapped.render(), ".*before render", ResetNeeded)
     with pytest.warns(UserWarning, match="needs a render_mode"):
         assert maker(NAV).unwrapped.render() is None
-
-
-def test_mappings_stand_for_parameters():
-    parameters = make_parameters(
-        reward={"time": 0.2},
-        noise={"odometry": {"R": (0.01, 0.01, 0.02)}, "process": {"alpha1": 0.1}},
-        robot={"max_linear": 0.3, "max_angular": 1.0, "reverse": False},
-        filter={"Q": (0.1,) * 5, "R": (0.1,) * 3},
-        fix={"R": (0.1, 0.1)},
-    )
-    assert parameters.reward == Reward(time=0.2)
-    assert parameters.noise == Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.02)), process=ProcessNoise(alpha1=0.1))
-    assert parameters.robot == Robot(max_linear=0.3, max_angular=1.0, reverse=False)
-    assert parameters.tuning == FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3)
-    assert parameters.fix == FixNoise(R=(0.1, 0.1))

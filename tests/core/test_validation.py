@@ -38,23 +38,19 @@ ABOVE_ONE, ABOVE_HUGE = math.nextafter(1.0, 2.0), math.nextafter(1e9, math.inf)
 SIZES = [1e-15, 1, np.float32(0.5), np.int8(3), np.array(4.0), Fraction(1, 4), 1e9]
 NO_NUMBERS = [math.nan, -math.inf, "1", b"1", None, True, np.bool_(True), 1j, [1.0], np.array([1.0]), {}, 10**400, object()]
 TOO_LARGE = [ABOVE_HUGE, 1e308, np.datetime64("2020-01-01")]
-TINY = [5e-324, 9.9e-101, -9.9e-101]
+TOO_SMALL = [0.0, 9.99e-16, -1e-15, 5e-324, 9.9e-101, -9.9e-101]
 SHARE = Range(0.0, 0.5, open_low=True, unit="s")
 BELOW = Range(0.0, 1.0, open_high=True)
 AGE = Range(-1.0, math.inf, open_low=True)
 COUNT, SEED = Range(1, 3, whole=True), Range(0, math.inf, whole=True)
+SIZE = "a positive number from 1e-15 to 1e+09"
 
 
 @pytest.mark.parametrize(
     ("rule", "words", "accepted", "refused"),
     [
-        (POSITIVE, "a positive number from 1e-15 to 1e+09", SIZES, [0.0, 9.99e-16, -1e-15, math.inf, *TOO_LARGE, *TINY]),
-        (
-            POSITIVE_OR_INFINITE,
-            "a positive number from 1e-15 to 1e+09, or infinite",
-            [*SIZES, math.inf],
-            [0.0, 9.99e-16, -1e-15, *TOO_LARGE, *TINY],
-        ),
+        (POSITIVE, SIZE, SIZES, [math.inf, *TOO_LARGE, *TOO_SMALL]),
+        (POSITIVE_OR_INFINITE, f"{SIZE}, or infinite", [*SIZES, math.inf], [*TOO_LARGE, *TOO_SMALL]),
         (NON_NEGATIVE, "a number from 0 to 1e+09", [0.0, 0, 1e-100, *SIZES], [-1e-100, math.inf, *TOO_LARGE]),
         (FINITE, "a number from -1e+09 to 1e+09", [-1e9, -1e-100, 0, *SIZES], [math.inf, -ABOVE_HUGE, *TOO_LARGE]),
         (PROBABILITY, "a probability from 0 to 1", [0.0, 0, 1e-100, 0.5, 1, 1.0], [-1e-100, ABOVE_ONE, math.inf]),
@@ -73,16 +69,15 @@ def test_a_range_accepts_its_numbers_and_says_in_words_what_they_are(rule, words
         assert kept == value
         assert type(kept) is (int if rule.whole else float)
     for value in (*refused, *(bad for bad in NO_NUMBERS if not (rule is SEED and type(bad) is int))):
-        with pytest.raises(ValueError, match=f"^it must be {re.escape(words)}, got .+\\.$") as caught:
+        with pytest.raises(ValueError, match=f"^it must be {re.escape(words)}, got [^\n]+\\.$"):
             rule.check("it", value)
-        assert "\n" not in str(caught.value)
 
 
-def test_nothing_but_zero_is_too_small_to_calculate_with():
-    for rule in (NON_NEGATIVE, FINITE, PROBABILITY, BELOW):
-        for value in (5e-324, 9.9e-101):
-            with pytest.raises(ValueError, match=rf"^it must be 0 or at least 1e-100 in size, got {value}\.$"):
-                rule.check("it", value)
+@pytest.mark.parametrize("rule", [NON_NEGATIVE, FINITE, PROBABILITY, BELOW], ids=str)
+@pytest.mark.parametrize("value", [5e-324, 9.9e-101])
+def test_nothing_but_zero_is_too_small_to_calculate_with(rule, value):
+    with pytest.raises(ValueError, match=rf"^it must be 0 or at least 1e-100 in size, got {value}\.$"):
+        rule.check("it", value)
 
 
 @pytest.mark.parametrize(
@@ -96,22 +91,16 @@ def test_variances_are_a_diagonal_of_floats(given):
     assert [type(number) for number in diagonal] == [float, float]
 
 
-@pytest.mark.parametrize(
-    "given",
-    [
-        3.0, None, "12", (1.0,), (1.0, 2.0, 3.0), (1.0, [0.0, 1.0]), [[1.0, 0.0], [0.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        [[1.0, 0.5], [0.0, 1.0]], [[1.0, 0.0], [0.5, 1.0]], [[1.0, 1e-9], [1e-9, 1.0]], np.eye(3),
-    ],
-    ids=str,
-)  # fmt: skip
-def test_other_variances_are_refused(given):
-    with pytest.raises(ValueError, match=r"^R must be 2 numbers or a diagonal 2 x 2 matrix of them, got .*\.$"):
-        variances(2).check("R", given)
+NO_DIAGONALS = [
+    3.0, None, "12", (1.0,), (1.0, 2.0, 3.0), (1.0, [0.0, 1.0]), [[1.0, 0.0], [0.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    [[1.0, 0.5], [0.0, 1.0]], [[1.0, 0.0], [0.5, 1.0]], [[1.0, 1e-9], [1e-9, 1.0]], np.eye(3),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("rule", "given", "message"),
     [
+        *((variances(2), given, "R must be 2 numbers or a diagonal 2 x 2 matrix of them, got ") for given in NO_DIAGONALS),
         (variances(2), (1.0, -0.1), "R[1] must be a number from 0 to 1e+09, got -0.1."),
         (variances(2), [[1.0, 0.0], [0.0, math.inf]], "R[1] must be a number from 0 to 1e+09, got inf."),
         (Numbers(FINITE, 3), (1.0, 2.0), "R must be 3 numbers, got (1.0, 2.0)."),
@@ -119,9 +108,10 @@ def test_other_variances_are_refused(given):
         (Numbers(), 1.0, "R must be a sequence of numbers, got 1.0."),
         (Numbers(), [[1.0]], "R[0] must be a number, got [1.0]."),
     ],
+    ids=str,
 )
 def test_a_sequence_is_refused_by_the_place_that_is_wrong(rule, given, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
         rule.check("R", given)
 
 
@@ -158,7 +148,7 @@ class Whole:
     name: str = ""
 
     def __post_init__(self) -> None:
-        typed(self)
+        typed(self, "parameter " if self.name == "named" else None)
 
 
 @pytest.mark.parametrize(
@@ -173,82 +163,54 @@ class Whole:
         ("most", None, None),
         ("heavy", np.bool_(True), True),
         ("sides", [1, np.float64(2.0)], (1.0, 2.0)),
-        ("sides", np.array([3, 4]), (3.0, 4.0)),
         ("part", {"size": np.float32(2.0)}, Part(size=2.0)),
         ("part", {}, Part()),
     ],
 )
 def test_fields_get_the_types_that_they_are_declared_with(name, given, kept):
     value = getattr(Whole(**({"length": 1.0} | {name: given})), name)
-    assert value == kept
-    assert type(value) is type(kept)
+    assert (value, type(value)) == (kept, type(kept))
     assert not isinstance(value, tuple) or [type(item) for item in value] == [float] * len(value)
 
 
 @pytest.mark.parametrize(
     ("name", "given", "rule"),
     [
-        ("length", True, "must be a number, got True"),
-        ("length", "1", "must be a number, got '1'"),
-        ("length", 1j, "must be a number, got 1j"),
-        ("length", [1.0], r"must be a number, got \[1.0\]"),
-        ("length", np.array([1.0]), r"must be a number, got array\(\[1.\]\)"),
-        ("length", 10**400, "must be a number, got 1000"),
+        *(("length", given, "must be a number, got ") for given in (True, "1", [1.0], np.array([1.0]), 10**400)),
         ("width", 0, r"must be a positive number from 1e-15 to 1e\+09, got 0"),
-        ("count", 1.0, "must be a whole number of at least 0, got 1.0"),
-        ("count", True, "must be a whole number of at least 0, got True"),
+        *(("count", given, f"must be a whole number of at least 0, got {given}") for given in (1.0, True)),
         ("most", 4, "must be a whole number from 1 to 3, got 4"),
-        ("heavy", 1, "must be True or False, got 1"),
-        ("heavy", math.nan, "must be True or False, got nan"),
-        ("heavy", "yes", "must be True or False, got 'yes'"),
+        *(("heavy", given, f"must be True or False, got {given!r}") for given in (1, math.nan, "yes")),
         ("sides", "12", "must be a sequence of numbers, got '12'"),
-        ("sides", {1.0}, r"must be a sequence of numbers, got \{1.0\}"),
         ("part", 1, r"must be a Part or a mapping of its fields \(size\), got 1"),
         ("part", {"sizes": 1.0}, r": Part has no sizes; it has size. Did you mean 'size'\?"),
     ],
 )
-def test_other_types_are_refused_by_the_fields_name(name, given, rule):
-    with pytest.raises(ValueError, match=rf"^Whole\.{name}:? ?{rule}") as caught:
-        Whole(**({"length": 1.0} | {name: given}))
-    assert "\n" not in str(caught.value)
+def test_other_types_are_refused_by_the_fields_name_and_its_prefix(name, given, rule):
+    for prefix, more in ((r"Whole\.", {}), ("parameter ", {"name": "named"})):
+        with pytest.raises(ValueError, match=rf"^{prefix}{name}:? ?{rule}[^\n]*$"):
+            Whole(**({"length": 1.0} | {name: given} | more))
 
 
-def test_a_field_is_named_with_the_prefix_that_is_asked_for():
-    @dataclass(frozen=True)
-    class Settings:
-        gain: Annotated[float, POSITIVE] = 1.0
-
-        def __post_init__(self) -> None:
-            typed(self, "parameter ")
-
-    with pytest.raises(ValueError, match=r"^parameter gain must be a positive number"):
-        Settings(gain=0.0)
-
-
-def test_parameters_are_made_of_a_mapping():
+def test_parameters_are_made_of_a_mapping_and_arguments_are_checked_by_the_same_sentences():
     assert made(Whole, {"length": 2, "part": {"size": 3}}, "it") == Whole(length=2.0, part=Part(size=3.0))
-    whole_ = Whole(length=1.0)
-    assert made(Whole, whole_, "it") is whole_
+    value = Whole(length=1.0)
+    assert made(Whole, value, "it") is value
     with pytest.raises(ValueError, match=r"^it: Whole needs length\.$"):
         made(Whole, {"count": 2}, "it")
-
-
-def test_arguments_are_checked_by_the_same_sentences():
     assert (whole("it", np.int64(2), 1, 3), flag("it", np.bool_(False))) == (2, False)
     with pytest.raises(ValueError, match=r"^it must be a whole number from 1 to 3, got 0\.$"):
         whole("it", 0, 1, 3)
 
 
+MAX_REJECTIONS = {ONE_OR_MORE: "max_rejections"}
+SPIKES = {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"}
 RULES = {
     Robot: {
         POSITIVE: "max_linear max_angular wheel_separation radius",
         POSITIVE_OR_INFINITE: "max_wheel max_linear_acceleration max_angular_acceleration",
     },
-    ProcessNoise: {
-        NON_NEGATIVE: "alpha1 alpha2 alpha3 alpha4",
-        PROBABILITY: "slip slip_start slip_end",
-        POSITIVE: "scale",
-    },
+    ProcessNoise: {NON_NEGATIVE: "alpha1 alpha2 alpha3 alpha4", PROBABILITY: "slip slip_start slip_end", POSITIVE: "scale"},
     OdometryNoise: {
         variances(3): "R",
         Numbers(FINITE, 3): "bias",
@@ -262,14 +224,11 @@ RULES = {
         Range(0.0, MAX_FIX_AGE, unit="s"): "delay",
         PROBABILITY: "dropout_probability",
     },
-    FilterTuning: {
-        variances(5): "Q P0",
-        variances(3): "R",
-    },
-    Kalman: {POSITIVE_OR_INFINITE: "gate", ONE_OR_MORE: "max_rejections"},
-    Gated: {POSITIVE_OR_INFINITE: "heading_gate", ONE_OR_MORE: "max_rejections"},
-    Mixture: {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"},
-    Slip: {PROBABILITY: "spike_probability", NON_NEGATIVE: "spike"},
+    FilterTuning: {variances(5): "Q P0", variances(3): "R"},
+    Kalman: {POSITIVE_OR_INFINITE: "gate"} | MAX_REJECTIONS,
+    Gated: {POSITIVE_OR_INFINITE: "heading_gate"} | MAX_REJECTIONS,
+    Mixture: SPIKES,
+    Slip: SPIKES,
     Scale: {NON_NEGATIVE: "scale_deviation"},
     Reward: {FINITE: "progress time effort success"},
     RoomReward: {FINITE: "progress time effort success collision nearness", POSITIVE: "near"},
@@ -313,41 +272,33 @@ NEEDED = {
     Mixture: {"spike_probability": 0.1, "spike": 0.3},
     Slip: {"spike_probability": 0.1, "spike": 0.3},
 }
-WITHOUT_RULE = {
-    (FilterTuning, "kind"), (RoomRules, "kind"), (RoomRules, "start"), (RoomRules, "goal"), (Lidar, "dead")
-}  # fmt: skip
+WITHOUT_RULE = {(FilterTuning, "kind"), (RoomRules, "kind"), (RoomRules, "start"), (RoomRules, "goal"), (Lidar, "dead")}
 
 
 @pytest.mark.parametrize("cls", RULES)
-def test_every_number_of_a_parameter_class_has_its_rule(cls):
+def test_every_number_of_a_parameter_class_has_its_rule_and_is_refused_by_it(cls):
     declared = {name: rule for rule, names in RULES[cls].items() for name in names.split()}
     assert rules(cls) == declared
     for item in fields(cls):
         without = (cls, item.name) in WITHOUT_RULE or item.type in ("bool", "ProcessNoise")
         assert (item.name in declared) is not without, item.name
-
-
-@pytest.mark.parametrize(("cls", "name"), [(cls, name) for cls in RULES for name in rules(cls)])
-def test_a_parameter_class_refuses_what_breaks_a_rule(cls, name):
-    rule = rules(cls)[name]
-    value, where, each = -ABOVE_HUGE, re.escape(f"{cls.__name__}.{name}"), rule
-    if isinstance(rule, Numbers):
-        value, where, each = (1.0,) * ((rule.size or 3) - 1) + (value,), rf"{where}\[{(rule.size or 3) - 1}\]", rule.each
-    for given in (value, list(value) if isinstance(value, tuple) else -1e308):
-        with pytest.raises(ValueError, match=f"^{where} must be {re.escape(str(each))}, got -1.*"):
-            cls(**NEEDED.get(cls, {}) | {name: given})
+    for name, rule in declared.items():
+        value, where, each = -ABOVE_HUGE, f"{cls.__name__}.{name}", rule
+        if isinstance(rule, Numbers):
+            last = (rule.size or 3) - 1
+            value, where, each = (1.0,) * last + (value,), f"{where}[{last}]", rule.each
+        with pytest.raises(ValueError, match=re.escape(f"{where} must be {each}, got -1")):
+            cls(**NEEDED.get(cls, {}) | {name: value})
 
 
 @pytest.mark.parametrize(
     ("cls", "given", "message"),
     [
+        *((FilterTuning, {"kind": kind}, "kind must be a filter's own tuning, such as") for kind in (1.0, Kalman, None)),
         *(
-            (FilterTuning, {"kind": kind}, "kind must be a filter's own tuning, such as Kalman(gate=9.0), got")
-            for kind in (1.0, "mixture", Kalman, None)
+            (FixNoise, {"R": R}, f"R must be two or three variances, those of x and y finite, got {R}")
+            for R in ((0.1,), (0.1, 0.1, 0.1, 0.1), (0.1, math.inf))
         ),
-        (FixNoise, {"R": (0.1,)}, "R must be two or three variances, those of x and y finite, got (0.1,)."),
-        (FixNoise, {"R": (0.1, 0.1, 0.1, 0.1)}, "R must be two or three variances, those of x and y finite"),
-        (FixNoise, {"R": (0.1, math.inf)}, "R must be two or three variances, those of x and y finite, got (0.1, inf)."),
         (Task, {"arena": 1.0, "min_distance": 1.5}, "min_distance must be at most arena, got 1.5 > 1.0."),
         (Lidar, {"range_min": 2.0, "range_max": 1.0}, "range_min must be below range_max, got 2.0 >= 1.0."),
         (Lidar, {"dead": ((0.0,),)}, "dead[0] must be 2 numbers, got (0.0,)."),
