@@ -1,4 +1,4 @@
-"""The filter as an object: the same steps as the functions', and everything there to look at."""
+"""The filter as an object: the same steps as the functions', everything there to look at, and tunings by name."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import pytest
 
 from turtlebot_gym.estimation.filters import KalmanFilter, entries, filter_of, matrix, reference_filter
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import DeadReckoning, Kalman
+from turtlebot_gym.parameters import DeadReckoning, Gated, Kalman, Mixture, ProcessNoise, Scale, Slip
 from turtlebot_gym.presets import DOCUMENTED, ROUGH, TUTORIAL_FILTER, make_filter, matched
 from turtlebot_gym.values import STOP, Command, Covariance, Odometry, Pose, Senses
 
 TUNING = matched(DOCUMENTED)
 GATED = replace(TUNING, kind=Kalman(gate=9.0, max_rejections=2))
-
-
-KINDS = [make_filter(kind, ROUGH) for kind in ("gated", "mixture", "slip", "scale")]
+KINDS = ("gated", "mixture", "slip", "scale")
+MORE = ("mixture", "slip", "scale")
+"""Those that remember more than a belief."""
 
 
 def drive(seed, steps=300):
@@ -31,8 +31,11 @@ def drive(seed, steps=300):
         yield command, odometry if rng.random() > 0.2 else None
 
 
+TUNINGS = [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning()), *(make_filter(kind, ROUGH) for kind in KINDS)]
+
+
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("tuning", [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning()), *KINDS])
+@pytest.mark.parametrize("tuning", TUNINGS)
 def test_steps_are_those_of_the_function(tuning, integrator):
     kf = KalmanFilter(tuning, integrator=integrator, dt=0.05)
     before = Pose(0.3, 0.2, 0.1)
@@ -64,35 +67,33 @@ def test_predict_and_update_make_a_step():
         np.testing.assert_array_equal(halves.innovation_covariance, whole.innovation_covariance)
 
 
-def test_refused_measurements_can_be_looked_at():
-    kf = KalmanFilter(GATED, covariance=np.diag([1e-4] * 5))
-    kf.step(Command(0.0, 0.0), Pose(3.0, 0.0, 0.0))
-    assert kf.rejections == 1
-    assert kf.nis > GATED.kind.gate
-    assert kf.innovation.tolist() == [3.0, 0.0, 0.0]
-    prior = KalmanFilter(GATED, covariance=np.diag([1e-4] * 5))
-    prior.predict(Command(0.0, 0.0))
-    assert kf.belief == prior.belief
-
-
-def test_what_it_shows_is_a_copy():
+@pytest.mark.parametrize("name", ["state", "covariance", "innovation", "innovation_covariance"])
+def test_what_it_shows_is_a_copy(name):
     kf = KalmanFilter(TUNING)
     kf.step(Command(0.1, 0.1), Pose(0.1, 0.1, 0.1))
-    for name in ("state", "covariance", "innovation", "innovation_covariance"):
-        before = getattr(kf, name)
-        getattr(kf, name)[...] = 99.0
-        np.testing.assert_array_equal(getattr(kf, name), before)
+    before = getattr(kf, name).copy()
+    getattr(kf, name)[...] = 99.0
+    np.testing.assert_array_equal(getattr(kf, name), before)
 
 
-def test_any_positive_semidefinite_covariance_will_do():
-    rng = np.random.default_rng(4)
-    for rank in range(6):
-        root = rng.normal(size=(5, rank)) * 10.0 ** rng.uniform(-3.0, 1.0)
-        P = root @ root.T
-        kf = KalmanFilter(TUNING, covariance=P)
-        np.testing.assert_allclose(kf.covariance, P)
-        kf.step(Command(0.1, 0.5), Pose(0.1, 0.0, 0.0))
-        assert np.isfinite(kf.covariance).all()
+@pytest.mark.parametrize("kind", MORE)
+def test_a_filter_that_remembers_more_than_a_belief_begins_with_a_measurement_and_has_no_halves(kind):
+    kf, tuning = KalmanFilter(make_filter(kind, ROUGH)), make_filter(kind, ROUGH)
+    for given in ({"state": (1.0, 0.0, 0.0, 0.0, 0.0)}, {"covariance": np.eye(5)}):
+        with pytest.raises(ValueError, match="begins with its first measurement"):
+            KalmanFilter(tuning, **given)
+    for half, argument in ((kf.predict, STOP), (kf.update, Pose(0.0, 0.0, 0.0))):
+        with pytest.raises(ValueError, match="halves of the extended Kalman filter"):
+            half(argument)
+
+
+@pytest.mark.parametrize("rank", range(6))
+def test_any_positive_semidefinite_covariance_will_do(rank):
+    root = np.random.default_rng(rank).normal(size=(5, rank)) * 10.0 ** (rank - 4.0)
+    kf = KalmanFilter(TUNING, covariance=root @ root.T)
+    np.testing.assert_allclose(kf.covariance, root @ root.T)
+    kf.step(Command(0.1, 0.5), Pose(0.1, 0.0, 0.0))
+    assert np.isfinite(kf.covariance).all()
 
 
 @pytest.mark.parametrize(
@@ -100,11 +101,9 @@ def test_any_positive_semidefinite_covariance_will_do():
     [
         (np.diag([1.0, 1.0, 1.0, 1.0, -1e-3]), "positive semidefinite"),
         (np.eye(5) + np.eye(5, k=1), "symmetric"),
-        (np.eye(5) + 2.0 * (np.eye(5, k=1) + np.eye(5, k=-1)), "positive semidefinite"),
-        (np.diag([1.0, math.nan, 1.0, 1.0, 1.0]), "finite"),
-        (np.diag([1.0, math.inf, 1.0, 1.0, 1.0]), "finite"),
-        (np.eye(4), "5 x 5"),
-        (np.ones(5), "5 x 5"),
+        (np.eye(5) + 2.0 * (np.eye(5, k=1) + np.eye(5, k=-1)), "positive semidefinite, got one with the eigenvalue -"),
+        *((np.diag([1.0, number, 1.0, 1.0, 1.0]), "finite") for number in (math.nan, math.inf)),
+        *((other, "5 x 5") for other in (np.eye(4), np.ones(5))),
     ],
 )
 def test_other_covariances_are_refused(covariance, rule):
@@ -114,19 +113,31 @@ def test_other_covariances_are_refused(covariance, rule):
         entries(covariance, name="P0")
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("dt", 0.0), ("dt", -0.1), ("dt", math.nan), ("dt", math.inf), ("integrator", "rk4"),
-        ("state", (0.0, 0.0, math.nan, 0.0, 0.0)), ("state", (0.0, 0.0, 0.0)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_rounding_is_forgiven_and_no_more(scale):
+    for P, size, rule in ((np.eye(5), 0.0, "symmetric"), (np.ones((5, 5)), 1.0, "positive semidefinite")):
+        places = [(0, 1), (1, 0)][: 1 + int(size)]
+        for excess, is_forgiven in ((3e-13, True), (3e-12, False)):
+            for place in places:
+                P[place] = size + excess
+            if is_forgiven:
+                entries(scale * P)
+            else:
+                with pytest.raises(ValueError, match=rule):
+                    entries(scale * P)
+    for least in (-1e-300, -1e-13 * scale):
+        with pytest.raises(ValueError, match="positive semidefinite"):
+            entries(np.diag([scale, scale, scale, scale, least]))
+
+
+BAD = [("state", (0.0, 0.0, math.nan, 0.0, 0.0)), ("state", (0.0, 0.0, 0.0)), ("integrator", "rk4")]
+
+
+@pytest.mark.parametrize(("name", "value"), [*BAD, *(("dt", dt) for dt in (0.0, -0.1, math.nan, math.inf))])
 def test_bad_arguments_are_named(name, value):
-    with pytest.raises(ValueError, match=name):
-        KalmanFilter(TUNING, **{name: value})
-    if name != "state":
+    for make in (KalmanFilter, reference_filter)[: 1 + (name != "state")]:
         with pytest.raises(ValueError, match=name):
-            reference_filter(TUNING, **{name: value})
+            make(TUNING, **{name: value})
 
 
 def test_the_reference_says_what_to_install(monkeypatch):
@@ -143,30 +154,29 @@ def test_the_reference_says_what_to_install(monkeypatch):
 
 
 def test_a_covariance_lies_row_by_row():
-    P = Covariance(*range(1, 16))
     full = [[1, 2, 3, 4, 5], [2, 6, 7, 8, 9], [3, 7, 10, 11, 12], [4, 8, 11, 13, 14], [5, 9, 12, 14, 15]]
-    assert matrix(P).tolist() == full
+    assert matrix(Covariance(*range(1, 16))).tolist() == full
     diagonal = np.diag([100.0] * 5) + np.array(full)
     assert entries(diagonal) == entries(diagonal.tolist()) == (101, 2, 3, 4, 5, 106, 7, 8, 9, 110, 11, 12, 113, 14, 115)
-    assert Covariance._fields == (
-        "xx", "xy", "xt", "xv", "xw", "yy", "yt", "yv", "yw", "tt", "tv", "tw", "vv", "vw", "ww",
-    )  # fmt: skip
+    assert " ".join(Covariance._fields) == "xx xy xt xv xw yy yt yv yw tt tv tw vv vw ww"
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
-def test_rounding_is_forgiven_and_no_more(scale):
-    P = scale * np.eye(5)
-    P[0, 1] = 5e-13 * scale
-    entries(P)
-    P[0, 1] = 2e-12 * scale
-    with pytest.raises(ValueError, match="symmetric"):
-        entries(P)
-    singular = scale * np.ones((5, 5))
-    singular[0, 1] = singular[1, 0] = (1.0 + 3e-13) * scale
-    entries(singular)
-    singular[0, 1] = singular[1, 0] = (1.0 + 3e-12) * scale
-    with pytest.raises(ValueError, match="positive semidefinite, got one with the eigenvalue -"):
-        entries(singular)
-    for least in (-1e-300, -1e-13 * scale):
-        with pytest.raises(ValueError, match="positive semidefinite"):
-            entries(np.diag([scale, scale, scale, scale, least]))
+def test_tunings_by_name():
+    """Numbers of the preset rough: 0.02 rad, spikes of 0.3 rad in 2 %, half of the motion lost in slip."""
+    gated, mixture, slip, scale = (make_filter(name, ROUGH) for name in KINDS)
+    known = make_filter("matched", ROUGH)
+    assert (known.kind, gated.kind, scale.kind) == (Kalman(), Gated(heading_gate=6.635), Scale())
+    assert (mixture.kind, slip.kind) == (Mixture(spike_probability=0.02, spike=0.3), Slip(spike_probability=0.02, spike=0.3))
+    assert known.R[2] == pytest.approx(0.02**2 + 0.02 * 0.3**2)
+    assert gated.R[2] == mixture.R[2] == slip.R[2] == 0.02**2
+    assert scale == replace(known, kind=Scale())
+    assert mixture.process == gated.process == known.process
+    assert mixture.process.alpha1 > 0.05  # what slip adds in the mean
+    assert slip.process == ProcessNoise(slip=0.5, slip_start=0.01, slip_end=0.2)
+
+
+def test_a_tuning_of_no_filter_is_refused():
+    with pytest.raises(ValueError, match=r"FilterTuning\.kind must be one of"):
+        filter_of(replace(TUNING, kind=ROUGH))
+    with pytest.raises(ValueError, match="FilterTuning has no gate; it has Q, R"):
+        make_filter({"Q": (0.0,) * 5, "R": (1.0,) * 3, "gate": 9.0}, ROUGH)
