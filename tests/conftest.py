@@ -33,7 +33,7 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
 
 
-def _in_step(batch, plain, low, high, steps):
+def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):
     batch.seeds[:] = np.arange(batch.num_envs)
     observations, outcomes = batch.empty()
     batch.reset(np.ones(batch.num_envs, np.bool_), observations, outcomes)
@@ -44,16 +44,26 @@ def _in_step(batch, plain, low, high, steps):
             np.testing.assert_array_equal(observations[row], np.array(episode.observe(), np.float32))
         if step == steps:
             return
-        actions = rng.uniform(low, high, (batch.num_envs, 2)).astype(np.float32)
+        drawn = rng.uniform(low, high, (batch.num_envs, 2)) if policy is None else policy(observations, rng)
+        actions = drawn.astype(np.float32)
         observations, outcomes = batch.step(actions)
         for row, episode in plain.items():
             assert outcomes[:, row].tolist() == [float(number) for number in episode.act(actions[row].tolist())]
         yield outcomes
+        ended = outcomes[3:5].any(axis=0)
+        if ended.any():
+            batch.episodes[ended] += 1
+            batch.reset(ended, observations, outcomes)
+            for row in plain.keys() & np.flatnonzero(ended).tolist():
+                plain[row].reset()
 
 
 @pytest.fixture(scope="session")
 def in_step():
-    """Return a generator of a batch's outcomes; in each step, some rows must equal episodes in plain Python to the bit."""
+    """Return a generator of a batch's outcomes; in each step, some rows must equal episodes in plain Python to the bit.
+
+    Actions are drawn between two bounds, or by a policy from observations and a generator. Others follow an episode that ends.
+    """
     return _in_step
 
 

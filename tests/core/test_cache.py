@@ -14,7 +14,7 @@ from types import FunctionType
 import pytest
 
 from turtlebot_gym.compiled import loop, store
-from turtlebot_gym.compiled.cache import _fingerprint
+from turtlebot_gym.compiled.cache import fingerprint
 from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.systems import Options, open_ground, system_of
@@ -32,48 +32,35 @@ SOURCE = "def f(x):\n    return helper(x) * FACTOR\n"
 
 
 @pytest.mark.parametrize(
-    "changed",
+    ("source", "names", "is_same"),
     [
-        with_source(HELPER + SOURCE.replace("*", "/"), FACTOR=2.0),
-        with_source(HELPER + SOURCE, FACTOR=3.0),
-        with_source(HELPER.replace("1.0", "1.5") + SOURCE, FACTOR=2.0),
-        with_source(HELPER.replace("+", "-") + SOURCE, FACTOR=2.0),
-        with_source(HELPER + SOURCE, FACTOR=(2.0,)),
+        (HELPER + SOURCE.replace("*", "/"), {}, False),
+        (HELPER + SOURCE, {"FACTOR": 3.0}, False),
+        (HELPER.replace("1.0", "1.5") + SOURCE, {}, False),
+        (HELPER.replace("+", "-") + SOURCE, {}, False),
+        (HELPER + SOURCE, {"FACTOR": (2.0,)}, False),
+        ("# a comment\n\n" + HELPER + "\n\n\n" + SOURCE, {}, True),
+        (HELPER + SOURCE, {"UNUSED": 5.0, "unused": abs}, True),
     ],
-    ids=["operator", "constant", "constant of a helper", "operator of a helper", "type"],
+    ids=["operator", "constant", "constant of a helper", "operator of a helper", "type", "comments and lines", "other names"],
 )
-def test_a_change_of_anything_that_a_function_reaches_changes_its_fingerprint(changed):
-    assert _fingerprint(changed) != _fingerprint(with_source(HELPER + SOURCE, FACTOR=2.0))
+def test_a_change_of_anything_that_a_function_reaches_and_of_nothing_else_changes_its_fingerprint(source, names, is_same):
+    first, second = with_source(HELPER + SOURCE, FACTOR=2.0), with_source(source, **{"FACTOR": 2.0} | names)
+    assert (fingerprint(first) == fingerprint(second)) is is_same
 
 
-@pytest.mark.parametrize(
-    "same",
-    [
-        with_source("# a comment\n\n" + HELPER + "\n\n\n" + SOURCE, FACTOR=2.0),
-        with_source(HELPER + SOURCE, FACTOR=2.0, UNUSED=5.0, unused=lambda: 7.0),
-    ],
-    ids=["comments and lines", "names that it does not use"],
-)
-def test_nothing_else_does(same):
-    assert _fingerprint(same) == _fingerprint(with_source(HELPER + SOURCE, FACTOR=2.0))
-
-
-def test_it_reaches_through_closures_and_modules():
+def test_it_reaches_through_closures_and_modules(monkeypatch):
     import turtlebot_gym.models.angles as module
 
     def outer(inner):
         return lambda x: inner(x)
 
     first, second = outer(with_source("def f(x):\n    return x\n")), outer(with_source("def f(x):\n    return -x\n"))
-    assert _fingerprint(first) != _fingerprint(second)
+    assert fingerprint(first) != fingerprint(second)
     through = with_source("def f(x):\n    return module.wrap(x)\n", module=module)
-    before = _fingerprint(through)
-    wrap = module.wrap
-    try:
-        module.wrap = lambda angle: angle
-        assert _fingerprint(through) != before
-    finally:
-        module.wrap = wrap
+    before = fingerprint(through)
+    monkeypatch.setattr(module, "wrap", lambda angle: angle)
+    assert fingerprint(through) != before
 
 
 def copied(kernel):
@@ -87,9 +74,9 @@ def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     odometry = system.sensors[0]._replace(sense=copied(system.sensors[0].sense))
     names = ("move", "estimate", "judge", "observe")
     changed = [system.with_sensor(odometry), *(system._replace(**{name: copied(getattr(system, name))}) for name in names)]
-    prints = {_fingerprint(loop._step_tile_of(each)) for each in (system, *changed)}
+    prints = {fingerprint(loop._step_tile_of(each)) for each in (system, *changed)}
     assert len(prints) == 6
-    assert _fingerprint(loop._reset_lane_of(system)) not in prints
+    assert fingerprint(loop._reset_lane_of(system)) not in prints
 
 
 # Files and processes.
@@ -132,14 +119,6 @@ def start(folder, program=FUNCTION, **options):
     return subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, env=environment, text=True, **options)
 
 
-def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_terminal(tmp_path):
-    for expected, seed in ((COMPILED, "0"), (LOADED, "5")):
-        process = start(tmp_path, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
-        printed, said = process.communicate(timeout=300)
-        assert (printed.split(), said) == (expected, "")
-    assert [path.suffix for path in (tmp_path / "turtlebot_gym").iterdir()] == [".bin"]  # no lock, no part of a file
-
-
 PARAMETERS = """
 from turtlebot_gym.compiled import cache
 from turtlebot_gym.compiled.packing import as_tuple
@@ -154,9 +133,13 @@ print(results[0], sum(loop.stats.cache_hits.values()), sum(loop.stats.cache_miss
 """
 
 
-def test_parameters_have_the_same_type_in_each_process_so_that_code_is_loaded_once(tmp_path):
-    for expected in (COMPILED, LOADED):
-        assert start(tmp_path, PARAMETERS).communicate(timeout=300)[0].split() == expected
+@pytest.mark.parametrize("program", [FUNCTION, PARAMETERS], ids=["numbers", "parameters"])
+def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_terminal(tmp_path, program):
+    for expected, seed in ((COMPILED, "0"), (LOADED, "5")):
+        process = start(tmp_path, program, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
+        printed, said = process.communicate(timeout=300)
+        assert (printed.split(), said) == (expected, "")
+    assert [path.suffix for path in (tmp_path / "turtlebot_gym").iterdir()] == [".bin"]  # no lock, no part of a file
 
 
 def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
@@ -165,18 +148,15 @@ def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
     assert here(FUNCTION.replace("2.0 * x", "x + x + 0.0")) == COMPILED
 
 
-def test_a_damaged_file_is_compiled_again(here, tmp_path):
+def test_a_damaged_file_is_compiled_again_and_without_a_folder_it_goes_on(here, tmp_path):
     here()
     (path,) = (tmp_path / "turtlebot_gym").iterdir()
     path.write_bytes(path.read_bytes()[:1000])
-    assert here() == COMPILED
-    assert here() == LOADED
-
-
-def test_without_a_folder_for_the_cache_it_goes_on(here, tmp_path):
-    (tmp_path / "turtlebot_gym").write_text("")
-    assert here() == COMPILED
-    assert here() == COMPILED
+    assert [here(), here()] == [COMPILED, LOADED]
+    path.unlink()
+    path.parent.rmdir()
+    path.parent.write_text("")
+    assert [here(), here()] == [COMPILED, COMPILED]
 
 
 def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 import pickle
-import subprocess
-import sys
 from importlib.util import find_spec
 
 import gymnasium as gym
 import numpy as np
 import pytest
+
+from turtlebot_gym.compiled.batch import PARALLEL_FROM
 
 KINDS = {
     "Nav": {},
@@ -20,14 +20,18 @@ KINDS = {
 }
 if find_spec("mujoco"):
     KINDS["MuJoCo"] = {"plant": "mujoco", "noise": "rough", "fix": "late"}
-MAKERS = {"scalar": gym.make, "vector": lambda id, **options: gym.make_vec(id, num_envs=3, info="full", **options)}
 
 
-def made(maker, kind, **options):
-    id = "turtlebot_gym/TurtleBotNav-v0" if kind == "MuJoCo" else f"turtlebot_gym/TurtleBot{kind}-v0"
-    env = MAKERS[maker](id, max_episode_steps=20, **KINDS[kind], **options)
-    env.reset(seed=3)
-    for _ in range(7):
+def vector(id, num_envs=3, **options):
+    return gym.make_vec(id, num_envs=num_envs, info="full", **options)
+
+
+def driven(maker, kind="Nav", steps=7, **options):
+    id = f"turtlebot_gym/TurtleBot{'Nav' if kind == 'MuJoCo' else kind}-v0"
+    env = maker(id, max_episode_steps=20, **KINDS[kind], **options)
+    if steps:
+        env.reset(seed=3)
+    for _ in range(steps):
         env.step(np.full(env.action_space.shape, 0.5, np.float32))
     return env
 
@@ -52,44 +56,40 @@ def drive(env):
     return log
 
 
-@pytest.mark.parametrize("copied", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickle", "deepcopy"])
+def pickled(env):
+    return pickle.loads(pickle.dumps(env))
+
+
+@pytest.mark.parametrize("copied", [pickled, copy.deepcopy])
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("maker", [gym.make, vector])
 def test_a_copied_environment_goes_on_as_the_original_does(maker, kind, copied):
-    env = made(maker, kind)
+    env = driven(maker, kind)
     other = copied(env)
     for one, two in zip(drive(env), drive(other), strict=True):
         np.testing.assert_array_equal(one, two)
 
 
-def test_an_environment_that_was_never_reset_can_be_pickled():
-    for maker in MAKERS.values():
-        env = maker("turtlebot_gym/TurtleBotNav-v0")
-        other = pickle.loads(pickle.dumps(env))
-        np.testing.assert_array_equal(env.reset(seed=1)[0], other.reset(seed=1)[0])
-
-
-def test_an_environment_that_draws_can_be_pickled(monkeypatch):
+@pytest.mark.parametrize("maker", [gym.make, vector])
+def test_an_environment_can_be_pickled_before_its_first_reset_and_while_it_draws(maker, monkeypatch):
+    env = driven(maker, steps=0)
+    np.testing.assert_array_equal(pickled(env).reset(seed=1)[0], env.reset(seed=1)[0])
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    for maker in MAKERS:
-        env = made(maker, "Nav", render_mode="rgb_array")
-        env.render()
-        np.testing.assert_array_equal(
-            pickle.loads(pickle.dumps(env)).render(), made(maker, "Nav", render_mode="rgb_array").render()
-        )
+    drawn, same = (driven(maker, render_mode="rgb_array") for _ in range(2))
+    drawn.render()
+    np.testing.assert_array_equal(pickled(drawn).render(), same.render())
 
 
 LOADING = """
-import pickle, sys
+import json, pickle, sys
 import numpy as np
-env = pickle.load(open(sys.argv[1], "rb"))
-print(env.step(np.zeros((3, 2)))[0].tolist())
+with open(sys.argv[1], "rb") as file:
+    env = pickle.load(file)
+print(json.dumps(env.step(np.zeros((env.num_envs, 2)))[0].tobytes().hex()))
 """
 
 
-def test_another_process_loads_an_environment(tmp_path):
-    env = made("vector", "Nav")
-    path = tmp_path / "env.pickle"
+def test_an_environment_that_ran_in_parallel_goes_on_in_another_process(tmp_path, run):
+    env, path = driven(vector, num_envs=2 * PARALLEL_FROM), tmp_path / "env.pickle"
     path.write_bytes(pickle.dumps(env))
-    printed = subprocess.check_output([sys.executable, "-c", LOADING, str(path)], text=True)
-    assert printed.strip() == str(env.step(np.zeros((3, 2)))[0].tolist())
+    assert run(LOADING, path) == env.step(np.zeros((env.num_envs, 2)))[0].tobytes().hex()

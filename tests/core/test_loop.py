@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
-import pickle
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,50 +17,44 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.values import Pose
 
-WAYPOINTS = turtlebot_gym.SQUARE_WAYPOINTS
-SQUARE = turtlebot_gym.SQUARE
+WAYPOINTS, SQUARE = turtlebot_gym.SQUARE_WAYPOINTS, turtlebot_gym.SQUARE
+MANY = 2 * PARALLEL_FROM
 
 
-def started(num_envs, parameters, *, seed=0):
+def started(num_envs, parameters):
     batch = Batch(num_envs, parameters, WAYPOINTS)
-    batch.seeds[:] = seed + np.arange(num_envs)
+    batch.seeds[:] = np.arange(num_envs)
     batch.reset(np.ones(num_envs, np.bool_), *batch.empty())
     return batch
 
 
-def test_each_environment_may_have_parameters_of_its_own():
+def worlds(batch):
+    return [batch.world(i) for i in range(batch.num_envs)]
+
+
+def acting(number):
+    return np.full((number, 2), 0.5, np.float32)
+
+
+def test_each_environment_may_have_parameters_of_its_own(in_step):
     n = TILE + 5
     noises = [noise for name, noise in NOISES.items() if name != "wheel"]  # which has a filter of its own
     robots, rules = list(ROBOTS.values()), ("euler", "midpoint")
-
-    def parameters(i):
-        dt = 0.05 * (1 + i % 3)
-        return make_parameters(SQUARE, robot=robots[i % 4], noise=noises[i % 4], dt=dt, integrator=rules[i % 2])
-
-    rows = [parameters(i) for i in range(n)]
-    batch = started(n, rows)
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (50, n, 2)).astype(np.float32)
-    for action in actions:
-        batch.step(action)
-    for i in (0, 1, TILE - 1, TILE, n - 1):
-        plain = Episode(rows[i], WAYPOINTS, seed=i)
-        for action in actions[:, i].tolist():
-            plain.act(action)
-        assert batch.world(i) == plain.world
+    rows = [
+        make_parameters(SQUARE, robot=robots[i % 4], noise=noises[i % 4], dt=0.05 * (1 + i % 3), integrator=rules[i % 2])
+        for i in range(n)
+    ]
+    plain = {i: Episode(rows[i], WAYPOINTS, seed=i) for i in (0, 1, TILE - 1, TILE, n - 1)}
+    assert len(list(in_step(Batch(n, rows, WAYPOINTS), plain, steps=50))) == 50
 
 
 def test_parameters_may_be_changed_on_the_way():
     calm, shaky = make_parameters(SQUARE, noise="clean"), make_parameters(SQUARE, noise="tutorial")
     batch = started(3, calm)
-    actions = np.zeros((3, 2), np.float32)
-    batch.step(actions)
-    assert np.abs(batch.numbers("senses.odometry.pose")).max() == 0.0
-    batch.set_parameters(shaky)
-    batch.step(actions)
-    assert np.abs(batch.numbers("senses.odometry.pose")).min() > 0.0
-    batch.set_parameters([calm, calm, shaky])
-    batch.step(actions)
-    assert (np.abs(batch.numbers("senses.odometry.pose")).max(axis=1) > 0.0).tolist() == [False, False, True]
+    for parameters, is_shaky in ((calm, [False] * 3), (shaky, [True] * 3), ([calm, calm, shaky], [False, False, True])):
+        batch.set_parameters(parameters)
+        batch.step(np.zeros((3, 2), np.float32))
+        assert batch.numbers("senses.odometry.pose").any(axis=1).tolist() == is_shaky
     with pytest.raises(ValueError, match="parameters must be one or 3, got 2"):
         batch.set_parameters([calm, calm])
     with pytest.raises(ValueError, match="the kind of filter must be the same in all"):
@@ -75,32 +65,32 @@ def test_parameters_may_be_changed_on_the_way():
 @pytest.mark.parametrize("num_envs", [1, 7, TILE, TILE + 1, 3 * TILE])
 def test_what_is_read_is_a_copy(num_envs):
     batch = started(num_envs, make_parameters(SQUARE))
-    before = [batch.world(i) for i in range(num_envs)]
+    before = worlds(batch)
     for path in ("body.true_state", "senses.odometry.pose", "estimate.belief.covariance", "course.reference", "body.command"):
         batch.numbers(path)[...] = 7.0
     for array in (*batch.last(), batch.first_world()):
         array[...] = 7.0
-    assert [batch.world(i) for i in range(num_envs)] == before
+    assert worlds(batch) == before
 
 
 @pytest.mark.parametrize("task", [SQUARE, turtlebot_gym.NAV])
 def test_what_the_last_step_returned_can_be_had_again(task):
     batch = started(TILE + 3, make_parameters(task))
-    observations, outcomes = batch.step(np.full((TILE + 3, 2), 0.5, np.float32))
-    worlds = [batch.world(i) for i in range(TILE + 3)]
+    observations, outcomes = batch.step(acting(TILE + 3))
+    before = worlds(batch)
     again, outcomes_again = batch.last()
     assert again.tobytes() == observations.tobytes()
     np.testing.assert_array_equal(outcomes_again[1], outcomes[1])  # the distance; reward and end were the step's
     assert not outcomes_again[[0, 2, 3, 4, 5]].any()
-    assert [batch.world(i) for i in range(TILE + 3)] == worlds
+    assert worlds(batch) == before
 
 
-@pytest.mark.parametrize("num_envs", [3, 2 * PARALLEL_FROM])
+@pytest.mark.parametrize("num_envs", [3, MANY])
 def test_no_array_is_written_again_while_somebody_holds_it_or_a_part_of_it(num_envs):
     batch = started(num_envs, make_parameters(SQUARE))
-    actions, held, copies, places = np.full((num_envs, 2), 0.5, np.float32), [], [], set()
+    held, copies, places = [], [], set()
     for step in range(12):
-        observations, outcomes = batch.step(actions)
+        observations, outcomes = batch.step(acting(num_envs))
         places.add(observations.ctypes.data)
         if step < 6:  # a view keeps the whole, and so does one array of the two
             held += [observations[1:] if step % 2 else outcomes[2]]
@@ -112,19 +102,19 @@ def test_no_array_is_written_again_while_somebody_holds_it_or_a_part_of_it(num_e
 
 def test_a_reset_leaves_the_rows_outside_its_mask():
     batch = started(5, make_parameters(SQUARE))
-    observations, outcomes = batch.step(np.full((5, 2), 0.5, np.float32))
-    worlds, kept = [batch.world(i) for i in range(5)], observations.copy()
+    observations, outcomes = batch.step(acting(5))
+    before, kept = worlds(batch), observations.copy()
     mask = np.array([False, True, False, False, True])
     batch.episodes[mask] += 1
     batch.reset(mask, observations, outcomes)
-    assert [batch.world(i) == worlds[i] for i in range(5)] == (~mask).tolist()
+    assert [one == other for one, other in zip(worlds(batch), before, strict=True)] == (~mask).tolist()
     assert ((observations == kept).all(axis=1) == ~mask).all()
 
 
 def test_huge_seeds_and_episodes_are_fine():
     batch = Batch(2, make_parameters(SQUARE), [Pose(1.0, 0.0, 0.0)])
     batch.seeds[:] = [turtlebot_gym.models.random.MAX_SEED, 0]
-    batch.episodes[:] = [10**12, 10**12]
+    batch.episodes[:] = 10**12
     batch.reset(np.ones(2, np.bool_), *batch.empty())
     for i in range(2):
         plain = Episode(batch.parameters, [Pose(1.0, 0.0, 0.0)], seed=int(batch.seeds[i]))
@@ -134,81 +124,56 @@ def test_huge_seeds_and_episodes_are_fine():
 
 # Other processes.
 
-
-def run(script, *arguments, path=None, **environment):
-    """Run a script in a Python of its own, and return what it prints as JSON."""
-    env = os.environ | {key: str(value) for key, value in environment.items()}
-    if path is not None:
-        env["PYTHONPATH"] = str(path)
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", script, *map(str, arguments)],
-        env=env,
-        capture_output=True,
-        text=True,
-        cwd=path,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
-
-
-CACHE = """
-import json
+BATCH = """
+import json, os, threading, warnings
 import numpy as np
-import turtlebot_gym.compiled.batch as batch_module
+import turtlebot_gym.compiled.batch as module
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.systems import make_parameters, system_of
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 p = make_parameters(SQUARE, noise="clean")
-batch = batch_module.Batch(1, p, SQUARE_WAYPOINTS)
-for _ in range(3):
-    batch.step(np.full((1, 2), 0.5, np.float32))
-hits = sum(loops_of(system_of(p)).step.stats.cache_hits.values())
-print(json.dumps([batch_module.__file__, hits, batch.world(0).body.true_state.x]))
+
+def stepped(number, steps=3):
+    batch = module.Batch(number, p, SQUARE_WAYPOINTS)
+    batch.reset(np.ones(number, np.bool_), *batch.empty())
+    for _ in range(steps):
+        observations, _ = batch.step(np.full((number, 2), 0.5, np.float32))
+    return batch.world(0).body.true_state.x, observations.tobytes().hex()
+"""
+CACHE = """
+x, _ = stepped(1)
+print(json.dumps([module.__file__, sum(loops_of(system_of(p)).step.stats.cache_hits.values()), x]))
 """
 
 
-def test_clones_share_the_cache_until_one_of_them_changes_an_equation(tmp_path):
+def test_clones_share_the_cache_until_one_of_them_changes_an_equation(tmp_path, run):
     clones = [tmp_path / name / "turtlebot_gym" for name in ("first", "second")]
     for clone in clones:
         shutil.copytree(Path(turtlebot_gym.__file__).parent, clone, ignore=shutil.ignore_patterns("__pycache__"))
-    shared = {"NUMBA_CACHE_DIR": tmp_path / "cache"}
-    file, hits, x = run(CACHE, path=clones[0].parent, **shared)
-    assert (file, hits) == (str(clones[0] / "compiled" / "batch.py"), 0)
 
+    def cached(clone):
+        file, *others = run(BATCH + CACHE, path=clone.parent, NUMBA_CACHE_DIR=tmp_path / "cache")
+        assert file == str(clone / "compiled" / "batch.py")
+        return others
+
+    hits, x = cached(clones[0])
+    assert hits == 0
     unused = clones[1] / "compiled" / "loop.py"
     unused.write_text("# One line more.\n" + unused.read_text())
-    file, hits, same = run(CACHE, path=clones[1].parent, **shared)
-    assert (file, hits, same) == (str(clones[1] / "compiled" / "batch.py"), 1, x)
-
+    assert cached(clones[1]) == [1, x]
     helper = clones[1] / "models" / "unicycle.py"
     changed = helper.read_text().replace("        v * cosine * dt, v", "        2.0 * v * cosine * dt, v")
     assert changed != helper.read_text()
     helper.write_text(changed)
-    _, hits, farther = run(CACHE, path=clones[1].parent, **shared)
+    hits, farther = cached(clones[1])
     assert hits == 0, "the loop was loaded from before its helper changed"
     assert farther > 1.5 * x
 
 
 THREADS = f"""
-import json, threading
-import numpy as np
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
-
-actions = np.full(({2 * PARALLEL_FROM}, 2), 0.5, np.float32)
 sums = []
-
-def drive():
-    batch = Batch(len(actions), make_parameters(SQUARE), SQUARE_WAYPOINTS)
-    batch.reset(np.ones(len(actions), np.bool_), *batch.empty())
-    for _ in range(200):
-        observations, _ = batch.step(actions)
-    sums.append(observations.tobytes().hex())
-
-threads = [threading.Thread(target=drive) for _ in range(3)]
+threads = [threading.Thread(target=lambda: sums.append(stepped({MANY}, 200))) for _ in range(3)]
 for thread in threads:
     thread.start()
 for thread in threads:
@@ -218,56 +183,25 @@ print(json.dumps([len(sums), len(set(sums))]))
 
 
 @pytest.mark.parametrize("layer", ["default", "workqueue"])
-def test_threads_of_python_may_step_batches_at_the_same_time(layer):
+def test_threads_of_python_may_step_batches_at_the_same_time(layer, run):
     # The workqueue layer, which numba takes where there is neither OpenMP nor TBB, aborts on concurrent parallel loops.
-    assert run(THREADS, NUMBA_THREADING_LAYER=layer) == [3, 1]
+    assert run(BATCH + THREADS, NUMBA_THREADING_LAYER=layer) == [3, 1]
 
 
 FORK = f"""
-import json, os
-import numpy as np
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
-
-def batch():
-    made = Batch({2 * PARALLEL_FROM}, make_parameters(SQUARE), SQUARE_WAYPOINTS)
-    made.reset(np.ones(made.num_envs, np.bool_), *made.empty())
-    return made
-
-actions = np.full(({2 * PARALLEL_FROM}, 2), 0.5, np.float32)
-expected = [batch().step(actions)[0] for _ in range(2)][0]
-import warnings
+expected = [stepped({MANY}) for _ in range(2)][0]
 warnings.simplefilter("ignore")  # Python 3.12 warns of forks beside threads, which is what this is about
 child = os.fork()
 if child == 0:
-    os._exit(0 if (batch().step(actions)[0] == expected).all() else 3)
+    os._exit(0 if stepped({MANY}) == expected else 3)
 status = os.waitpid(child, 0)[1]
-print(json.dumps([os.waitstatus_to_exitcode(status), bool((batch().step(actions)[0] == expected).all())]))
+print(json.dumps([os.waitstatus_to_exitcode(status), stepped({MANY}) == expected]))
 """
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_forked_child_lives_after_its_parent_ran_in_parallel():
-    assert run(FORK) == [0, True]  # a signal's number, negative, if OpenMP killed it
-
-
-PICKLED = """
-import json, pickle, sys
-import numpy as np
-with open(sys.argv[1], "rb") as file:
-    batch = pickle.load(file)
-print(json.dumps(batch.step(np.full((batch.num_envs, 2), 0.5, np.float32))[0].tobytes().hex()))
-"""
-
-
-def test_a_batch_that_ran_in_parallel_goes_on_in_another_process(tmp_path):
-    batch = started(2 * PARALLEL_FROM, make_parameters(SQUARE))
-    actions = np.full((batch.num_envs, 2), 0.5, np.float32)
-    batch.step(actions)
-    path = tmp_path / "batch.pickle"
-    path.write_bytes(pickle.dumps(batch))
-    assert run(PICKLED, path) == batch.step(actions)[0].tobytes().hex()
+def test_a_forked_child_lives_after_its_parent_ran_in_parallel(run):
+    assert run(BATCH + FORK) == [0, True]  # a signal's number, negative, if OpenMP killed it
 
 
 BARE = """
@@ -283,7 +217,7 @@ print(json.dumps(episode.observe()))
 """
 
 
-def test_the_core_works_without_gymnasium_and_numba():
+def test_the_core_works_without_gymnasium_and_numba(run):
     with_them = run(BARE.replace('"gymnasium", "numba", ', ""))
     assert run(BARE) == with_them
     assert len(with_them) == 13
@@ -302,23 +236,20 @@ sums = []
 for name, options in (("Nav", {"noise": "rough"}), ("Square", {"noise": "documented", "integrator": "midpoint"})):
     scalar = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=25, **options)
     vector = gym.make_vec(f"turtlebot_gym/TurtleBot{name}-v0", 3, max_episode_steps=25, info="full", **options)
-    sums.append(scalar.reset(seed=5)[0].tobytes().hex())
-    sums.append(vector.reset(seed=5)[0].tobytes().hex())
+    sums += [env.reset(seed=5)[0].tobytes().hex() for env in (scalar, vector)]
     for _ in range(60):
         actions = rng.uniform(-1.2, 1.2, (3, 2)).astype(np.float32)
-        observation, reward, terminated, truncated, info = scalar.step(actions[0])
-        observations, rewards, *_, infos = vector.step(actions)
-        if terminated or truncated:
+        steps = scalar.step(actions[0]), vector.step(actions)
+        if steps[0][2] or steps[0][3]:
             scalar.reset()
-    sums += [observation.tobytes().hex(), float(reward).hex(), info["covariance"].tobytes().hex()]
-    sums += [observations.tobytes().hex(), rewards.tobytes().hex(), infos["covariance"].tobytes().hex()]
+    for observation, reward, *_, info in steps:
+        sums += [np.asarray(value).tobytes().hex() for value in (observation, reward, info["covariance"])]
 print(json.dumps([HAS_NUMBA, sums]))
 """
 
 
 @pytest.mark.parametrize("block", ['sys.modules["numba"] = None', 'import os; os.environ["NUMBA_DISABLE_JIT"] = "1"'])
-def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits(block):
-    compiled = run(PLAIN.replace("BLOCK", ""))
-    plain = run(PLAIN.replace("BLOCK", block))
+def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits(block, run):
+    compiled, plain = run(PLAIN.replace("BLOCK", "")), run(PLAIN.replace("BLOCK", block))
     assert (compiled[0], plain[0]) == (True, False)
     assert plain[1] == compiled[1]

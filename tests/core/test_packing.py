@@ -37,23 +37,17 @@ class Data:
 VALUE = Outer(Inner(1.0, True), (2.0, 3.0), (Inner(4.0, False), Inner(5.0, True)), 6.0)
 
 
-def test_numbers_in_order():
-    assert list(flatten(VALUE)) == [1.0, 1.0, 2.0, 3.0, 4.0, 0.0, 5.0, 1.0, 6.0]
-
-
-def test_what_is_stored_is_loaded_again_in_every_lane():
-    pack = packing(VALUE)
-    assert pack.size == 9
+def test_what_is_stored_is_loaded_again_in_order_and_in_every_lane():
+    pack, numbers = packing(VALUE), [1.0, 1.0, 2.0, 3.0, 4.0, 0.0, 5.0, 1.0, 6.0]
+    assert (list(flatten(VALUE)), pack.size) == (numbers, 9)
     buffer = np.zeros(3 + pack.size * TILE)
     for lane in range(TILE):
         pack.store(buffer, 3 + lane, VALUE._replace(last=float(lane)))
     for lane in range(TILE):
         loaded = pack.load(buffer.tolist(), 3 + lane)
         assert loaded == VALUE._replace(last=float(lane))
-        assert type(loaded) is Outer
-        assert type(loaded.nested[1]) is Inner
-        assert loaded.first.flag is True
-        assert loaded.nested[0].flag is False
+        assert (type(loaded), type(loaded.nested[1])) == (Outer, Inner)
+        assert (loaded.first.flag, loaded.nested[0].flag) == (True, False)
 
 
 def test_what_is_known_is_neither_loaded_nor_stored_and_what_is_equal_is_stored_once():
@@ -71,7 +65,6 @@ def test_what_is_known_is_neither_loaded_nor_stored_and_what_is_equal_is_stored_
 def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
     value = VALUE._replace(pair=(2, 3))
     pack = packing(value, known={"last": 6.0}, same={"nested[1].a": "pair[0]"})
-
     load, store = pack.load, pack.store
 
     @numba.njit
@@ -87,21 +80,13 @@ def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
 
 
 def test_slices_name_every_tuple_in_the_value():
-    assert packing(VALUE).slices == {
-        "": slice(0, 9),
-        "first": slice(0, 2),
-        "pair": slice(2, 4),
-        "nested": slice(4, 8),
-        "nested[0]": slice(4, 6),
-        "nested[1]": slice(6, 8),
-    }
+    places = {"": (0, 9), "first": (0, 2), "pair": (2, 4), "nested": (4, 8), "nested[0]": (4, 6), "nested[1]": (6, 8)}
+    assert packing(VALUE).slices == {name: slice(*ends) for name, ends in places.items()}
 
 
 def test_dataclasses_become_tuples_with_the_same_attributes():
     value = as_tuple((Data(1.0, (2.0, 3.0), Inner(4.0, True)), 5.0))
-    assert value[0].number == 1.0
-    assert value[0].numbers == (2.0, 3.0)
-    assert value[0].inner == Inner(4.0, True)
+    assert (value[0].number, value[0].numbers, value[0].inner) == (1.0, (2.0, 3.0), Inner(4.0, True))
     assert list(flatten(value)) == [1.0, 2.0, 3.0, 4.0, 1.0, 5.0]
     assert type(as_tuple(Data(0.0, (), Inner(0.0, False)))) is type(value[0])  # one type for all: the loop is compiled once
 

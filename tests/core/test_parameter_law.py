@@ -12,24 +12,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import turtlebot_gym
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import (
-    DeadReckoning,
-    FilterTuning,
-    FixNoise,
-    Gated,
-    Kalman,
-    Mixture,
-    OdometryNoise,
-    ProcessNoise,
-    Reward,
-    Scale,
-    Slip,
-)
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Body, Episode, Options, Parameters, system_of
@@ -53,112 +41,98 @@ ODOMETRY = OdometryNoise(
     quantization=(0.01, 0.02),
 )  # fmt: skip
 TUNING = replace(
-    matched(turtlebot_gym.Noise(process=PROCESS, odometry=ODOMETRY)),
+    matched(Noise(process=PROCESS, odometry=ODOMETRY)),
     Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3), kind=Kalman(gate=6.0, max_rejections=2), from_origin=True,
 )  # fmt: skip
 TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2, max_steps=200.0)
 FIX = FixNoise(R=(0.02, 0.03, 0.04), period=0.3, delay=0.2, dropout_probability=0.1)
 IMU = ImuNoise(variance=1e-4, bias_deviation=0.05, bias_walk=0.01)
-EASY = Task(random=False, radius=0.5)
 RANDOM = Task(radius=0.3)
 POSE = (Pose(0.6, 0.1, 0.2), Pose(0.7, 0.8, 1.5), Pose(0.0, 0.6, 3.0))
 BASE = Parameters(
-    ROBOT, turtlebot_gym.Noise(process=PROCESS, odometry=ODOMETRY), TUNING, TASK, Reward(), 0.1, 0.5, 0.0, 1.0
+    ROBOT, Noise(process=PROCESS, odometry=ODOMETRY), TUNING, TASK, Reward(), 0.1, 0.5, 0.0, 1.0
 )  # fmt: skip
 
-# For each field another value; where the change shows in another setting only, a pair of settings.
-CHANGES = {
-    Robot: {
-        "max_linear": 0.2,
-        "max_angular": 1.7,
-        "wheel_separation": 0.3,
-        "max_wheel": 0.2,
-        "max_linear_acceleration": 0.3,
-        "max_angular_acceleration": 2.0,
-        "reverse": False,
-    },
-    ProcessNoise: {
-        "alpha1": 0.02,
-        "alpha2": 0.004,
-        "alpha3": 0.04,
-        "alpha4": 0.02,
-        "scale": 0.98,
-        "slip": 0.5,
-        "slip_start": 0.2,
-        "slip_end": 0.4,
-    },
-    OdometryNoise: {
-        "R": (0.02, 0.02, 0.03),
-        "bias": (0.03, -0.02, 0.05),
-        "spike_probability": 0.2,
-        "spike": 0.5,
-        "dropout_probability": 0.2,
-        "quantization": (0.01, 0.05),
-        "wheel": True,
-    },
-    FilterTuning: {
-        "Q": (1e-4, 2e-4, 4e-4, 1e-3, 2e-3),
-        "R": (0.02, 0.03, 0.05),
-        "from_origin": False,
-        "P0": (0.2, 0.1, 0.1, 1.0, 1.0),
-        "process": ProcessNoise(alpha1=0.3, alpha2=0.1, alpha3=0.3, alpha4=0.1),
-        "kind": DeadReckoning(),
-    },
-    Kalman: {"remember_velocity": True, "wrap_innovation": False, "gate": 3.0, "max_rejections": 5},
-    Gated: {"heading_gate": 0.2, "max_rejections": 5},
-    Mixture: {"spike_probability": 0.05, "spike": 0.3},
-    Slip: {"spike_probability": 0.05, "spike": 0.3},
-    Scale: {"scale_deviation": 0.1},
-    Task: {
-        "random": True,
-        "radius": 0.2,
-        "heading_tolerance": 0.4,
-        "turn_tolerance": 0.3,
-        "on_belief": True,
-        "switch_period": 3.0,
-        "laps": 1,
-        "max_steps": 100.0,
-        "arena": (replace(RANDOM, arena=2.0), replace(RANDOM, arena=2.5)),
-        "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
-        "min_distance": (RANDOM, replace(RANDOM, min_distance=1.9)),
-    },
-    ImuNoise: {"variance": 1e-3, "bias_deviation": 0.1, "bias_walk": 0.02},
-    Gyro: {"variance": 1e-3, "bias_deviation": 0.5, "bias_walk": 0.1, "corrects": False},
-    FixNoise: {"R": (0.02, 0.03, 0.5), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
-    Reward: {"progress": 2.0, "time": 0.2, "effort": 0.02, "success": 5.0},
-}
+# For each class the values that are in force, how they get into the parameters, and for each field another value; where the
+# change shows in another setting only, a pair of settings.
+SPIKY = {"spike_probability": 0.1, "spike": 0.4}
+
+
+def of_filter(value):
+    return BASE._replace(tuning=replace(TUNING, kind=value))
+
+
+LAW = {
+    Robot: (
+        ROBOT,
+        lambda value: BASE._replace(robot=value),
+        {
+            "max_linear": 0.2, "max_angular": 1.7, "wheel_separation": 0.3, "max_wheel": 0.2, "max_linear_acceleration": 0.3,
+            "max_angular_acceleration": 2.0, "reverse": False,
+        },
+    ),
+    ProcessNoise: (
+        PROCESS,
+        lambda value: BASE._replace(noise=replace(BASE.noise, process=value)),
+        {
+            "alpha1": 0.02, "alpha2": 0.004, "alpha3": 0.04, "alpha4": 0.02, "scale": 0.98, "slip": 0.5, "slip_start": 0.2,
+            "slip_end": 0.4,
+        },
+    ),
+    OdometryNoise: (
+        ODOMETRY,
+        lambda value: BASE._replace(noise=replace(BASE.noise, odometry=value)),
+        {
+            "R": (0.02, 0.02, 0.03), "bias": (0.03, -0.02, 0.05), "spike_probability": 0.2, "spike": 0.5,
+            "dropout_probability": 0.2, "quantization": (0.01, 0.05), "wheel": True,
+        },
+    ),
+    FilterTuning: (
+        TUNING,
+        lambda value: BASE._replace(tuning=value),
+        {
+            "Q": (1e-4, 2e-4, 4e-4, 1e-3, 2e-3), "R": (0.02, 0.03, 0.05), "from_origin": False,
+            "P0": (0.2, 0.1, 0.1, 1.0, 1.0), "process": ProcessNoise(alpha1=0.3, alpha2=0.1, alpha3=0.3, alpha4=0.1),
+            "kind": DeadReckoning(),
+        },
+    ),
+    Kalman: (TUNING.kind, of_filter, {"remember_velocity": True, "wrap_innovation": False, "gate": 3.0, "max_rejections": 5}),
+    Gated: (Gated(heading_gate=0.3, max_rejections=2), of_filter, {"heading_gate": 0.2, "max_rejections": 5}),
+    Mixture: (Mixture(**SPIKY), of_filter, {"spike_probability": 0.05, "spike": 0.3}),
+    Slip: (Slip(**SPIKY), of_filter, {"spike_probability": 0.05, "spike": 0.3}),
+    Scale: (Scale(), of_filter, {"scale_deviation": 0.1}),
+    Gyro: (
+        Gyro(variance=1e-4, bias_deviation=0.05, bias_walk=0.01),
+        lambda value: of_filter(value)._replace(imu=IMU),
+        {"variance": 1e-3, "bias_deviation": 0.5, "bias_walk": 0.1, "corrects": False},
+    ),
+    Task: (
+        TASK,
+        lambda value: BASE._replace(task=value),
+        {
+            "random": True, "radius": 0.2, "heading_tolerance": 0.4, "turn_tolerance": 0.3, "on_belief": True,
+            "switch_period": 3.0, "laps": 1, "max_steps": 100.0,
+            "arena": (replace(RANDOM, arena=2.0), replace(RANDOM, arena=2.5)),
+            "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
+            "min_distance": (RANDOM, replace(RANDOM, min_distance=1.9)),
+        },
+    ),
+    ImuNoise: (IMU, lambda value: BASE._replace(imu=value), {"variance": 1e-3, "bias_deviation": 0.1, "bias_walk": 0.02}),
+    FixNoise: (
+        FIX,
+        lambda value: BASE._replace(fix=value),
+        {"R": (0.02, 0.03, 0.5), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
+    ),
+    Reward: (
+        Reward(),
+        lambda value: BASE._replace(reward=value, task=replace(RANDOM, random=False, radius=0.5)),
+        {"progress": 2.0, "time": 0.2, "effort": 0.02, "success": 5.0},
+    ),
+}  # fmt: skip
 IN_A_ROOM = "Open ground has nothing to collide with: see tests/rooms/test_rooms.py."
 EXCEPTIONS = {(Robot, "radius"): IN_A_ROOM}
 
-PLACES = {
-    Robot: lambda p, value: p._replace(robot=value),
-    ProcessNoise: lambda p, value: p._replace(noise=replace(p.noise, process=value)),
-    OdometryNoise: lambda p, value: p._replace(noise=replace(p.noise, odometry=value)),
-    FilterTuning: lambda p, value: p._replace(tuning=value),
-    **dict.fromkeys((Kalman, Gated, Mixture, Slip, Scale), lambda p, value: p._replace(tuning=replace(TUNING, kind=value))),
-    Task: lambda p, value: p._replace(task=value),
-    FixNoise: lambda p, value: p._replace(fix=value),
-    ImuNoise: lambda p, value: p._replace(imu=value),
-    Gyro: lambda p, value: p._replace(imu=IMU, tuning=replace(TUNING, kind=value)),
-    Reward: lambda p, value: p._replace(reward=value, task=EASY),
-}
-VALUES = {
-    Robot: ROBOT,
-    ProcessNoise: PROCESS,
-    OdometryNoise: ODOMETRY,
-    FilterTuning: TUNING,
-    Kalman: TUNING.kind,
-    Gated: Gated(heading_gate=0.3, max_rejections=2),
-    Mixture: Mixture(spike_probability=0.1, spike=0.4),
-    Slip: Slip(spike_probability=0.1, spike=0.4),
-    Scale: Scale(),
-    Task: TASK,
-    FixNoise: FIX,
-    ImuNoise: IMU,
-    Gyro: Gyro(variance=1e-4, bias_deviation=0.05, bias_walk=0.01),
-    Reward: Reward(),
-}
-CASES = [(owner, item.name) for owner in CHANGES for item in fields(owner) if (owner, item.name) not in EXCEPTIONS]
+CASES = [(owner, item.name) for owner in LAW for item in fields(owner) if (owner, item.name) not in EXCEPTIONS]
 
 
 def drive(episode):
@@ -182,14 +156,13 @@ def rollout(p):
 
 @pytest.mark.parametrize(("owner", "name"), CASES, ids=lambda value: value if isinstance(value, str) else value.__name__)
 def test_each_field_changes_a_rollout(owner, name):
-    assert name in CHANGES[owner], f"{owner.__name__}.{name} is new: say here how it is changed, or why it changes nothing"
-    change = CHANGES[owner][name]
-    before, after = change if isinstance(change, tuple) and isinstance(change[0], owner) else (
-        VALUES[owner], replace(VALUES[owner], **{name: change})
-    )  # fmt: skip
+    base, place, changes = LAW[owner]
+    assert name in changes, f"{owner.__name__}.{name} is new: say here how it is changed, or why it changes nothing"
+    change = changes[name]
+    is_pair = isinstance(change, tuple) and isinstance(change[0], owner)
+    before, after = change if is_pair else (base, replace(base, **{name: change}))
     assert before != after
-    place = PLACES[owner]
-    assert rollout(place(BASE, before)) != rollout(place(BASE, after)), f"{owner.__name__}.{name} changes nothing"
+    assert rollout(place(before)) != rollout(place(after)), f"{owner.__name__}.{name} changes nothing"
 
 
 @pytest.mark.parametrize(
@@ -203,13 +176,8 @@ def test_each_number_of_the_parameters_changes_a_rollout(name, value):
 
 @pytest.mark.parametrize(("owner", "name"), EXCEPTIONS)
 def test_an_exception_really_changes_nothing(owner, name):
-    value = VALUES[owner]
-    changed = replace(value, **{name: 2.0 * getattr(value, name)})
-    assert rollout(PLACES[owner](BASE, value)) == rollout(PLACES[owner](BASE, changed))
-
-
-def test_the_same_parameters_give_the_same_rollout():
-    assert rollout(BASE) == rollout(BASE._replace(robot=replace(ROBOT)))
+    base, place, _ = LAW[owner]
+    assert rollout(place(base)) == rollout(place(replace(base, **{name: 2.0 * getattr(base, name)})))
 
 
 # Keyword arguments, in scalar and vector environment.
@@ -263,11 +231,6 @@ def environment_rollout(make, **options):
     return log
 
 
-def need_engine(name):
-    if name == "plant":
-        pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-
-
 def scalar(max_episode_steps=None, **options):
     env = NavigationEnv(**options)
     return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
@@ -280,7 +243,8 @@ def vector(**options):
 @pytest.mark.parametrize("name", ARGUMENTS)
 @pytest.mark.parametrize("make", [scalar, vector])
 def test_each_option_changes_a_rollout_of_either_environment(make, name):
-    need_engine(name)
+    if name == "plant":
+        pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
     before, after = ARGUMENTS[name]
     assert environment_rollout(make, **before) != environment_rollout(make, **after)
 

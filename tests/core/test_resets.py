@@ -11,95 +11,100 @@ import pytest
 
 from turtlebot_gym import NAV, SQUARE, Task
 
-ID, SQUARE_ID, ROOMS_ID = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
-STILL = np.zeros(2, np.float32)
+ID = "turtlebot_gym/TurtleBotNav-v0"
 
 
-@pytest.fixture
-def envs():
-    return gym.make_vec(ID, num_envs=3)
+def vector(**options):
+    return gym.make_vec(ID, **{"num_envs": 3} | options)
 
 
-@pytest.fixture
-def env():
-    return gym.make(ID)
+@pytest.mark.parametrize("seed", [0, 5, 2**31 - 1, 2**63 - 3, 2**80])
+def test_seeds_of_any_size_and_kind_count_up_from_row_to_row(seed):
+    env, envs = gym.make(ID), vector()
+    expected, _ = envs.reset(seed=seed)
+    assert len(np.unique(expected, axis=0)) == 3
+    if seed < 2**63:  # larger ones are cut
+        for i in range(3):
+            np.testing.assert_array_equal(env.reset(seed=seed + i)[0], expected[i])
+    if seed == 5:
+        for same in (np.int64(5), np.array(5), [5, 6, 7], np.array([5, 6, 7]), (5, np.uint8(6), 7)):
+            np.testing.assert_array_equal(envs.reset(seed=same)[0], expected)
+        for same in (np.int64(5), np.array(5)):
+            np.testing.assert_array_equal(env.reset(seed=same)[0], expected[0])
 
 
-def test_seeds_of_numpy_are_seeds(env, envs):
-    expected, _ = envs.reset(seed=[5, 6, 7])
-    for seed in (5, np.int64(5), np.array(5), np.array([5, 6, 7]), (5, np.uint8(6), 7)):
-        np.testing.assert_array_equal(envs.reset(seed=seed)[0], expected)
-    for seed in (5, np.int64(5), np.array(5)):
-        np.testing.assert_array_equal(env.reset(seed=seed)[0], expected[0])
-
-
-def test_the_seed_that_gymnasium_drew_repeats_an_episode(env):
-    """It has 128 bits, of which the lowest 63 count."""
+def test_unseeded_environments_differ_and_the_seed_that_gymnasium_drew_repeats_an_episode():
+    env = gym.make(ID)
     first, _ = env.reset()
-    drawn = env.unwrapped.np_random_seed
-    env.reset()
+    starts = [first, env.reset()[0], gym.make(ID).reset()[0], *vector().reset()[0]]
+    assert len(np.unique(starts, axis=0)) == 6
+    drawn = env.unwrapped.np_random_seed  # it has 128 bits, of which the lowest 63 count
     for seed in (drawn, drawn % 2**63):
         np.testing.assert_array_equal(env.reset(seed=seed)[0], first)
 
 
+def test_episodes_of_a_seed_differ_and_can_be_repeated():
+    env = gym.make(ID)
+    first, again = ([env.reset(seed=4)[0], *(env.reset()[0] for _ in range(3))] for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert len(np.unique(first, axis=0)) == 4
+
+
 def test_each_environment_has_spaces_of_its_own():
-    made = [gym.make(ID).unwrapped for _ in range(2)] + [gym.make_vec(ID, num_envs=2) for _ in range(2)]
-    spaces = [space for one in made for space in (one.action_space, one.observation_space)]
-    spaces += [space for one in made[2:] for space in (one.single_action_space, one.single_observation_space)]
+    made = [env.unwrapped for env in (gym.make(ID), gym.make(ID), vector(), vector())]
+    spaces = [space for env in made for space in (env.action_space, env.observation_space)]
+    spaces += [space for env in made[2:] for space in (env.single_action_space, env.single_observation_space)]
     assert len({id(space) for space in spaces}) == len(spaces)
-    one, other = gym.make(ID), gym.make(ID)
-    one.action_space.seed(0)
-    expected = one.action_space.sample()
-    one.action_space.seed(0)
-    other.action_space.sample()
-    np.testing.assert_array_equal(one.action_space.sample(), expected)
 
 
 LONG = Task(radius=0.01, max_steps=350.0)
+ENDLESS, SHORT = replace(LONG, max_steps=math.inf), replace(LONG, max_steps=40.0)
 
 
-def steps_until_the_end(one, limit):
+def steps_until_the_end(env):
     """Return how many steps an episode has in which the robot stands still."""
-    one.reset(seed=0)
-    for steps in range(1, limit + 1):
-        _, _, terminated, truncated, _ = one.step(one.action_space.sample() * 0.0)
+    env.reset(seed=0)
+    for steps in range(1, 401):
+        _, _, terminated, truncated, _ = env.step(np.zeros(env.action_space.shape, np.float32))
         assert not np.any(terminated)
         if np.any(truncated):
             return steps
     return None
 
 
-def test_a_tasks_own_limit_and_the_vector_environments_must_agree():
-    with pytest.raises(
-        ValueError, match=r"^task ends episodes after 350 steps \(Task.max_steps\), max_episode_steps after 300"
-    ):
-        gym.make_vec(ID, num_envs=2, task=LONG)
-    with pytest.raises(ValueError, match=r"^task ends episodes after 600 steps \("):
-        gym.make_vec(ID, num_envs=2, task=SQUARE)
-    assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=LONG, max_episode_steps=350), 400) == 350
-    endless = replace(LONG, max_steps=math.inf)
-    assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=endless), 400) == 300
-    assert steps_until_the_end(gym.make_vec(ID, num_envs=2, task=replace(NAV, radius=0.01)), 400) == 300
+@pytest.mark.parametrize(
+    ("make", "options", "steps"),
+    [
+        (vector, {"task": LONG, "max_episode_steps": 350}, 350),
+        (vector, {"task": ENDLESS}, 300),
+        (vector, {"task": replace(NAV, radius=0.01)}, 300),
+        (gym.make, {"task": SHORT}, 40),
+        (gym.make, {"task": LONG, "max_episode_steps": 500}, 350),
+        (gym.make, {"task": ENDLESS}, 300),
+    ],
+)
+def test_an_episode_ends_at_the_tasks_own_limit_or_at_the_environments(make, options, steps):
+    assert steps_until_the_end(make(**options) if make is vector else make(ID, **options)) == steps
 
 
-def test_a_tasks_own_limit_counts_in_the_scalar_environment():
-    assert steps_until_the_end(gym.make(ID, task=replace(LONG, max_steps=40.0)), 400) == 40
-    assert steps_until_the_end(gym.make(ID, task=LONG, max_episode_steps=500), 400) == 350
-    assert steps_until_the_end(gym.make(ID, task=replace(LONG, max_steps=math.inf)), 400) == 300
+@pytest.mark.parametrize(("task", "steps"), [(LONG, 350), (SQUARE, 600)])
+def test_a_tasks_own_limit_and_the_vector_environments_must_agree(task, steps):
+    rule = rf"^task ends episodes after {steps} steps \(Task.max_steps\), max_episode_steps after 300"
+    with pytest.raises(ValueError, match=rule):
+        vector(task=task)
 
 
 def test_a_limit_that_cuts_a_task_short_causes_a_warning():
     env = gym.make(ID, task=LONG)
-    assert steps_until_the_end(env, 400) == 300
+    assert steps_until_the_end(env) == 300
     with pytest.warns(
         UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"
     ):
         env.reset()
     for _ in range(20):
-        env.step(STILL)
+        env.step(np.zeros(2, np.float32))
     env.reset()  # of somebody's own accord: nothing was cut
 
 
 def test_a_task_has_no_limit_of_its_own_unless_it_is_given_one():
-    assert Task().max_steps == math.inf
-    assert (NAV.max_steps, SQUARE.max_steps) == (300.0, 600.0)
+    assert (Task().max_steps, NAV.max_steps, SQUARE.max_steps) == (math.inf, 300.0, 600.0)

@@ -79,32 +79,26 @@ def test_the_law_notices_a_loop_that_leaves_out_what_is_not_idle(monkeypatch):
         step_both(begun(rough), general, acting(120))
 
 
-def choice(parameters, *, system=None, waypoints=1):
+def choice(parameters, *, system=None, waypoints=1, **changes):
     of_parameters = system or system_of(parameters)
     numbers = dict(zip(layout_of(of_parameters).parameters.names, flatten(as_tuple(parameters)), strict=True))
-    return special_of(of_parameters, numbers, waypoints)
+    return special_of(of_parameters, numbers | changes, waypoints)
 
 
 @pytest.mark.parametrize("path", [path for path, _ in QUIET.parameters])
 def test_a_case_is_left_as_soon_as_one_of_its_parameters_differs(path):
     p = make_parameters()
-    numbers = dict(zip(layout_of(system_of(p)).parameters.names, flatten(as_tuple(p)), strict=True))
-    assert special_of(system_of(p), numbers, 1) is QUIET
-    assert special_of(system_of(p), numbers | {path: numbers[path] + 1.0 if numbers[path] < 9.0 else 5.0}, 1) is GENERAL
-
-
-def test_who_brings_a_kernel_waypoints_or_a_filter_of_his_own_gets_the_general_loop():
-    p = make_parameters()
+    usual = dict(zip(layout_of(system_of(p)).parameters.names, flatten(as_tuple(p)), strict=True))[path]
     assert choice(p) is QUIET
+    assert choice(p, **{path: usual + 1.0 if usual < 9.0 else 5.0}) is GENERAL
+
+
+def test_who_brings_a_kernel_waypoints_a_filter_or_a_system_of_his_own_gets_the_general_loop():
+    p = make_parameters()
     assert choice(p, waypoints=4) is GENERAL
     assert choice(p, system=system_of(p)._replace(move=lambda body, command, key, at, p: body)) is GENERAL
-    assert choice(make_parameters(filter="gated")) is GENERAL
-    assert choice(make_parameters(observation="truth")) is GENERAL
-    assert all((choice(make_parameters(robot=robot)) is QUIET) for robot in ROBOTS)
-
-
-def test_a_batch_with_a_system_that_was_given_is_general():
-    p = make_parameters()
+    assert all(choice(make_parameters(**given)) is GENERAL for given in ({"filter": "gated"}, {"observation": "truth"}))
+    assert all(choice(make_parameters(robot=robot)) is QUIET for robot in ROBOTS)
     assert Batch(3, p, GOAL, system=system_of(p))._special is GENERAL
 
 

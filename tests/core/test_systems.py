@@ -201,76 +201,57 @@ def test_the_scale_acts_on_the_robot_and_neither_on_its_wheels_nor_on_the_filter
     assert world.estimate.belief.mean.theta == pytest.approx(0.5, abs=1e-12)
 
 
-def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts():
-    noise = turtlebot_gym.Noise(odometry=turtlebot_gym.OdometryNoise(dropout_probability=1.0, R=(0.01, 0.01, 0.01)))
-    p = make_parameters(SQUARE, noise=noise)
-    episode = Episode(p, SQUARE_WAYPOINTS, seed=3)
-    first = episode.world.senses.odometry
-    assert first.measured  # the first one always arrives
-    estimate = episode.world.estimate
-    for _ in range(30):
-        episode.step(Command(0.2, 0.7))
-        assert episode.world.senses.odometry == (first.pose, episode.world.body.command, False)
-        estimate = estimate._replace(belief=ekf.predict(estimate.belief, episode.world.body.command, p.tuning, 0.1, 0.0))
-        assert episode.world.estimate == estimate
-
-
-def test_a_measurement_that_arrives_takes_the_place_of_all_of_the_last_pose():
-    noise = turtlebot_gym.Noise(odometry=turtlebot_gym.OdometryNoise(dropout_probability=0.5, R=(0.01, 0.01, 0.01)))
-    episode, kinds = Episode(make_parameters(SQUARE, noise=noise), SQUARE_WAYPOINTS, seed=3), set()
-    before = episode.world.senses.odometry.pose
+@pytest.mark.parametrize("lost", [1.0, 0.5])
+def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts(lost):
+    odometry = turtlebot_gym.OdometryNoise(dropout_probability=lost, R=(0.01, 0.01, 0.01))
+    p = make_parameters(SQUARE, noise=turtlebot_gym.Noise(odometry=odometry))
+    episode, kinds = Episode(p, SQUARE_WAYPOINTS, seed=3), set()
+    before = episode.world
+    assert before.senses.odometry.measured  # the first one always arrives
     for _ in range(50):
-        episode.step(STOP)
-        now = episode.world.senses.odometry
-        same = [a == b for a, b in zip(now.pose, before, strict=True)]
-        assert same == [not now.measured] * 3
-        kinds.add(now.measured)
-        before = now.pose
-    assert kinds == {True, False}
+        episode.step(Command(0.2, 0.7))
+        now = episode.world
+        pose, _, measured = now.senses.odometry
+        assert [a == b for a, b in zip(pose, before.senses.odometry.pose, strict=True)] == [not measured] * 3
+        if not measured:
+            predicted = ekf.predict(before.estimate.belief, now.body.command, p.tuning, 0.1, 0.0)
+            assert now.estimate == before.estimate._replace(belief=predicted)
+        kinds.add(measured)
+        before = now
+    assert kinds == ({False} if lost == 1.0 else {True, False})
 
 
-def shown_after(observation, **changes):
-    """Return what a robot sees that believes, measures and is in three different places: belief (1, 0), odometry (0, 1), truth
-    at the origin, all heading along x; the goal is at (2, 0)."""
+@pytest.mark.parametrize(
+    ("observation", "distance", "sine", "v", "omega", "std_position", "std_heading", "nis"),
+    [
+        ("ekf", 1.0, 0.0, 0.5, 0.0, 0.5, 0.1, 4.0),
+        ("odometry", math.sqrt(5.0), -1.0 / math.sqrt(5.0), 1.0, -1.0, 0.2, 0.5, 0.0),
+        ("truth", 2.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0),
+    ],
+)
+def test_what_each_observation_shows_and_states(observation, distance, sine, v, omega, std_position, std_heading, nis):
+    """The robot believes that it is at (1, 0), measures (0, 1) and is at the origin, looking along x to a goal at (2, 0)."""
     task, waypoints = Options(task="square", waypoints=[Pose(2.0, 0.0, 0.0)]).course()
     p = make_parameters(task, noise="clean", observation=observation)
-    p = p._replace(tuning=replace(p.tuning, R=(0.03, 0.01, 0.25)))
-    episode = Episode(p, waypoints)
-    covariance = Covariance(0.09, 0.0, 0.0, 0.0, 0.0, 0.16, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
+    episode = Episode(p._replace(tuning=replace(p.tuning, R=(0.03, 0.01, 0.25))), waypoints)
+    covariance = Covariance(*[0.0] * 15)._replace(xx=0.09, yy=0.16, tt=0.01)
     believed = ekf.Estimate(Belief(State(1.0, 0.0, 0.0, 0.1054, 0.0), covariance), 4.0, 0.0)
     body = episode.world.body._replace(true_state=State(0.0, 0.0, 0.0, 0.0, 1.3175))
     senses = Senses(Odometry(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True))
     episode.world = episode.world._replace(body=body, senses=senses, estimate=believed)
-    return episode.observe()
+    o = episode.observe()
+    shown = (o.distance, o.sin_bearing, o.v, o.omega, o.std_position, o.std_heading, o.nis)
+    assert shown == pytest.approx((distance, sine, v, omega, std_position, std_heading, nis))
 
 
-def test_what_each_observation_shows_and_states():
-    believed, measured, true = (shown_after(name) for name in ("ekf", "odometry", "truth"))
-    assert (believed.distance, measured.distance, true.distance) == pytest.approx((1.0, math.sqrt(5.0), 2.0))
-    assert (believed.sin_bearing, measured.sin_bearing, true.sin_bearing) == pytest.approx((0.0, -1.0 / math.sqrt(5.0), 0.0))
-    assert (believed.v, measured.v, true.v) == pytest.approx((0.5, 1.0, 0.0))
-    assert (believed.omega, measured.omega, true.omega) == pytest.approx((0.0, -1.0, 0.5))
-    assert (believed.std_position, measured.std_position, true.std_position) == pytest.approx((0.5, 0.2, 0.0))
-    assert (believed.std_heading, measured.std_heading, true.std_heading) == pytest.approx((0.1, 0.5, 0.0))
-    assert (believed.nis, measured.nis, true.nis) == (4.0, 0.0, 0.0)
-
-
-def test_waypoints_are_due_by_time_half_a_step_before_it_is_up():
+@pytest.mark.parametrize(
+    ("dt", "visited", "first"),
+    [(0.1, 0.0, 15), (0.1, 1.0, 30), (0.07, 0.0, 21)],  # 1.5 s at 0.07 s: 21.43 steps
+)
+def test_waypoints_are_due_by_time_half_a_step_before_it_is_up(dt, visited, first):
     task = replace(SQUARE, switch_period=1.5)
-    # 1.5 s at 0.1 s: after 15 steps, and not after 14; the second one after 30.
-    assert [due(float(k), 0.0, task, 0.1) for k in (13, 14, 15, 16)] == [False, False, True, True]
-    assert [due(float(k), 1.0, task, 0.1) for k in (15, 29, 30)] == [False, False, True]
-    # 1.5 s at 0.07 s: 21.43 steps, so after 21.
-    assert [due(float(k), 0.0, task, 0.07) for k in (20, 21, 22)] == [False, True, True]
-    assert not due(1e9, 0.0, NAV, 0.1)
-
-
-def test_an_episode_begins_with_seed_0_and_nothing_told():
-    p = make_parameters(NAV)
-    episode = Episode(p)
-    assert episode.world == Episode(p, seed=0).world
-    assert episode.outcome[2:] == (False, False, False, False)
-    assert episode.outcome.reward == 0.0
+    assert [due(float(k), visited, task, dt) for k in range(40)] == [k >= first for k in range(40)]
+    assert not due(1e9, 0.0, NAV, dt)
 
 
 def test_an_episode_that_is_stepped_beyond_its_end_stays_at_its_end():
@@ -281,10 +262,13 @@ def test_an_episode_that_is_stepped_beyond_its_end_stays_at_its_end():
     assert episode.world.course.visited == 5.0
 
 
-def test_an_episode_counts_its_episodes_and_can_be_repeated():
-    one, other = (Episode(make_parameters(NAV), seed=5) for _ in range(2))
+def test_an_episode_begins_with_seed_0_counts_its_episodes_and_can_be_repeated():
+    p = make_parameters(NAV)
+    assert Episode(p).world == Episode(p, seed=0).world
+    one, other = (Episode(p, seed=5) for _ in range(2))
     first = one.world
     assert other.world == first
+    assert one.outcome[2:] == (False, False, False, False)
     assert one.reset() != first
     assert other.reset() == one.world
     assert (one.number, one.outcome.reward, one.outcome.terminated) == (1, 0.0, False)

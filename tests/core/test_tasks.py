@@ -49,6 +49,8 @@ def test_observation_in_the_body_frame():
     looking_left = seen(State(0.0, 0.0, math.pi / 2.0, 0.0, 0.0))
     assert (looking_left.cos_bearing, looking_left.sin_bearing) == pytest.approx((0.0, -1.0))
     assert (looking_left.cos_turn, looking_left.sin_turn) == pytest.approx((math.sin(1.0), -math.cos(1.0)))
+    at_goal = seen(State(2.0, 0.0, 2.0, 0.0, 0.0), following=GOAL)  # where the bearing is straight ahead
+    assert at_goal[:3] == at_goal[10:] == (0.0, 1.0, 0.0)
 
 
 def test_rounding_takes_no_direction_out_of_its_bounds():
@@ -73,11 +75,15 @@ def test_starts_and_goals_of_a_seed_stay_what_they_are():
     assert draw_goal(key, start, NAV) == pytest.approx((1.6204953831620514, 1.1028859433718026, -2.3374442318659665), abs=1e-12)
 
 
-def test_the_square_is_the_tutorials():
+def test_names_give_the_tasks_with_what_was_asked_for():
     square = [(2, 0, 0), (2, 2, math.pi / 2), (0, 2, -math.pi), (0, 0, -math.pi / 2)]
-    np.testing.assert_allclose(Options(task="square").course()[1], square, atol=1e-15)
-    task = Options(task="square").course()[0]
+    task, waypoints = Options(task="square").course()
+    np.testing.assert_allclose(waypoints, square, atol=1e-15)
     assert (task.radius, task.max_steps, task.random, task.laps) == (0.3, 600.0, False, 1)
+    assert Options(task="nav").course()[0] == NAV
+    assert Options(task="pose", arrival="belief").course()[0] == replace(POSE, on_belief=True)
+    own = Task(radius=0.5)
+    assert Options(task=own).course()[0] == own
 
 
 def test_observation_does_not_depend_on_the_world_frame():
@@ -96,12 +102,6 @@ def test_observation_does_not_depend_on_the_world_frame():
         assert there == pytest.approx(seen(state), abs=1e-12)
 
 
-def test_at_the_goal_the_bearing_is_straight_ahead():
-    at_goal = seen(State(2.0, 0.0, 2.0, 0.0, 0.0), following=GOAL)
-    assert at_goal[:3] == (0.0, 1.0, 0.0)
-    assert at_goal[10:] == (0.0, 1.0, 0.0)
-
-
 def test_observations_are_clipped_to_their_bounds():
     rng = np.random.default_rng(1)
     low, high = np.array(OBSERVATION_LOW), np.array(OBSERVATION_HIGH)
@@ -112,8 +112,7 @@ def test_observations_are_clipped_to_their_bounds():
             state = State(x, y, float(rng.uniform(-math.pi, math.pi)), v, omega)
             std = tuple(np.abs(scale * rng.normal(size=2)).tolist())
             observation = np.array(seen(state, std=std, nis=abs(scale * rng.normal())))
-            assert (observation >= low).all()
-            assert (observation <= high).all()
+            assert ((low <= observation) & (observation <= high)).all()
     assert seen(State(0.0, 1e9, 0.0, 9.0, -99.0), std=(9.0, 9.0), nis=1e9)[5:11] == (2.0, -2.0, 5.0, math.pi, 25.0, 20.0)
 
 
@@ -122,17 +121,20 @@ def test_stated_deviations():
     assert stated_deviations(P) == pytest.approx((0.5, 0.5))
 
 
-def test_arrival_point():
-    for distance, there in ((0.0, True), (0.149, True), (0.151, False)):
-        assert arrived(State(2.0 - distance, 0.0, -2.0, 0.2, 2.0), GOAL, NAV) is there
+TURNED = State(2.0, 0.1, 1.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("theta", "omega", "there"),
-    [(1.0, 0.0, True), (1.19, 0.5, True), (0.81, -0.5, True), (1.21, 0.0, False), (1.0, 0.51, False), (1.0, -0.51, False)],
+    ("state", "goal", "task", "there"),
+    [
+        *((State(2.0 - distance, 0.0, -2.0, 0.2, 2.0), GOAL, NAV, distance < 0.15) for distance in (0.0, 0.149, 0.151)),
+        *((TURNED._replace(theta=theta), GOAL, POSE, theta != 1.21) for theta in (1.0, 1.19, 0.81, 1.21)),
+        *((TURNED._replace(omega=omega), GOAL, POSE, abs(omega) < 0.51) for omega in (0.5, -0.5, 0.51, -0.51)),
+        (State(0.0, 0.0, -3.1, 0.0, 0.0), Pose(0.0, 0.0, 3.1), POSE, True),  # headings meet across pi
+    ],
 )
-def test_arrival_pose_wants_the_heading_without_spinning(theta, omega, there):
-    assert arrived(State(2.0, 0.1, theta, 0.0, omega), GOAL, POSE) is there
+def test_a_point_wants_the_position_and_a_pose_the_heading_too_without_spinning(state, goal, task, there):
+    assert arrived(state, goal, task) is there
 
 
 @pytest.mark.parametrize(
@@ -146,20 +148,20 @@ def test_a_belief_arrives_within_the_margin_which_is_a_third_of_the_radius_at_mo
     assert not believed_to_arrive(State(2.0, 0.0, 1.5, 0.0, 0.0), GOAL, POSE)  # by the heading
 
 
-def test_arrival_headings_meet_across_pi():
-    assert arrived(State(0.0, 0.0, -3.1, 0.0, 0.0), Pose(0.0, 0.0, 3.1), POSE)
+SPEED, OTHER = BURGER.max_linear, Reward(progress=2.0, time=0.5, effort=0.0, success=3.0)
 
 
-def test_reward_of_full_speed_is_one_minus_time_and_effort():
-    weights = Reward()
-    speed = BURGER.max_linear
-    step = reward_of(1.0, 1.0 - speed * 0.1, Command(speed, 0.0), False, weights, BURGER, 0.1)
-    assert step == pytest.approx(1.0 - 0.1 - 0.01)
-    assert reward_of(1.0, 1.0, Command(0.0, 0.0), True, weights, BURGER, 0.1) == pytest.approx(10.0 - 0.1)
-    back = reward_of(1.0, 1.0 + speed * 0.1, Command(-speed, BURGER.max_angular), False, weights, BURGER, 0.1)
-    assert back == pytest.approx(-1.0 - 0.1 - 0.02)
-    other = Reward(progress=2.0, time=0.5, effort=0.0, success=3.0)
-    assert reward_of(1.0, 1.0 - speed * 0.1, Command(speed, 0.0), True, other, BURGER, 0.1) == pytest.approx(2.0 - 0.5 + 3.0)
+@pytest.mark.parametrize(
+    ("weights", "v", "omega", "arrives", "reward"),
+    [
+        (Reward(), SPEED, 0.0, False, 1.0 - 0.1 - 0.01),
+        (Reward(), 0.0, 0.0, True, 10.0 - 0.1),
+        (Reward(), -SPEED, BURGER.max_angular, False, -1.0 - 0.1 - 0.02),
+        (OTHER, SPEED, 0.0, True, 2.0 - 0.5 + 3.0),
+    ],
+)
+def test_reward_of_full_speed_is_one_minus_time_and_effort(weights, v, omega, arrives, reward):
+    assert reward_of(1.0, 1.0 - v * 0.1, Command(v, omega), arrives, weights, BURGER, 0.1) == pytest.approx(reward)
 
 
 def test_starts_and_goals_fill_the_arena():
@@ -168,8 +170,7 @@ def test_starts_and_goals_fill_the_arena():
     goals = np.array([draw_goal(key, Pose(99.0, 99.0, 0.0), NAV) for key in KEYS])  # too far away to be refused
     for poses in (starts, goals):
         assert np.abs(poses[:, :2]).max() <= 2.0
-        assert (poses[:, 2] >= -math.pi).all()
-        assert (poses[:, 2] < math.pi).all()
+        assert ((-math.pi <= poses[:, 2]) & (poses[:, 2] < math.pi)).all()
         for column, reach in zip(poses.T, (2.0, 2.0, math.pi), strict=True):
             assert stats.kstest(column, "uniform", args=(-reach, 2.0 * reach)).pvalue > 1e-5 / 6.0
     assert abs(np.corrcoef(starts[:, :2].T, goals[:, :2].T)[:2, 2:]).max() < 4.0 * stats.norm.isf(0.05) / math.sqrt(len(KEYS))
@@ -189,14 +190,12 @@ def placed(world, truth):
     return world._replace(body=world.body._replace(true_state=truth))
 
 
-def walk(task, steps, teleport=None, **options):
-    """Drive a robot that `teleport` puts where it should be; return the outcomes and references."""
+def walk(task, steps, *, teleports=True, **options):
+    """Drive a robot that is put where it should be, or stays where it is; return the outcomes and worlds."""
     task, waypoints = Options(task=task, **options).course()
-    p = make_parameters(task, noise="clean")
-    episode = Episode(p, waypoints)
-    log = []
+    episode, log = Episode(make_parameters(task, noise="clean"), waypoints), []
     for _ in range(steps):
-        if teleport is not None and teleport(episode.world):
+        if teleports:
             episode.world = placed(episode.world, State(*episode.world.course.reference, 0.0, 0.0))
         come = episode.step(Command(0.0, 0.0))
         log.append((come, episode.world))
@@ -207,20 +206,18 @@ def walk(task, steps, teleport=None, **options):
 
 @pytest.mark.parametrize("laps", [1, 3])
 def test_the_square_ends_when_all_its_waypoints_are_reached_in_order(laps):
-    log = walk("square", 100, lambda world: True, laps=laps)
+    log = walk("square", 100, laps=laps)
     assert len(log) == 4 * laps
-    assert [come.terminated for come, _ in log] == [False] * (4 * laps - 1) + [True]
-    assert [come.is_success for come, _ in log] == [False] * (4 * laps - 1) + [True]
-    corners = [world.course.reference for _, world in log]
-    expected = [SQUARE_WAYPOINTS[(k + 1) % 4] for k in range(4 * laps - 1)] + [SQUARE_WAYPOINTS[3]]
-    assert corners == expected
+    assert [(come.terminated, come.is_success) for come, _ in log] == [(False, False)] * (4 * laps - 1) + [(True, True)]
+    corners, last = [SQUARE_WAYPOINTS[(k + 1) % 4] for k in range(4 * laps - 1)], SQUARE_WAYPOINTS[3]
+    assert [world.course.reference for _, world in log] == [*corners, last]
     following = [world.course.following for _, world in log]
     assert following[:-2] == [SQUARE_WAYPOINTS[(k + 2) % 4] for k in range(4 * laps - 2)]
-    assert following[-1] == SQUARE_WAYPOINTS[3]  # there is none after it
+    assert following[-1] == last  # there is none after it
 
 
 def test_the_square_by_time_switches_every_15_s_and_does_not_end():
-    log = walk("square", 700, None, switch="time")
+    log = walk("square", 700, teleports=False, switch="time")
     switches = [k + 1 for k, (come, _) in enumerate(log) if come.reached]
     assert switches[:4] == [150, 300, 450, 600]
     assert not any(come.terminated for come, _ in log)
@@ -228,7 +225,7 @@ def test_the_square_by_time_switches_every_15_s_and_does_not_end():
 
 
 def test_waypoints_of_ones_own():
-    log = walk("square", 10, lambda world: True, waypoints=[(1.0, 0.0, 7.0), (2.0, 0.0, 0.0)])
+    log = walk("square", 10, waypoints=[(1.0, 0.0, 7.0), (2.0, 0.0, 0.0)])
     assert len(log) == 2
     assert log[0][1].course.reference == (2.0, 0.0, 0.0)
     assert Options(task="square", waypoints=[(1.0, 0.0, 7.0)]).course()[1][0].theta == pytest.approx(7.0 - 2.0 * math.pi)
@@ -242,15 +239,7 @@ def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
     world, key, transition = episode.world, episode.key, step_of(episode.system).transition
     certain = world.estimate.belief._replace(mean=State(1.0, 0.0, 0.0, 0.0, 0.0), covariance=Covariance(*[0.0] * 15))
     deluded = world._replace(estimate=world.estimate._replace(belief=certain))
-    _, come = transition(deluded, Command(0.0, 0.0), key, waypoints, p, ())
-    assert (come.terminated, come.is_success) == (arrival == "belief", False)
     there = placed(world, State(1.0, 0.0, 0.0, 0.0, 0.0))
-    _, come = transition(there, Command(0.0, 0.0), key, waypoints, p, ())
-    assert (come.terminated, come.is_success) == (arrival == "truth", arrival == "truth")
-
-
-def test_names_give_the_tasks_with_what_was_asked_for():
-    assert Options(task="nav").course()[0] == NAV
-    assert Options(task="pose", arrival="belief").course()[0] == replace(POSE, on_belief=True)
-    own = Task(radius=0.5)
-    assert Options(task=own).course()[0] == own
+    for start, ends in ((deluded, (arrival == "belief", False)), (there, (arrival == "truth", arrival == "truth"))):
+        _, come = transition(start, Command(0.0, 0.0), key, waypoints, p, ())
+        assert (come.terminated, come.is_success) == ends

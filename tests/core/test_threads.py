@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
+import numba
 import numpy as np
 import pytest
 
@@ -34,23 +31,20 @@ def test_the_limit_changes_no_bit(monkeypatch, threads):
         assert driven() == serial
 
 
-def test_one_thread_never_runs_in_parallel():
+def test_one_thread_never_runs_in_parallel_and_more_are_numbas_for_as_long_as_they_run():
+    before, most = numba.get_num_threads(), numba.config.NUMBA_NUM_THREADS
     with limited(1):
         assert not Threads.acquire()
-    assert not Threads.lock.locked()
-
-
-def test_more_threads_are_numbas_for_as_long_as_they_run():
-    numba = pytest.importorskip("numba")
-    before, most = numba.get_num_threads(), numba.config.NUMBA_NUM_THREADS
     with limited(2):
         assert Threads.acquire()
         assert numba.get_num_threads() == min(2, most)
         assert not Threads.acquire()
         Threads.release()
-    assert numba.get_num_threads() == before
-    assert Threads.acquire()
-    Threads.release()
+    for threads, number in ((None, before), (1, 1)):  # a choice of one thread is one thread of the same loop
+        assert Threads.acquire(threads)
+        assert numba.get_num_threads() == number
+        Threads.release()
+        assert numba.get_num_threads() == before
 
 
 def test_the_limit_ends_with_its_block():
@@ -63,29 +57,22 @@ def test_the_limit_ends_with_its_block():
             raise KeyError
         assert Threads.limit == 3
     assert Threads.limit == before
-    for wrong in (0, -1):
-        with pytest.raises(ValueError, match=f"threads must be at least 1, got {wrong}"), limited(wrong):
-            pass
+    with pytest.raises(ValueError, match="threads must be at least 1, got 0"), limited(0):
+        pass
     assert Threads.limit == before
 
 
-def limit_in_a_process(value):
-    script = "from turtlebot_gym.compiled.threads import Threads; print(Threads.limit)"
-    return subprocess.run(
-        [sys.executable, "-c", script], env={**os.environ, VARIABLE: value}, capture_output=True, text=True, timeout=100
-    )
+@pytest.mark.parametrize("value", ["", "1", "16", "0", "two", "-1", "1.5"])
+def test_the_environment_variable_sets_the_limit_and_is_checked(value, run):
+    def limit():
+        script = "from turtlebot_gym.compiled.threads import Threads; print(Threads.limit or 0)"
+        return run(script, **{VARIABLE: value})
 
-
-@pytest.mark.parametrize(("value", "limit"), [("", "None"), ("1", "1"), ("16", "16")])
-def test_the_environment_variable_sets_the_limit(value, limit):
-    assert limit_in_a_process(value).stdout.strip() == limit
-
-
-@pytest.mark.parametrize("value", ["0", "two", "-1", "1.5"])
-def test_the_environment_variable_is_checked(value):
-    done = limit_in_a_process(value)
-    assert done.returncode != 0
-    assert f"ValueError: {VARIABLE} must be" in done.stderr
+    if value in ("", "1", "16"):
+        assert limit() == int(value or 0)
+    else:
+        with pytest.raises(AssertionError, match=f"ValueError: {VARIABLE} must be"):
+            limit()
 
 
 def paced(pace, cost, steps):
@@ -116,12 +103,3 @@ def test_a_change_of_the_machine_is_noticed():
         made, _ = paced(pace, busy, 2 * LAST_TRIAL)
         assert made.count(True) <= FIRST_TRIAL + 20 * TRIAL
         assert not pace.parallel
-
-
-def test_a_choice_of_one_thread_is_one_thread_of_the_same_loop():
-    numba = pytest.importorskip("numba")
-    before = numba.get_num_threads()
-    assert Threads.acquire(1)
-    assert numba.get_num_threads() == 1
-    Threads.release()
-    assert numba.get_num_threads() == before

@@ -6,28 +6,9 @@ import sys
 
 import numpy as np
 import pytest
+import rosbag_messages as ros
 from drawing import draw
-from rosbag_messages import (
-    ODOMETRY,
-    POINT,
-    POSE,
-    TF,
-    TRANSFORM,
-    TWIST,
-    Plugin,
-    header,
-    make,
-    odometry,
-    point,
-    pose,
-    rosbag2,
-    stamp,
-    transform,
-    turn,
-    twist,
-    vector,
-    write_bag,
-)  # fmt: skip
+from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
 from turtlebot_gym.drives import read
 from turtlebot_gym.drives.messages import _grid
@@ -46,14 +27,14 @@ def said_of(drive, *, times=None, truth=POSE, command=False):
         true = {
             POSE: lambda: make(POSE, header(time), pose(*place)),  # noqa: B023
             POINT: lambda: make(POINT, header(time), point(*place[:2])),  # noqa: B023
-            TRANSFORM: lambda: transform(time, place),  # noqa: B023
-            TF: lambda: make(TF, [transform(time, (9.0, 9.0, 0.0), "other"), transform(time, place)]),  # noqa: B023
+            TRANSFORM: lambda: ros.transform(time, place),  # noqa: B023
+            TF: lambda: make(TF, [ros.transform(time, (9.0, 9.0, 0.0), "other"), ros.transform(time, place)]),  # noqa: B023
         }
         said.append(("/odom", ODOMETRY, time, odometry(stamp_of_row, drive.odometry[k], drive.twist[k], measured=k != 17)))
         if truth:
             said.append(("/ground_truth", truth, time, true[truth]()))
         if command and k + 1 < len(drive):
-            said.append(("/cmd_vel", TWIST, time, twist(*drive.twist[k + 1])))
+            said.append(("/cmd_vel", TWIST, time, ros.twist(*drive.twist[k + 1])))
     return said
 
 
@@ -127,25 +108,21 @@ def test_transforms_need_the_name_of_a_frame_that_is_there(tmp_path):
         read(folder, truth="/ground_truth:wheel")
 
 
-def test_an_empty_bag_is_refused(tmp_path):
-    with rosbag2.Writer(tmp_path / "bag", version=9):
+def test_an_empty_bag_and_what_is_no_bag_are_refused(tmp_path):
+    with ros.rosbag2.Writer(tmp_path / "bag", version=9):
         pass
-    with pytest.raises(ValueError, match=r"bag: .*(empty|damaged or incomplete)"):
-        read(tmp_path / "bag")
-    few = write_bag(tmp_path / "few", said_of(SHORT)[:1])
-    with pytest.raises(ValueError, match="two messages on odom, got 1"):
-        read(few)
-
-
-def test_what_is_no_bag_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="there is no such bag"):
-        read(tmp_path / "none.mcap")
+    write_bag(tmp_path / "few", said_of(SHORT)[:1])
     (tmp_path / "folder").mkdir()
-    with pytest.raises(ValueError, match="the bag is damaged or incomplete"):
-        read(tmp_path / "folder")
     (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 8)
-    with pytest.raises(ValueError, match="the bag is damaged or incomplete"):
-        read(tmp_path / "noise.mcap")
+    for name, message in {
+        "bag": r"bag: .*(empty|damaged or incomplete)",
+        "few": "two messages on odom, got 1",
+        "none.mcap": "there is no such bag",
+        "folder": "the bag is damaged or incomplete",
+        "noise.mcap": "the bag is damaged or incomplete",
+    }.items():
+        with pytest.raises(ValueError, match=message):
+            read(tmp_path / name)
 
 
 @pytest.mark.parametrize("plugin", list(Plugin))
@@ -202,8 +179,11 @@ def marker(kind, at, size, points=()):
 
 def room():
     corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0)]
-    walls, circle = marker(4, pose(0.0, 0.0, 0.0), vector(0.05), corners), marker(3, pose(1.0, 0.5, 0.0), vector(0.6, 0.6, 0.3))
-    return make(MARKERS, [walls, circle, marker(1, pose(-1.0, -1.0, 0.7), vector(0.4, 0.2, 0.3))])
+    walls, circle = (
+        marker(4, pose(0.0, 0.0, 0.0), ros.vector(0.05), corners),
+        marker(3, pose(1.0, 0.5, 0.0), ros.vector(0.6, 0.6, 0.3)),
+    )
+    return make(MARKERS, [walls, circle, marker(1, pose(-1.0, -1.0, 0.7), ros.vector(0.4, 0.2, 0.3))])
 
 
 def graph_drive():
@@ -234,16 +214,20 @@ def graph_drive():
 def test_the_bag_of_a_graph_holds_all_that_was_said(tmp_path, namespace, plugin):
     said = [(topic if topic == "/diagnostics" else namespace + topic, *rest) for topic, *rest in graph_drive()]
     drive = read(write_bag(tmp_path / "bag", said, plugin=plugin))
-    np.testing.assert_allclose(drive.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-6)
-    np.testing.assert_allclose(drive.true_state[:, 0], [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-6)
-    np.testing.assert_allclose(drive.true_state[:, 3], 0.9)
-    np.testing.assert_allclose(drive.odometry[:, 0], [0.03, 0.13, np.nan, 0.33, 0.43])  # a lost measurement is missing
-    np.testing.assert_allclose(drive.estimate[:, 0], [0.01, 0.11, 0.21, 0.31, 0.41])
-    np.testing.assert_allclose(drive.covariance[:, [0, 1, 2], [0, 1, 2]], [[0.04, 0.09, 0.01]] * 5)
-    np.testing.assert_allclose(drive.reference, [[2.0, 1.0, 0.5]] * 5)
-    np.testing.assert_allclose(drive.command, [[0.2, 0.1]] * 5)
-    np.testing.assert_allclose(drive.nis, [1.5, 2.5, 3.5, 4.5, 5.5])
-    np.testing.assert_allclose(drive.clearance, [0.5, 0.375, 0.25, 0.125, 0.0])
+    x = 0.1 * np.arange(5)
+    for column, expected in (
+        (drive.time, x),
+        (drive.true_state[:, 0], x),
+        (drive.true_state[:, 3], [0.9] * 5),
+        (drive.odometry[:, 0], [0.03, 0.13, np.nan, 0.33, 0.43]),  # a lost measurement is missing
+        (drive.estimate[:, 0], x + 0.01),
+        (drive.covariance[:, [0, 1, 2], [0, 1, 2]], [[0.04, 0.09, 0.01]] * 5),
+        (drive.reference, [[2.0, 1.0, 0.5]] * 5),
+        (drive.command, [[0.2, 0.1]] * 5),
+        (drive.nis, 1.5 + np.arange(5)),
+        (drive.clearance, 0.5 - 0.125 * np.arange(5)),
+    ):
+        np.testing.assert_allclose(column, expected, atol=1e-6)
     np.testing.assert_array_equal(drive.level, [np.nan, np.nan, 1.0, 1.0, 1.0])  # by the recorder's clock
     assert drive.report[-1] == "collision monitor: slow"
     assert drive.around.room.walls == pytest.approx((0.0, 0.0, 3.0, 2.0))
@@ -265,8 +249,8 @@ def test_a_value_holds_for_a_second(tmp_path):
 
 
 def test_a_map_by_hand():
-    origin = make("geometry_msgs/msg/Pose", point(-1.0, 2.5), turn(math.radians(30.0)))
-    info = make("nav_msgs/msg/MapMetaData", stamp(0.0), 0.05, 3, 2, origin)
+    origin = make("geometry_msgs/msg/Pose", point(-1.0, 2.5), ros.turn(math.radians(30.0)))
+    info = make("nav_msgs/msg/MapMetaData", ros.stamp(0.0), 0.05, 3, 2, origin)
     grid = _grid(make("nav_msgs/msg/OccupancyGrid", header(0.0, "map"), info, np.array([0, 100, -1, 50, 0, 0], np.int8)))
     assert grid.cells.tolist() == [[0, 100, -1], [50, 0, 0]]
     assert grid.resolution == 0.05

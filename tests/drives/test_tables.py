@@ -1,5 +1,7 @@
 """Tables: good ones are read to the bit, and what is wrong with others is said in one line with file and place."""
 
+import re
+
 import numpy as np
 import pytest
 from drawing import columns_of, draw, write
@@ -87,10 +89,7 @@ GOOD = "t,vx,gyro,px,py,theta"
         (f"{GOOD}\n\n0,0,0,0,0,0\n1,0,0,0,0,0\n\n2,0,0,0,0,0,7\n", "line 6: 7 cells instead of 6"),
         (f"{GOOD},vx\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "column 'vx' is there more than once"),
         (f"{GOOD}\n0,0,0,0,0,0\n", "only 1 of 1 rows are good; a drive has at least two"),
-        (
-            f"{GOOD}\n0,0,0,0,0,0\n1,1e308,0,0,0,0\n",
-            "only 1 of 2 rows are good.*finite time and twist, first in line 3",
-        ),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,1e308,0,0,0,0\n", "only 1 of 2 rows are good.*finite time and twist, first in line 3"),
         (GOOD, "only 0 of 0 rows are good"),
         (",".join(f"c{k}" for k in range(40)) + "\n", "there are 'c0', .*'c11' and 28 more"),
         ("\0\1\2", "the file is binary"),
@@ -100,10 +99,8 @@ GOOD = "t,vx,gyro,px,py,theta"
 def test_bad_tables_are_refused_with_file_and_line(tmp_path, text, message):
     path = tmp_path / "drive.csv"
     path.write_text(text)
-    with pytest.raises(ValueError, match=message) as refusal:
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))}: .*{message}[^\n]*$"):
         read(path)
-    assert str(refusal.value).startswith(f"{path}: ")
-    assert "\n" not in str(refusal.value)
 
 
 def test_what_is_no_table_is_refused(tmp_path):
@@ -149,16 +146,13 @@ def test_missing_poses_are_counted_and_repeated_ones_are_missing(tmp_path, colum
     assert "repeated in 1 of 600 rows" in drive.remarks[1]
 
 
-def test_a_last_line_that_was_cut_short_is_left_out(tmp_path, columns):
+def test_a_last_line_that_was_cut_short_is_left_out_and_a_table_that_is_mostly_bad_refused(tmp_path, columns):
     path = write(tmp_path / "drive.csv", columns)
     path.write_text(path.read_text()[:-40])
     assert len(read(path)) == 599
-
-
-def test_a_table_that_is_mostly_bad_is_refused(tmp_path, columns):
     columns["v"][100:599] = np.nan
     with pytest.raises(ValueError, match="only 101 of 600 rows are good"):
-        read(write(tmp_path / "drive.csv", columns))
+        read(write(path, columns))
 
 
 SNAPSHOTS = """time,odom_x,odom_y,odom_theta,odom_v,odom_omega,true_state_x,true_state_y,true_state_theta,\

@@ -13,27 +13,12 @@ from turtlebot_gym.values import STOP, Command, Pose
 BASE = MujocoBurger(friction=0.4, caster_friction=0.2)
 """So slippery that everything counts."""
 CHANGES = {
-    "friction": 0.5,
-    "caster_friction": 0.3,
-    "wheel_radius": 0.034,
-    "wheel_separation": 0.17,
-    "wheel_width": 0.02,
-    "cylinders": True,
-    "base_mass": 0.9,
-    "base_inertia": (3e-3, 2e-3, 2e-3),
-    "base_center": (-0.03, 0.0, 0.07),
-    "wheel_mass": 0.03,
-    "wheel_inertia": (1.2e-5, 2.2e-5, 1.2e-5),
-    "lidar_mass": 0.12,
-    "caster_mass": 0.006,
-    "caster_radius": 0.006,
-    "motor_gain": 0.2,
-    "motor_torque": 0.05,
-    "armature": 0.003,
-    "lead": 0.02,
-    "reading": 0.01,
+    "friction": 0.5, "caster_friction": 0.3, "wheel_radius": 0.034, "wheel_separation": 0.17, "wheel_width": 0.02,
+    "cylinders": True, "base_mass": 0.9, "base_inertia": (3e-3, 2e-3, 2e-3), "base_center": (-0.03, 0.0, 0.07),
+    "wheel_mass": 0.03, "wheel_inertia": (1.2e-5, 2.2e-5, 1.2e-5), "lidar_mass": 0.12, "caster_mass": 0.006,
+    "caster_radius": 0.006, "motor_gain": 0.2, "motor_torque": 0.05, "armature": 0.003, "lead": 0.02, "reading": 0.01,
     "step": 0.001,
-}
+}  # fmt: skip
 
 
 def test_the_defaults_are_those_of_the_sources():
@@ -49,20 +34,19 @@ def test_the_defaults_are_those_of_the_sources():
 def rollout(burger):
     pytest.importorskip("mujoco")
     engine = Engine(burger)
-    physics, wheels, before, told = engine.start(Pose(0.0, 0.0, 0.0)), Pose(0.0, 0.0, 0.0), STOP, []
+    physics, wheels, before, log = engine.start(Pose(0.0, 0.0, 0.0)), Pose(0.0, 0.0, 0.0), STOP, []
     for command in [Command(0.2, 0.5)] * 4 + [Command(-0.1, -2.0)] * 4:
         driven = engine.drive(physics, wheels, (before, command), 0.1)
         physics, wheels, before = driven.physics, driven.wheels, command
-        told.append(driven[:3])
-    return told
+        log.append(driven[:3])
+    return log
 
 
 def test_each_field_changes_a_rollout():
     first = rollout(BASE)
     assert rollout(replace(BASE)) == first
     assert {field.name for field in fields(MujocoBurger)} == set(CHANGES)
-    same = [name for name, value in CHANGES.items() if rollout(replace(BASE, **{name: value})) == first]
-    assert same == []
+    assert [name for name, value in CHANGES.items() if rollout(replace(BASE, **{name: value})) == first] == []
 
 
 def test_a_control_interval_is_cut_into_whole_steps():

@@ -148,11 +148,11 @@ def test_cylinders_scrub_in_a_turn_and_ellipsoids_do_not():
 
 def test_what_was_driven_before_or_beside_does_not_matter():
     engine, alone = engine_of(SLIPPERY), drive(SLIPPERY, Command(0.2, 0.7), 3.0)
-    physics, wheels, found = engine.start(ORIGIN), ORIGIN, []
+    physics, wheels, beside = engine.start(ORIGIN), ORIGIN, []
 
     def disturb():
         for k in range(30):
-            found.append(drive(SLIPPERY, Command(-0.1, 0.1 * k), 0.2))
+            beside.append(drive(SLIPPERY, Command(-0.1, 0.1 * k), 0.2))
 
     other = Thread(target=disturb)
     other.start()
@@ -160,7 +160,7 @@ def test_what_was_driven_before_or_beside_does_not_matter():
         driven = engine.drive(physics, wheels, (Command(0.2, 0.7),) * 2, 0.1)
         physics, wheels = driven.physics, driven.wheels
     other.join()
-    assert len(found) == 30
+    assert len(beside) == 30
     assert driven == alone
 
 

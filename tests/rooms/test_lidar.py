@@ -43,20 +43,19 @@ def room(half_length, half_width, lidar):
     return scene
 
 
-def test_five_revolutions_a_second_have_half_their_beams_in_a_tenth_of_a_second():
-    assert [beams_by(at, QUIET, 0.1) for at in range(5)] == [0, 4, 8, 12, 16]
-    assert [time_of_beam(beam, QUIET) for beam in (0, 3, 7, 8)] == pytest.approx([0.025, 0.1, 0.2, 0.225])
-
-
-def test_a_revolution_of_130_ms_ends_within_an_interval():
-    lidar = replace(QUIET, beams=13, rate=1.0 / 0.13)
-    assert [beams_by(at, lidar, 0.1) for at in range(5)] == [0, 10, 20, 30, 40]
-
-
-def test_a_lidar_that_does_not_turn_measures_all_its_beams_at_the_end_of_the_period():
-    lidar = replace(QUIET, turning=False)
-    assert [beams_by(at, lidar, 0.1) for at in range(5)] == [0, 0, 8, 8, 16]
-    assert {time_of_beam(beam, lidar) for beam in range(8)} == {0.2}
+@pytest.mark.parametrize(
+    ("changes", "beams", "times"),
+    [
+        ({}, [0, 4, 8, 12, 16], {0: 0.025, 3: 0.1, 7: 0.2, 8: 0.225}),
+        ({"beams": 13, "rate": 1.0 / 0.13}, [0, 10, 20, 30, 40], {12: 0.13}),  # a revolution ends within an interval
+        ({"turning": False}, [0, 0, 8, 8, 16], {0: 0.2, 7: 0.2}),  # all at the end of the period
+    ],
+    ids=["five revolutions a second", "a revolution of 130 ms", "one that does not turn"],
+)
+def test_beams_are_measured_one_after_the_other_and_all_at_once_by_a_lidar_that_does_not_turn(changes, beams, times):
+    lidar = replace(QUIET, **changes)
+    assert [beams_by(at, lidar, 0.1) for at in range(5)] == beams
+    assert {beam: time_of_beam(beam, lidar) for beam in times} == pytest.approx(times)
 
 
 def test_the_age_of_a_scan_follows_its_stamp():

@@ -1,15 +1,13 @@
-"""Maps: read cell by cell as ``map_server`` reads them, their rays and distances against shapely, and drives on them."""
+"""Maps: their rays and distances against shapely and brute force, and drives on them."""
 
 from __future__ import annotations
 
 import math
-import shutil
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import shapely
-from PIL import Image
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
@@ -18,7 +16,7 @@ from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms import drawing, geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.lidar import LIDARS
-from turtlebot_gym.rooms.maps import _read_grid, read_map
+from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import find_world
 from turtlebot_gym.systems import Episode, make_parameters, make_room
@@ -29,23 +27,6 @@ ID = "turtlebot_gym/TurtleBotRooms-v0"
 NEAR = compiled(lambda scene, x, y: sensing.clearance(scene, x, y), "clearance in tests")
 BLOCK = compiled(lambda scene, clearance: geodesic.block(scene, clearance), "path grids in tests")
 DRAW = compiled(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), "rooms in tests")
-
-
-def write_map(folder, pixels, *, image="map.pgm", **said):
-    """Write a map, and return the path of its YAML file."""
-    if isinstance(pixels, str):
-        (folder / image).write_text(pixels)
-    elif image.endswith(".pgm") and pixels.ndim == 2:  # by hand: P5
-        (folder / image).write_bytes(b"P5\n# made here\n%d %d\n255\n" % pixels.shape[::-1] + pixels.tobytes())
-    else:
-        Image.fromarray(pixels).save(folder / image)
-    said = {
-        "image": image, "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-    } | said  # fmt: skip
-    path = folder / "map.yaml"
-    path.write_text("".join(f"{key}: {value}\n" for key, value in said.items() if value is not None))
-    return path
 
 
 def cellular(seed, rows=50, columns=70, fill=0.44):
@@ -59,53 +40,6 @@ def cellular(seed, rows=50, columns=70, fill=0.44):
     cells[rows // 3 : rows // 3 + 5, columns // 2 :] = UNKNOWN
     cells[rows // 2 : rows // 2 + 6, 5 : columns // 3] = FREE
     return cells
-
-
-def test_a_plain_pgm_of_a_mapper_is_read_cell_by_cell(tmp_path):
-    """What map_saver writes: 0 occupied, 254 free, 205 unknown."""
-    path = write_map(tmp_path, np.array([[0, 254, 205], [254, 254, 0]], np.uint8), origin=[-1.0, 2.0, 0.0])
-    grid = _read_grid(path)
-    assert grid.cells.tolist() == [[0, 0, 100], [100, 0, -1]]  # the lowest row first
-    assert (grid.resolution, grid.origin) == (0.05, Pose(-1.0, 2.0, 0.0))
-
-
-def test_a_pgm_in_letters_is_read_too(tmp_path):
-    path = write_map(tmp_path, "P2\n# in letters\n3 2\n100\n0 100 80\n50 60 100\n", free_thresh=0.25)
-    # Of 100: 80 is 0.2 of occupancy, 60 is 0.4, 50 is 0.5; 16 bits at once have other scales.
-    assert _read_grid(path).cells.tolist() == [[-1, -1, 0], [100, 0, 0]]
-    path = write_map(tmp_path, "P2\n3 1\n65535\n0 40000 65535\n")
-    assert _read_grid(path).cells.tolist() == [[100, -1, 0]]
-
-
-def test_a_negated_png_with_colours_and_a_rotation_is_read(tmp_path):
-    pixels = np.array([[[255, 255, 255], [0, 0, 0], [255, 0, 0]], [[10, 20, 30], [255, 255, 0], [150, 150, 210]]], np.uint8)
-    grid = _read_grid(write_map(tmp_path, pixels, image="map.png", negate=1, origin=[1, 2, 0.5], resolution=0.1))
-    # Negated, brightness is occupancy: 1, 0, 1/3; 20/255, 2/3, 2/3.
-    assert grid.cells.tolist() == [[0, 100, 100], [100, 0, -1]]
-    assert grid.origin == Pose(1.0, 2.0, 0.5)
-
-
-def test_transparency_is_averaged_in_trinary_and_unknown_in_scale(tmp_path):
-    pixels = np.array([[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128, 128, 255]]], np.uint8)
-    # Averages of four channels: 255, 1020, 765 and 639 of 1020, so occupancies 0.75, 0, 0.25 and 0.37.
-    assert _read_grid(write_map(tmp_path, pixels, image="map.png")).cells.tolist() == [[100, 0, -1, -1]]
-    scaled = _read_grid(write_map(tmp_path, pixels, image="map.png", mode="scale"))
-    assert scaled.cells.tolist() == [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]
-
-
-def test_a_raw_map_has_the_values_of_its_pixels(tmp_path):
-    path = write_map(tmp_path, np.array([[0, 1, 99, 100, 101, 255]], np.uint8), mode="raw", negate="true")
-    assert _read_grid(path).cells.tolist() == [[0, 1, 99, 100, -1, -1]]
-
-
-def test_a_cell_at_a_threshold_is_unknown(tmp_path):
-    """Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749."""
-    pixels = np.array([[0, 127, 128, 64, 63, 255]], np.uint8)
-    halves = write_map(tmp_path, pixels, occupied_thresh=0.5, free_thresh=0.5)
-    assert _read_grid(halves).cells.tolist() == [[100, 100, 0, 100, 100, 0]]
-    exact = write_map(tmp_path, np.array([[255, 0, 200]], np.uint8), occupied_thresh=1.0, free_thresh=0.0, negate=1)
-    with pytest.raises(ValueError, match="must hold a free cell; of 3 there is none"):  # 0 and 1 are at the thresholds
-        _read_grid(exact)
 
 
 def boxes_of(grid):
@@ -263,18 +197,6 @@ def test_ways_keep_clear_and_stay_on_known_ground(at):
     assert free > 10
 
 
-HALL = np.full((60, 80), 254, np.uint8)
-HALL[0, :] = HALL[-1, :] = HALL[:, 0] = HALL[:, -1] = 0
-HALL[:40, 38:42] = 0
-HALL[30:34, 60:] = 205
-"""A hall of 8 m by 6 m with a wall in it and unknown ground, at a resolution of 0.1 m."""
-
-
-@pytest.fixture
-def hall(tmp_path):
-    return write_map(tmp_path, HALL, resolution=0.1, origin=[-4.0, -3.0, 0.3])
-
-
 def test_a_map_is_the_same_compiled_and_in_plain_python(hall, in_step):
     plan = read_map(hall)
     p = make_parameters(ROOM, noise="rough")
@@ -307,21 +229,6 @@ def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
     assert len(places) > 70
 
 
-def test_a_row_is_the_scalar_environment_on_a_map(hall):
-    envs = gym.make_vec(ID, num_envs=3, world=str(hall), lidar="ideal", autoreset_mode=gym.vector.AutoresetMode.DISABLED)
-    alone = [gym.make(ID, world=hall, lidar="ideal") for _ in range(3)]
-    observations, _ = envs.reset(seed=5)
-    for i, env in enumerate(alone):
-        np.testing.assert_array_equal(env.reset(seed=5 + i)[0], observations[i])
-    for step in range(10):
-        actions = np.array([[1.0, 0.4 * math.sin(step)]] * 3, np.float32)
-        observations, rewards, *_, info = envs.step(actions)
-        for i, env in enumerate(alone):
-            observation, reward, *_, told = env.step(actions[i])
-            np.testing.assert_array_equal(observation, observations[i])
-            assert (reward, told["clearance"]) == (rewards[i], info["clearance"][i])
-
-
 def test_obstacles_may_stand_on_a_map(cast_all):
     grid = GridMap(cells=np.zeros((60, 60), np.int8), resolution=0.1)
     plan = FloorPlan(walls=grid.walls(), map=grid, circles=((3.0, 1.0, 0.5),))
@@ -347,57 +254,6 @@ def test_a_map_is_drawn_where_it_lies(hall):
     assert at(39, 5) == (0x55, 0x55, 0x55)
     assert at(70, 32) == (0xDD, 0xDD, 0xDD)  # unknown
     assert at(50, 32) == (255, 255, 255)
-
-
-def bad(**changes):
-    return {"pixels": HALL, **changes}
-
-
-@pytest.mark.parametrize(
-    ("made", "told"),
-    [
-        (bad(resolution=0), "resolution of the map .* must be a positive number .*, got 0"),
-        (bad(resolution="fine"), "resolution of the map .* must be a positive number .*, got 'fine'"),
-        (
-            bad(occupied_thresh=0.2, free_thresh=0.6),
-            "free_thresh of the map .* must be at most occupied_thresh, got 0.6 and 0.2",
-        ),
-        (bad(occupied_thresh=65), "occupied_thresh of the map .* must be a probability"),
-        (bad(negate=2), "negate of the map .* must be 0 or 1, got 2"),
-        (bad(mode="colour"), "mode of the map .* must be one of 'trinary', 'scale', 'raw', got 'colour'"),
-        (bad(origin=[0.0, 1.0]), "origin of the map .* must be 3 numbers"),
-        (bad(origin="[0.0, 1.0, .nan]"), "origin of the map .* must be a number from .*, got nan"),
-        (bad(origin=[1e16, 0.0, 0.0]), r"origin of the map .*\[0\] must be a number from .*, got 10000000000000000"),
-        (bad(free_thresh=None, negate=None), "must state negate, free_thresh"),
-        (bad(pixels=np.zeros((3, 4), np.uint8)), "must hold a free cell; of 12 there is none"),
-        (bad(pixels="no image at all"), "image .*map.pgm' cannot be read"),
-        (bad(pixels="P5\n80 60\n255\nfew"), "image .*map.pgm' cannot be read"),
-    ],
-)
-def test_a_map_that_cannot_be_is_one_clear_line(tmp_path, made, told):
-    path = write_map(tmp_path, made.pop("pixels"), **made)
-    with pytest.raises(ValueError, match=told) as caught:
-        gym.make(ID, world=str(path))
-    assert "\n" not in str(caught.value)
-
-
-def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path):
-    path = write_map(tmp_path, HALL, image="large.png")
-    Image.new("1", (4_001, 4_000)).save(tmp_path / "large.png")
-    with pytest.raises(ValueError, match="cannot be read: it has 4001 x 4000 pixels, more than 16,000,000"):
-        find_world(path)
-
-
-def test_files_that_are_not_there_are_named(tmp_path, hall):
-    with pytest.raises(ValueError, match=r"There is no map 'nowhere.yaml'"):
-        find_world("nowhere.yaml")
-    shutil.move(hall.parent / "map.pgm", hall.parent / "other.pgm")
-    with pytest.raises(ValueError, match=r"There is no image .*map.pgm' for the map"):
-        find_world(hall)
-    for text in ("just words", "image: [", "- 1\n- 2"):
-        (tmp_path / "bad.yaml").write_text(text)
-        with pytest.raises(ValueError, match=r"bad.yaml' is not a map"):
-            find_world(tmp_path / "bad.yaml")
 
 
 def test_start_and_goal_must_be_free_and_connected(hall):

@@ -28,12 +28,15 @@ def drive(env, **reset):
     return values
 
 
+def make(**options):
+    return gym.make(ID, **{"world": "clutter", "lidar": "ideal"} | options)
+
+
 def test_start_and_goal_are_those_that_were_given():
-    env = gym.make(ID, world="dense", lidar="ideal")
+    env = make(world="dense")
     for seed in range(5):
         _, info = env.reset(seed=seed, options={"start": (-2.0, 0.1, 0.5), "goal": [2.0, 0.0, 1.0]})
-        np.testing.assert_allclose(info["true_state"][:3], [-2.0, 0.1, 0.5])
-        assert info["reference"].tolist() == [2.0, 0.0, 1.0]
+        np.testing.assert_allclose([*info["true_state"][:3], *info["reference"]], [-2.0, 0.1, 0.5, 2.0, 0.0, 1.0])
         assert info["clearance"] > 0.0
         assert 3.9 < info["way_left"] < 9.0
     _, info = env.reset(seed=0, options={"goal": (0.3, 0.2, 0.0)})
@@ -44,21 +47,20 @@ def test_start_and_goal_are_those_that_were_given():
 
 @pytest.mark.parametrize("world", ["corridor", RoomRules(circles=(2.0, 20.0)), HALL])
 def test_another_world_is_as_if_the_environment_were_made_with_it(world):
-    own, other = gym.make(ID, world="clutter", lidar="ideal"), gym.make(ID, world=world, lidar="ideal")
-    assert drive(own, seed=4, options={"world": world}) == drive(other, seed=4)
+    assert drive(make(), seed=4, options={"world": world}) == drive(make(world=world), seed=4)
 
 
 def test_options_hold_for_one_episode():
     values = []
     for options in ({"world": HALL, "start": (-2.0, 0.0, 0.0)}, {}, None):
-        env = gym.make(ID, world="clutter", lidar="ideal")
+        env = make()
         env.reset(seed=4, options=options)
         values.append(drive(env))
     assert values[0] == values[1] == values[2]
 
 
 def test_a_plan_keeps_what_is_not_given():
-    env = gym.make(ID, world=FloorPlan(walls=(0.0, 0.0, 3.0, 2.0), goal=Pose(2.0, 0.0, 0.0)), lidar="ideal")
+    env = make(world=FloorPlan(walls=(0.0, 0.0, 3.0, 2.0), goal=Pose(2.0, 0.0, 0.0)))
     _, info = env.reset(seed=1, options={"start": (-2.0, 0.0, 0.0)})
     assert info["reference"].tolist() == [2.0, 0.0, 0.0]
     assert info["way_left"] == pytest.approx(4.0, abs=0.2)
@@ -67,7 +69,7 @@ def test_a_plan_keeps_what_is_not_given():
 
 
 def test_a_picture_shows_the_world_that_was_given():
-    env = gym.make(ID, world="clutter", lidar="ideal", render_mode="rgb_array")
+    env = make(render_mode="rgb_array")
     env.reset(seed=0)
     before = env.render()
     env.reset(seed=0, options={"world": HALL})
@@ -76,16 +78,16 @@ def test_a_picture_shows_the_world_that_was_given():
     np.testing.assert_array_equal(env.render(), before)
 
 
+GOAL_RULE = "goal must hold x, y and heading, finite numbers, got "
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start', 'goal', got 'starts'"),
         ({"start": (0.0, 0.0)}, r"start must hold x, y and heading, finite numbers, got \(0.0, 0.0\)"),
-        ({"goal": (0.0, 0.0, math.nan)}, "goal must hold x, y and heading, finite numbers"),
-        ({"goal": "door"}, "goal must hold x, y and heading, finite numbers, got 'door'"),
-        ({"start": np.zeros((3, 3))}, "start must hold x, y and heading, finite numbers, got array"),
-        ({"start": (9.0, 0.0, 0.0)}, "start must be in the room, got Pose"),
-        ({"start": (0.0, 2.6, 0.0)}, "start must be in the room, got Pose"),
+        *(({"goal": goal}, GOAL_RULE) for goal in ((0.0, 0.0, math.nan), "door", np.zeros((3, 3)))),
+        *(({"start": start}, "start must be in the room, got Pose") for start in ((9.0, 0.0, 0.0), (0.0, 2.6, 0.0))),
         ({"world": "corridor", "goal": (3.0, 1.5, 0.0)}, "goal must be in the room, got Pose"),
         ({"world": HALL, "start": (0.3, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
         ({"world": HALL, "goal": (0.0, 9.0, 0.0)}, "FloorPlan.goal must be in the room and in no obstacle"),
@@ -94,19 +96,17 @@ def test_a_picture_shows_the_world_that_was_given():
     ],
 )
 def test_invalid_options_of_a_reset_are_refused_and_begin_nothing(options, message):
-    env = gym.make(ID, world="clutter", lidar="ideal", disable_env_checker=True).unwrapped
-    with pytest.raises(ValueError, match=message) as caught:
+    env = make(disable_env_checker=True).unwrapped
+    with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
         env.reset(seed=0, options=options)
-    assert "\n" not in str(caught.value)
     with pytest.raises(ResetNeeded):
         env.step(np.zeros(2, np.float32))
 
 
 def test_more_obstacles_than_can_be_drawn_are_refused():
-    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
-        RoomRules(circles=(0.0, 385.0))
-    with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
-        RoomRules(boxes=(81.0, 81.0))
+    for more in ({"circles": (0.0, 385.0)}, {"boxes": (81.0, 81.0)}):
+        with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
+            RoomRules(**more)
     crowded = FloorPlan(walls=(0.0, 0.0, 9.0, 9.0), circles=((1.0, 0.0, 0.1),) * 500)  # what is given has no such limit
     assert crowded.scene().counts.tolist() == [500, 0]
 
@@ -127,7 +127,7 @@ def test_each_row_starts_where_its_scalar_environment_does_and_once(mode, world)
     observations, infos = envs.reset(seed=20, options={"start": np.array(STARTS), "goal": GOALS})
     episodes = [[] for _ in STARTS]
     for row, start in enumerate(STARTS):
-        env = gym.make(ID, world=world, lidar="ideal", max_episode_steps=4)
+        env = make(world=world, max_episode_steps=4)
         first, info = env.reset(seed=20 + row, options={"start": start, "goal": GOALS})
         np.testing.assert_array_equal(observations[row], first)
         np.testing.assert_allclose(infos["true_state"][row, :3], start)
@@ -190,29 +190,25 @@ def test_parameters_that_are_set_take_the_place_of_options():
         ({"start": (0.0, np.nan, 0.0)}, "start must hold x, y and heading, finite numbers"),
         ({"goal": "door"}, "goal must be x, y and heading, or those of each of 3, got 'door'"),
         ({"goal": (9.0, 0.0, 0.0)}, "FloorPlan.goal must be in the room"),
-        (
-            {"start": np.array([[-2.0, 0.0, 0.0]] * 2 + [[0.0, 0.0, 0.0]])},
-            "FloorPlan.start must be in the room and in no obstacle",
-        ),
+        ({"start": [*[(-2.0, 0.0, 0.0)] * 2, (0.0, 0.0, 0.0)]}, "FloorPlan.start must be in the room and in no obstacle"),
         ({"goal": [(2.0, 0.0, 0.0), (0.0, 0.31, 0.0), (2.0, 0.0, 0.0)]}, "^Environment 1: No way leads from start to goal"),
         ({"world": "office"}, "world must be the same in all episodes of a vector environment: make another one"),
     ],
 )
 def test_invalid_options_of_a_reset_begin_nothing_in_any_row(options, message):
     envs = vector(world=ROOM)
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
         envs.reset(seed=0, options=options)
-    assert "\n" not in str(caught.value)
     with pytest.raises(ResetNeeded):
         envs.step(np.zeros((3, 2), np.float32))
     observations, _ = envs.reset(seed=0)
     np.testing.assert_array_equal(observations, vector(world=ROOM).reset(seed=0)[0])
 
 
-@pytest.mark.parametrize("make", [gym.make, vector], ids=["scalar", "vector"])
+@pytest.mark.parametrize("maker", [make, vector], ids=["scalar", "vector"])
 @pytest.mark.parametrize("world", [{"start": (50.0, 0.0, 0.0)}, {"half_length": 1e-9}, {"min_distance": 1e9}], ids=str)
-def test_a_room_in_which_no_way_leads_to_the_goal_is_refused_at_each_reset(make, world):
-    env = make(ID, world=world) if make is gym.make else make(world=world)
+def test_a_room_in_which_no_way_leads_to_the_goal_is_refused_at_each_reset(maker, world):
+    env = maker(world=world)
     for _ in range(2):
         with pytest.raises(ValueError, match=r"No way leads from start to goal for a robot of radius 0.105 m"):
             env.reset(seed=0)

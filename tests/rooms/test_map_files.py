@@ -1,0 +1,92 @@
+"""Files of maps, read cell by cell as ``map_server`` reads them; what is wrong with one is one clear line."""
+
+from __future__ import annotations
+
+import shutil
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from PIL import Image
+
+from turtlebot_gym.rooms.maps import read_grid
+from turtlebot_gym.rooms.worlds import find_world
+from turtlebot_gym.values import Pose
+
+COLOURS = [[[255, 255, 255], [0, 0, 0], [255, 0, 0]], [[10, 20, 30], [255, 255, 0], [150, 150, 210]]]
+CHANNELS = [[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128, 128, 255]]]
+
+
+@pytest.mark.parametrize(
+    ("pixels", "given", "cells"),
+    [
+        # What map_saver writes: 0 occupied, 254 free, 205 unknown; the lowest row first.
+        ([[0, 254, 205], [254, 254, 0]], {}, [[0, 0, 100], [100, 0, -1]]),
+        # In letters. Of 100: 80 is 0.2 of occupancy, 60 is 0.4, 50 is 0.5; 16 bits at once have other scales.
+        ("P2\n# in letters\n3 2\n100\n0 100 80\n50 60 100\n", {"free_thresh": 0.25}, [[-1, -1, 0], [100, 0, 0]]),
+        ("P2\n3 1\n65535\n0 40000 65535\n", {}, [[100, -1, 0]]),
+        # Negated, brightness is occupancy: 1, 0, 1/3; 20/255, 2/3, 2/3.
+        (COLOURS, {"image": "map.png", "negate": 1}, [[0, 100, 100], [100, 0, -1]]),
+        # Averages of four channels: 255, 1020, 765 and 639 of 1020, so occupancies 0.75, 0, 0.25 and 0.37.
+        (CHANNELS, {"image": "map.png"}, [[100, 0, -1, -1]]),
+        (CHANNELS, {"image": "map.png", "mode": "scale"}, [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]),
+        ([[0, 1, 99, 100, 101, 255]], {"mode": "raw", "negate": "true"}, [[0, 1, 99, 100, -1, -1]]),
+        # Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749.
+        ([[0, 127, 128, 64, 63, 255]], {"occupied_thresh": 0.5, "free_thresh": 0.5}, [[100, 100, 0, 100, 100, 0]]),
+    ],
+    ids=["mapper", "letters", "16 bits", "colours", "transparent", "scale", "raw", "thresholds"],
+)
+def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
+    pixels = pixels if isinstance(pixels, str) else np.array(pixels, np.uint8)
+    grid = read_grid(write_map(tmp_path, pixels, origin=[-1, 2.0, 0.5], resolution=0.1, **given))
+    assert grid.cells.tolist() == cells
+    assert (grid.resolution, grid.origin) == (0.1, Pose(-1.0, 2.0, 0.5))
+
+
+NUMBER, CANNOT = "of the map .* must be a positive number .*, got ", "image .*map.pgm' cannot be read"
+EXACT = {"pixels": np.array([[255, 0, 200]], np.uint8), "occupied_thresh": 1.0, "free_thresh": 0.0, "negate": 1}
+"""Pixels at the thresholds, which are unknown."""
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        *(({"resolution": bad}, f"resolution {NUMBER}{bad!r}") for bad in (0, "fine")),
+        (
+            {"occupied_thresh": 0.2, "free_thresh": 0.6},
+            "free_thresh of the map .* must be at most occupied_thresh, got 0.6 and",
+        ),
+        ({"occupied_thresh": 65}, "occupied_thresh of the map .* must be a probability"),
+        ({"negate": 2}, "negate of the map .* must be 0 or 1, got 2"),
+        ({"mode": "colour"}, "mode of the map .* must be one of 'trinary', 'scale', 'raw', got 'colour'"),
+        ({"origin": [0.0, 1.0]}, "origin of the map .* must be 3 numbers"),
+        ({"origin": [1e16, 0.0, 0.0]}, r"origin of the map .*\[0\] must be a number from .*, got 10000000000000000"),
+        ({"free_thresh": None, "negate": None}, "must state negate, free_thresh"),
+        ({"pixels": np.zeros((3, 4), np.uint8)}, "must hold a free cell; of 12 there is none"),
+        (EXACT, "must hold a free cell; of 3 there is none"),
+        *(({"pixels": text}, CANNOT) for text in ("no image at all", "P5\n80 60\n255\nfew")),
+    ],
+)
+def test_a_map_that_cannot_be_is_one_clear_line(tmp_path, write_map, given, message):
+    path = write_map(tmp_path, **given)
+    with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
+        gym.make("turtlebot_gym/TurtleBotRooms-v0", world=str(path))
+
+
+def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, write_map):
+    path = write_map(tmp_path, image="large.png")
+    Image.new("1", (4_001, 4_000)).save(tmp_path / "large.png")
+    with pytest.raises(ValueError, match="cannot be read: it has 4001 x 4000 pixels, more than 16,000,000"):
+        find_world(path)
+
+
+def test_files_that_are_not_there_are_named(tmp_path, hall):
+    with pytest.raises(ValueError, match=r"There is no map 'nowhere.yaml'"):
+        find_world("nowhere.yaml")
+    shutil.move(hall.parent / "map.pgm", hall.parent / "other.pgm")
+    with pytest.raises(ValueError, match=r"There is no image .*map.pgm' for the map"):
+        find_world(hall)
+    for text in ("just words", "image: [", "- 1\n- 2"):
+        (tmp_path / "bad.yaml").write_text(text)
+        with pytest.raises(ValueError, match=r"bad.yaml' is not a map"):
+            find_world(tmp_path / "bad.yaml")
