@@ -10,8 +10,7 @@ import pytest
 
 from turtlebot_gym import Noise, OdometryNoise, make_filter
 from turtlebot_gym.estimation import ekf, update
-from turtlebot_gym.estimation.filters import KalmanFilter, entries, jacobian, matrix
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import KalmanFilter, entries, filter_of, jacobian, matrix
 from turtlebot_gym.estimation.update import Projection, innovation_variance
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance

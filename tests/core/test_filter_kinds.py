@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import make_filter
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.mixture import exp_minus
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.values import STOP, Command, Odometry, Pose, Senses

@@ -11,7 +11,7 @@ from textbook import difference
 
 from turtlebot_gym import Episode, Noise, OdometryNoise, Options, make_parameters
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.random import FIX, ROOM, SCAN, SENSOR
 from turtlebot_gym.presets import make_filter
 from turtlebot_gym.systems import imu, system_of

@@ -11,8 +11,7 @@ from textbook import MIDDLE, Mixture, Textbook, difference, off
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.consistency import cramer_rao_bound
-from turtlebot_gym.estimation.filters import KalmanFilter, matrix, reference_filter
-from turtlebot_gym.estimation.interface import filter_of
+from turtlebot_gym.estimation.filters import KalmanFilter, filter_of, matrix, reference_filter
 from turtlebot_gym.parameters import FilterTuning, Kalman
 from turtlebot_gym.presets import DOCUMENTED, ROUGH, TUTORIAL_FILTER, matched
 from turtlebot_gym.systems.imu import Imu, ImuNoise
