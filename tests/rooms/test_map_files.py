@@ -54,7 +54,7 @@ EXACT = {"pixels": np.array([[255, 0, 200]], np.uint8), "occupied_thresh": 1.0, 
         *(({"resolution": bad}, f"resolution {NUMBER}{bad!r}") for bad in (0, "fine")),
         (
             {"occupied_thresh": 0.2, "free_thresh": 0.6},
-            "free_thresh of the map .* must be at most occupied_thresh, got 0.6 and",
+            "free_thresh of the map .* must be at most occupied_thresh, got 0.6 and 0.2",
         ),
         ({"occupied_thresh": 65}, "occupied_thresh of the map .* must be a probability"),
         ({"negate": 2}, "negate of the map .* must be 0 or 1, got 2"),
