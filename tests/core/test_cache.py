@@ -14,7 +14,7 @@ from types import FunctionType
 import pytest
 
 from turtlebot_gym.compiled import loop, store
-from turtlebot_gym.compiled.cache import fingerprint
+from turtlebot_gym.compiled.cache import _fingerprint
 from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.systems import Options, open_ground, system_of
@@ -46,7 +46,7 @@ SOURCE = "def f(x):\n    return helper(x) * FACTOR\n"
 )
 def test_a_change_of_anything_that_a_function_reaches_and_of_nothing_else_changes_its_fingerprint(source, names, is_same):
     first, second = with_source(HELPER + SOURCE, FACTOR=2.0), with_source(source, **{"FACTOR": 2.0} | names)
-    assert (fingerprint(first) == fingerprint(second)) is is_same
+    assert (_fingerprint(first) == _fingerprint(second)) is is_same
 
 
 def test_it_reaches_through_closures_and_modules(monkeypatch):
@@ -56,11 +56,11 @@ def test_it_reaches_through_closures_and_modules(monkeypatch):
         return lambda x: inner(x)
 
     first, second = outer(with_source("def f(x):\n    return x\n")), outer(with_source("def f(x):\n    return -x\n"))
-    assert fingerprint(first) != fingerprint(second)
+    assert _fingerprint(first) != _fingerprint(second)
     through = with_source("def f(x):\n    return module.wrap(x)\n", module=module)
-    before = fingerprint(through)
+    before = _fingerprint(through)
     monkeypatch.setattr(module, "wrap", lambda angle: angle)
-    assert fingerprint(through) != before
+    assert _fingerprint(through) != before
 
 
 def copied(kernel):
@@ -74,9 +74,9 @@ def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     odometry = system.sensors[0]._replace(sense=copied(system.sensors[0].sense))
     names = ("move", "estimate", "judge", "observe")
     changed = [system.with_sensor(odometry), *(system._replace(**{name: copied(getattr(system, name))}) for name in names)]
-    prints = {fingerprint(loop._step_tile_of(each)) for each in (system, *changed)}
+    prints = {_fingerprint(loop._step_tile_of(each)) for each in (system, *changed)}
     assert len(prints) == 6
-    assert fingerprint(loop._reset_lane_of(system)) not in prints
+    assert _fingerprint(loop._reset_lane_of(system)) not in prints
 
 
 # Files and processes.

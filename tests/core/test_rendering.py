@@ -10,7 +10,7 @@ from gymnasium.error import DependencyNotInstalled
 from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Body, Course, World
+from turtlebot_gym.systems import Body, Course, Snapshot
 from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Odometry, Pose, Senses, State
 
@@ -20,10 +20,10 @@ FAR = Pose(-1.8, -1.8, 0.0)
 RADIUS = ROBOTS["burger"].radius
 
 
-def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> World:
+def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> Snapshot:
     """Return a world with everything at its place, and all else in a corner."""
     covariance = Covariance(*[0.0] * 15)._replace(xx=deviation**2, yy=deviation**2, tt=0.01)
-    return World(
+    return Snapshot(
         Body(State(*truth, 0.0, 0.0), STOP, (STOP, STOP, STOP), Pose(*truth), False),
         Senses(Odometry(odometry, STOP, True)),
         Estimate(Belief(State(*believed, 0.0, 0.0), covariance), 0.0, 0.0),

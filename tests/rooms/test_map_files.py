@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.rooms.maps import read_grid
+from turtlebot_gym.rooms.maps import _read_grid
 from turtlebot_gym.rooms.worlds import find_world
 from turtlebot_gym.values import Pose
 
@@ -38,7 +38,7 @@ CHANNELS = [[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128
 )
 def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
     pixels = pixels if isinstance(pixels, str) else np.array(pixels, np.uint8)
-    grid = read_grid(write_map(tmp_path, pixels, origin=[-1, 2.0, 0.5], resolution=0.1, **given))
+    grid = _read_grid(write_map(tmp_path, pixels, origin=[-1, 2.0, 0.5], resolution=0.1, **given))
     assert grid.cells.tolist() == cells
     assert (grid.resolution, grid.origin) == (0.1, Pose(-1.0, 2.0, 0.5))
 

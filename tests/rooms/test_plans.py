@@ -148,7 +148,7 @@ def test_a_plan_without_a_way_is_refused_before_anything_is_driven():
 
 
 def test_an_unknown_lidar_and_one_that_is_too_fast_are_refused():
-    with pytest.raises(ValueError, match="lidar must be one of 'lds01', .*'ideal', got 'lds03'"):
+    with pytest.raises(ValueError, match=r"lidar must be one of 'lds01', .*'ideal', got 'lds03'"):
         find_lidar("lds03")
     with pytest.raises(ValueError, match=r"Lidar\.rate must be at most one scan in a control interval of 0\.2 s, got 10 Hz"):
         gym.make("turtlebot_gym/TurtleBotRooms-v0", lidar="ideal", dt=0.2)

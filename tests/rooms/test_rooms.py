@@ -13,8 +13,8 @@ from gymnasium.utils.env_checker import check_env
 
 from gymnasium_vector_checker import check_vector_env
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.rooms import RoomsEnv
-from turtlebot_gym.envs.rooms_vector import RoomsVectorEnv
+from turtlebot_gym.envs.navigation import NavigationEnv
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -25,6 +25,7 @@ from turtlebot_gym.values import Pose
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
 HALL = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0), start=Pose(0.0, 0.0, 0.0), goal=Pose(2.0, 0.0, 0.0))
+room, rooms = partial(NavigationEnv, task="room"), partial(NavigationVectorEnv, task="room")
 
 
 @pytest.mark.parametrize(("world", "lidar"), [*zip(ROOMS, ["lds01", "a1", "ideal", "lds02", "lds01", "a1"], strict=True)])
@@ -43,7 +44,7 @@ def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, l
 
 
 def test_threads_change_nothing():
-    one, all_of_them = (RoomsVectorEnv(300, world="clutter", lidar="lds01", autoreset_mode="SameStep") for _ in range(2))
+    one, all_of_them = (rooms(300, world="clutter", lidar="lds01", autoreset_mode="SameStep") for _ in range(2))
     one._batch._parallel = False
     rng = np.random.default_rng(0)
     first, other = one.reset(seed=3)[0], all_of_them.reset(seed=3)[0]
@@ -55,12 +56,12 @@ def test_threads_change_nothing():
 
 def test_it_keeps_gymnasiums_contracts():
     check_env(gym.make(ID, world="clutter", lidar="ideal").unwrapped, skip_render_check=True)
-    assert len(check_vector_env(partial(RoomsVectorEnv, world="office", lidar="a1"))) == 3
+    assert len(check_vector_env(partial(rooms, world="office", lidar="a1"))) == 3
 
 
 def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():
     """The wall is at x = 3, the robot's radius 0.105 m: contact at x = 2.895, of the true pose."""
-    env = RoomsEnv(world=replace(HALL, goal=Pose(-2.0, 0.0, 0.0)), noise="clean", lidar="ideal")
+    env = room(world=replace(HALL, goal=Pose(-2.0, 0.0, 0.0)), noise="clean", lidar="ideal")
     env.reset(seed=0)
     x, terminated = 0.0, False
     while not terminated:
@@ -75,7 +76,7 @@ def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():
 
 
 def test_the_goal_ends_an_episode_and_pays():
-    env = RoomsEnv(world=HALL, noise="clean", lidar="ideal")
+    env = room(world=HALL, noise="clean", lidar="ideal")
     env.reset(seed=0)
     terminated, total = False, 0.0
     while not terminated:
@@ -89,7 +90,7 @@ def test_the_goal_ends_an_episode_and_pays():
 
 def test_nearness_costs():
     """A robot that stands 0.195 m from a wall: 0.5 times (1 - 0.195 / 0.3) a step, and 0.1 for the time."""
-    env = RoomsEnv(world=replace(HALL, start=Pose(0.0, 2.7, 0.0)), noise="clean", lidar="ideal", reward=RoomReward(near=0.3))
+    env = room(world=replace(HALL, start=Pose(0.0, 2.7, 0.0)), noise="clean", lidar="ideal", reward=RoomReward(near=0.3))
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(2, np.float32))
     assert info["clearance"] == pytest.approx(0.195)
@@ -104,14 +105,14 @@ def test_progress_is_that_of_the_shortest_way():
         start=Pose(0.6, 0.0, math.pi / 2.0),
         goal=Pose(1.5, -1.0, 0.0),
     )
-    env = RoomsEnv(world=plan, noise="clean", lidar="ideal", reward=RoomReward(time=0.0, effort=0.0, nearness=0.0))
+    env = room(world=plan, noise="clean", lidar="ideal", reward=RoomReward(time=0.0, effort=0.0, nearness=0.0))
     env.reset(seed=0)
     rewards = [env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(30)]
     assert np.mean(rewards[5:]) == pytest.approx(1.0, abs=0.1)
 
 
 def test_the_first_scan_is_complete_and_its_age_is_observed():
-    env = RoomsEnv(world=HALL, noise="clean", lidar=Lidar(beams=36, rate=5.0, range_min=0.0, stamped_at_end=True))
+    env = room(world=HALL, noise="clean", lidar=Lidar(beams=36, rate=5.0, range_min=0.0, stamped_at_end=True))
     observation, _ = env.reset(seed=0)
     assert observation.shape == (50,)
     assert observation[13] == pytest.approx(3.0 / 3.5)  # ahead
@@ -134,7 +135,7 @@ CHANGES = {
 
 def rollout(**options):
     """Return what an environment tells in 30 steps."""
-    env = RoomsEnv(**{"world": "clutter", "lidar": LIDAR, "noise": "rough"} | options)
+    env = room(**{"world": "clutter", "lidar": LIDAR, "noise": "rough"} | options)
     values = [env.reset(seed=2)[0].tolist()]
     for step in range(30):
         observation, reward, *ends, info = env.step(np.array([0.5, 0.3 * math.sin(0.3 * step)], np.float32))
@@ -156,19 +157,19 @@ def test_every_parameter_of_a_lidar_changes_a_rollout(usual, name):
 def test_every_weight_of_a_room_changes_a_reward(changes):
     values = []
     for weights in (RoomReward(), RoomReward(**changes)):
-        env = RoomsEnv(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
+        env = room(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
         env.reset(seed=0)
         values.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])
     assert values[0] != values[1]
 
 
 def test_the_radius_of_the_robot_decides_on_contact():
-    ends = [RoomsEnv(world=HALL, robot=robot, noise="clean").reset(seed=0)[1]["clearance"] for robot in ("burger", "waffle")]
+    ends = [room(world=HALL, robot=robot, noise="clean").reset(seed=0)[1]["clearance"] for robot in ("burger", "waffle")]
     assert ends == pytest.approx([3.0 - 0.105, 3.0 - 0.22])
 
 
 def test_the_observation_is_the_belief_of_open_ground_with_ranges():
-    env = RoomsEnv(world="dense", lidar="lds01")
+    env = room(world="dense", lidar="lds01")
     space = env.observation_space
     assert space.shape == (13 + SECTORS + 1,)
     assert (set(space.low[13:]), set(space.high[13:])) == ({0.0}, {1.0})
