@@ -8,6 +8,7 @@ that a step depends on, and serves all others every `OTHERS` seconds in the same
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -73,7 +74,12 @@ class SwiftExecutor(SingleThreadedExecutor):
         until = time.monotonic() + OTHERS
         handle = self._context.handle
         assert handle is not None
-        with handle:
+        with ExitStack() as held:
+            try:  # so that no other thread destroys an entity during the wait, which would end the process
+                for each in (handle, *(entity.handle for entity in (*subscriptions, *timers))):
+                    held.enter_context(each)
+            except _rclpy.InvalidHandle:
+                return
             waits = _rclpy.WaitSet(len(subscriptions), 0, len(timers), 0, 0, 0, handle)
             while (left := until - time.monotonic()) > 0.0 and not self._is_shutdown:
                 waits.clear_entities()
