@@ -20,7 +20,6 @@ from turtlebot_gym_ros.node.safety import Safety
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.node.switch import Switch
 from turtlebot_gym_ros.node.triggers import Messages
-from turtlebot_gym_ros.robot.emergency import EmergencyStop
 
 
 def starts_disabled(make_bench, patience):
@@ -99,20 +98,6 @@ def blocked_steps_stop(make_bench, patience):
     assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
 
 
-def blocked_steps_are_faults(make_bench, patience):
-    bench = driving(make_bench, patience)
-    release = Event()
-    steps = bench.steps
-    bench.block.act = lambda: release.wait(30.0) and {"command": Command(0.1, 0.0)}
-    try:
-        bench.send()
-        bench.wait_for(lambda: bench.steps > steps)
-        bench.now.at += 0.6
-        bench.wait_for(lambda: not bench.shell.switch.safety.enabled)
-    finally:
-        release.set()
-
-
 def the_emergency_stop_stops(make_bench, patience):
     bench = make_bench()
     emergency = bench.peer.speak("emergency_stop", Bool)
@@ -125,22 +110,6 @@ def the_emergency_stop_stops(make_bench, patience):
     bench.wait_for(lambda: bench.advance(0.2) and (emergency.publish(Bool(data=False)) or bench.enable().success))
     bench.now.at += 0.01
     bench.drive()
-
-
-def a_silent_emergency_stop_stops(make_bench, patience):
-    bench = make_bench()
-    emergency = bench.peer.speak("emergency_stop", Bool)
-    bench.wait_for(emergency.get_subscription_count)
-    bench.drive()
-    bench.patience = patience
-    emergency.publish(Bool(data=False))
-    bench.wait_for(lambda: bench.shell.switch.safety._buttons._buttons)
-    for _ in range(6):  # the odometry goes on
-        bench.now.at += 0.1
-        bench.settle()
-    bench.wait_for(lambda: bench.state.startswith("stopping: the emergency stop is silent"))
-    bench.stops("the emergency stop is silent")
-    assert not bench.enable().success
 
 
 def with_clock(make_bench, patience):
@@ -233,13 +202,6 @@ def enabled_from_the_start(original):
     return init
 
 
-def never_blocked(original):
-    def init(self, *, enabled, blocked=0.5):
-        original(self, enabled=enabled, blocked=math.inf)
-
-    return init
-
-
 PROTECTIONS = {
     starts_disabled: (Safety, "__init__", enabled_from_the_start(Safety.__init__)),
     disabled_it_stops: (Switch, "disable", nothing),
@@ -249,9 +211,7 @@ PROTECTIONS = {
     infinity_stops: (geometry, "finite", nothing),
     nonsense_stops: (Shell, "_fault", nothing),
     blocked_steps_stop: (Shell, "_watch", nothing),
-    blocked_steps_are_faults: (Safety, "__init__", never_blocked(Safety.__init__)),
     the_emergency_stop_stops: (Safety, "hear_emergency", nothing),
-    a_silent_emergency_stop_stops: (EmergencyStop, "_alive", lambda self, now: self._buttons),
     a_clock_that_stands_still_stops: (rosclock, "SILENCE", math.inf),
     leaping_ahead: (Shell, "_jumped", nothing),
     leaping_back: (Shell, "_jumped", nothing),

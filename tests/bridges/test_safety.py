@@ -22,21 +22,6 @@ def stops(safety, start, end, step=0.01):
     return [now for now in times if safety.tick(now=now)]
 
 
-def test_it_starts_silent_and_disabled():
-    safety = Safety(enabled=False, blocked=0.5)
-    assert safety.state == "silent: not enabled"
-    assert not safety.activate(safety.begin(now=0.0))
-    assert stops(safety, 0.0, 2.0) == []
-
-
-def test_enabled_it_is_active_with_the_first_step():
-    safety = Safety(enabled=False, blocked=0.5)
-    assert safety.enable(now=0.0, buttons=0) is None
-    assert safety.state == "silent: no step yet"
-    assert safety.activate(safety.begin(now=0.0))
-    assert safety.state == "active"
-
-
 @pytest.mark.parametrize("disable", [True, False])
 def test_a_stop_is_one_second_of_zeros_every_50_ms_and_then_silence(disable):
     safety = active(now=9.9)
@@ -139,13 +124,6 @@ def test_a_step_that_is_under_way_keeps_nobody_from_enabling():
     assert safety.enable(now=20.5, buttons=0) is None  # half a second is still allowed
 
 
-def test_half_a_second_is_not_too_long_for_a_step():
-    safety = active(now=20.0)
-    safety.begin(now=20.0)
-    assert not safety.tick(now=20.5)
-    assert safety.enabled
-
-
 def test_how_long_a_step_may_take_is_given():
     for blocked, holds in ((0.5, False), (2.0, True), (math.inf, True)):
         safety = Safety(enabled=True, blocked=blocked)
@@ -158,21 +136,6 @@ def test_a_step_that_has_ended_is_not_blocked():
     safety = active(now=20.0)
     assert not safety.tick(now=25.0)
     assert safety.enabled
-
-
-def test_an_emergency_stop_needs_enabling_again():
-    safety = active(now=7.0)
-    safety.hear_emergency(False, now=7.0)
-    assert safety.phase == "active"
-    safety.hear_emergency(True, now=7.1)
-    safety.hear_emergency(False, now=7.101)  # however short
-    assert safety.state == "stopping: emergency stop"
-    safety.hear_emergency(False, now=7.5)
-    assert safety.enable(now=7.599, buttons=0) == "the emergency stop is pressed"
-    safety.hear_emergency(False, now=7.7)
-    assert not safety.enabled
-    assert safety.enable(now=7.7, buttons=0) is None
-    assert safety.activate(safety.begin(now=7.75))
 
 
 def test_each_button_counts():

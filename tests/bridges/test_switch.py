@@ -102,11 +102,6 @@ def test_whoever_enables_one_that_sees_is_warned_of_what_it_does_not_see(fakes):
     assert said == "enabled. It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
 
 
-def test_one_that_starts_enabled_waits_for_its_first_step(fakes):
-    fakes.make()
-    assert fakes.states == ["silent: no step yet"]
-
-
 def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(fakes):
     fakes.make()
     fakes.drive()
@@ -118,23 +113,6 @@ def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(f
     assert len(fakes.zeros) in (17, 18)  # every third look of 20 ms
     assert 100.9 < fakes.zeros[-1] < 101.0
     assert not fakes.switch.safety.enabled
-
-
-def test_a_plain_stop_lasts_until_the_next_step(fakes):
-    fakes.make()
-    fakes.drive()
-    fakes.switch.stop("/odom is older than 0.5 s")
-    assert fakes.zeros == [100.0]
-    fakes.drive()
-    assert fakes.states[1:] == ["active", "stopping: /odom is older than 0.5 s", "active"]
-
-
-def test_a_fault_lasts_until_it_is_enabled(fakes):
-    fakes.make()
-    fakes.drive()
-    fakes.switch.stop("fault: it broke", disable=True)
-    assert not fakes.switch.safety.enabled
-    assert fakes.ask(True)[0]
 
 
 def test_a_press_stops_at_once_however_short(fakes):
@@ -151,18 +129,6 @@ def test_a_press_stops_at_once_however_short(fakes):
     fakes.say(False, 4)
     fakes.at += 0.2
     assert fakes.ask(True)[0]
-
-
-def test_a_button_is_silent_half_a_second_after_what_it_sent(fakes):
-    fakes.make()
-    fakes.drive()
-    fakes.say(False, 1, age=0.3)
-    fakes.at += 0.19
-    fakes.switch.watch()
-    assert fakes.states[-1] == "active"
-    fakes.at += 0.02
-    fakes.switch.watch()
-    assert fakes.states[-1] == "stopping: the emergency stop is silent"
 
 
 def test_buttons_are_told_apart_by_their_numbers_and_all_publishers_count(fakes):
