@@ -196,7 +196,7 @@ class Feed:
 def resting_on(feeds: Iterable[Feed], present: int) -> int:
     """Return the stamp of a command, ns: that of the measurement on which it rests; the present without one.
 
-    That is the oldest of the required measurements, of each the newest, since none of them can be missing. A measurement that
+    That is the oldest among the newest measurements of required inputs, since none of them can be missing. A measurement that
     lasts counts from its end. A measurement without a stamp is dated by the time at which it was sent.
     """
     resting = [feed.measured_at for feed in feeds if feed.declared.required and feed.declared.measured]
