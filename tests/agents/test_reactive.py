@@ -74,6 +74,9 @@ def test_an_arc_ends_where_small_steps_end():
 def test_the_time_to_contact_is_that_of_a_drive_in_small_steps():
     random = np.random.default_rng(3)
     times = np.arange(0.0, 6.0, 1e-3)
+    points = np.array([0.1 + 0.0j])  # in contact, from where it may back out or turn
+    held = [time_to_contact(points, np.array([v]), np.array([omega]), 0.12)[0] for v, omega in ((0.2, 0), (-0.2, 0), (0, 2.0))]
+    assert held == [0.0, np.inf, np.inf]
     met = 0
     for _ in range(1200):
         v, omega = random.uniform(-0.25, 0.25), random.choice([0.0, 1.0]) * random.uniform(-2.5, 2.5)
@@ -82,20 +85,13 @@ def test_the_time_to_contact_is_that_of_a_drive_in_small_steps():
             continue
         path, _ = arc(v, omega, times)
         away = np.abs(path - point)
-        told = time_to_contact(np.array([point]), np.array([v]), np.array([omega]), 0.15)[0]
+        predicted = time_to_contact(np.array([point]), np.array([v]), np.array([omega]), 0.15)[0]
         if away.min() > 0.1501:
-            assert told > times[-1], (v, omega, point)
+            assert predicted > times[-1], (v, omega, point)
         elif away.min() < 0.1499:
             met += 1
-            assert told == pytest.approx(times[np.argmax(away <= 0.15)], abs=0.02), (v, omega, point)
+            assert predicted == pytest.approx(times[np.argmax(away <= 0.15)], abs=0.02), (v, omega, point)
     assert met > 50
-
-
-def test_who_is_in_contact_may_leave_and_turn():
-    points = np.array([0.1 + 0.0j])
-    assert time_to_contact(points, np.array([0.2]), np.array([0.0]), 0.12) == 0.0
-    assert np.isinf(time_to_contact(points, np.array([-0.2]), np.array([0.0]), 0.12))
-    assert np.isinf(time_to_contact(points, np.array([0.0]), np.array([2.0]), 0.12))
 
 
 def test_an_old_scan_is_seen_from_where_the_robot_will_be():
@@ -120,51 +116,32 @@ def test_edges_of_sectors_count_where_they_are_asked_for():
     assert np.abs(near) == pytest.approx(0.35, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", [*IN_ROOMS, "bearing+safety"])
-def test_other_layouts_are_refused(name):
+@pytest.mark.parametrize("name", [*IN_ROOMS, "bearing+safety", "vfh+safety"])
+def test_a_batch_equals_its_rows_and_another_layout_is_refused(name):
+    rows = random_sights(24)
+    actions = make_policy(name)(rows)
+    assert (actions.shape, actions.dtype) == ((24, 2), np.float32)
+    assert np.abs(actions).max() <= 1.0
+    np.testing.assert_allclose([make_policy(name)(row) for row in rows], actions, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(make_policy(name)(rows.reshape(2, 12, -1)), actions.reshape(2, 12, 2), rtol=0, atol=1e-5)
     with pytest.raises(ValueError, match=r"observations must have shape \(\.\.\., 50\), layout 2, got \(13,\)"):
         make_policy(name)(np.zeros(13, np.float32))
 
 
-@pytest.mark.parametrize("name", [*IN_ROOMS, "bearing+safety", "vfh+safety"])
-def test_a_batch_equals_its_rows(name):
-    rows = random_sights(24)
-    actions = make_policy(name)(rows)
-    assert actions.shape == (24, 2)
-    assert actions.dtype == np.float32
-    assert np.abs(actions).max() <= 1.0
-    np.testing.assert_allclose([make_policy(name)(row) for row in rows], actions, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(make_policy(name)(rows.reshape(2, 12, -1)), actions.reshape(2, 12, 2), rtol=0, atol=1e-5)
-
-
 @pytest.mark.parametrize("name", IN_ROOMS)
-def test_left_and_right_are_alike(name):
+def test_the_goal_is_driven_to_but_not_into_a_wall_and_left_and_right_are_alike(name):
+    def towards(*goal, wall=np.inf):
+        return make_policy(name)(sight(goal, shares=wall_ahead(wall)))
+
+    for (forward, turn), least, most in ((towards(2.0, 0.0), 0.9, 0.05), (towards(0.4, 0.0, wall=0.75), 0.5, 0.3)):
+        assert forward > least  # also where the wall lies beyond the goal
+        assert abs(turn) < most
+    assert towards(2.0, 0.0, wall=0.13)[0] < 0.3
+    assert towards(0.5, 1.0)[1] > 0.1
     rows = random_sights(200)
     seen, swapped = make_policy(name)(rows), make_policy(name)(mirrored(rows))
     alike = np.isclose(seen * (1.0, -1.0), swapped, rtol=0, atol=1e-4).all(axis=1)
     assert alike.mean() > 0.9  # where both sides are equally good, one of them is taken
-
-
-@pytest.mark.parametrize("name", IN_ROOMS)
-def test_in_the_open_the_goal_is_driven_to(name):
-    forward, turn = make_policy(name)(sight((2.0, 0.0)))
-    assert forward > 0.9
-    assert abs(turn) < 0.05
-    assert make_policy(name)(sight((0.5, 1.0)))[1] > 0.1
-    assert make_policy(name)(sight((0.5, -1.0)))[1] < -0.1
-
-
-@pytest.mark.parametrize("name", IN_ROOMS)
-def test_nobody_drives_into_a_wall(name):
-    forward, _ = make_policy(name)(sight((2.0, 0.0), shares=wall_ahead(0.13)))
-    assert forward < 0.3
-
-
-@pytest.mark.parametrize("name", IN_ROOMS)
-def test_what_lies_beyond_the_goal_is_in_nobodys_way(name):
-    forward, turn = make_policy(name)(sight((0.4, 0.0), shares=wall_ahead(0.75)))
-    assert forward > 0.5
-    assert abs(turn) < 0.3
 
 
 def test_the_dynamic_window_knows_how_far_each_arc_is_free():
@@ -191,21 +168,14 @@ LEFT[[0, 1]], RIGHT[[0, -1]] = 0.3 / SIGHT, 0.3 / SIGHT
 
 
 @pytest.mark.parametrize("name", ["vfh", "vfh+safety"])
-def test_vfh_keeps_to_the_side_that_it_chose_until_it_may_forget(name):
+def test_vfh_keeps_to_the_side_that_it_chose_until_its_row_is_forgotten(name):
     """A post straight ahead, a little to the left at first, and then a little to the right, as noise has it."""
-    policy = make_policy(name)
-    assert policy(sight(shares=LEFT))[1] < 0.0
-    assert policy(sight(shares=RIGHT))[1] < 0.0
-    policy.reset(np.ones((), np.bool_))
-    assert policy(sight(shares=RIGHT))[1] > 0.0
-
-
-def test_memory_is_forgotten_row_by_row():
-    policy = make_policy("vfh")
-    policy(np.array([sight(shares=LEFT)] * 2))
+    policy, left, right = make_policy(name), *(np.array([sight(shares=shares)] * 2) for shares in (LEFT, RIGHT))
+    for seen in (left, right):
+        assert (policy(seen)[:, 1] < 0.0).all()
     policy.reset(np.array([False, True]))
-    turns = policy(np.array([sight(shares=RIGHT)] * 2))[:, 1]
-    assert turns[0] < 0.0 < turns[1]
+    kept, turned = policy(right)[:, 1]
+    assert kept < 0.0 < turned
 
 
 @pytest.mark.parametrize("name", IN_ROOMS)
@@ -233,44 +203,35 @@ def test_a_number_that_breaks_its_rule_is_refused_by_name(name):
         POLICIES[name]()(np.zeros((3, 12)))
 
 
-class Constant:
-    """A policy that always commands the same."""
-
-    def __init__(self, forward, turn):
-        self._action = np.array([forward, turn], np.float32)
-
-    def __call__(self, observations):
-        return np.broadcast_to(self._action, (*observations.shape[:-1], 2))
+def layered(forward, turn, seen, **numbers):
+    """Return what the safety layer makes of the same command in each row."""
+    action = np.array([forward, turn], np.float32)
+    return SafetyLayer(lambda observations: np.broadcast_to(action, (*observations.shape[:-1], 2)), **numbers)(seen)
 
 
-def test_the_safety_layer_only_ever_slows():
-    rows = random_sights(500)
-    changed = 0
-    for forward, turn in ((1.0, 0.0), (1.0, 0.6), (-1.0, 0.3), (0.0, 1.0)):
-        wanted, limited = Constant(forward, turn)(rows), SafetyLayer(Constant(forward, turn))(rows)
-        assert (limited[:, 1] == wanted[:, 1]).all()
-        assert (limited[:, 0] * np.sign(forward) <= abs(forward)).all()
-        assert (limited[:, 0] * np.sign(forward) >= 0.0).all()
-        changed += int((limited != wanted).any(axis=1).sum())
-    assert 50 < changed < 1500
-
-
-def test_the_safety_layer_stops_before_a_wall_and_lets_go_away_from_it():
+def test_the_safety_layer_slows_before_a_wall_and_changes_nothing_else():
     near, far = sight(shares=wall_ahead(0.13)), sight(shares=wall_ahead(0.6))
-    assert SafetyLayer(Constant(1.0, 0.2))(near).tolist() == pytest.approx([0.0, 0.2])
-    assert SafetyLayer(Constant(-1.0, 0.0))(near).tolist() == [-1.0, 0.0]
-    assert SafetyLayer(Constant(1.0, 0.0))(far).tolist() == [1.0, 0.0]
+    assert layered(1.0, 0.2, near).tolist() == pytest.approx([0.0, 0.2])
+    assert layered(-1.0, 0.0, near).tolist() == [-1.0, 0.0]
+    assert layered(1.0, 0.0, far).tolist() == [1.0, 0.0]
     # 0.2 m less the radius and the margin is 0.045 m: 0.5 s at 0.09 m/s, so 0.4 of 0.2108 m/s is the first that will do.
-    assert SafetyLayer(Constant(1.0, 0.0))(sight(shares=wall_ahead(0.2)))[0] == pytest.approx(0.4)
+    assert layered(1.0, 0.0, sight(shares=wall_ahead(0.2)))[0] == pytest.approx(0.4)
+    rows, changed = random_sights(500), 0
+    for forward, turn in ((1.0, 0.0), (1.0, 0.6), (-1.0, 0.3), (0.0, 1.0)):
+        limited = layered(forward, turn, rows)
+        assert (limited[:, 1] == np.float32(turn)).all()
+        share = limited[:, 0] * np.sign(forward)
+        assert ((share >= 0.0) & (share <= abs(forward))).all()
+        changed += int((limited[:, 0] != forward).sum())
+    assert 50 < changed < 1500
 
 
 @pytest.mark.parametrize("number", ["reserve", "margin", "lag"])
 def test_every_number_of_the_safety_layer_tells_and_is_checked(number):
     rows = random_sights(300)
-    small, large = ({number: value} for value in (0.05, 0.5))
-    assert (SafetyLayer(Constant(1.0, 0.5), **small)(rows) != SafetyLayer(Constant(1.0, 0.5), **large)(rows)).any()
+    assert (layered(1.0, 0.5, rows, **{number: 0.05}) != layered(1.0, 0.5, rows, **{number: 0.5})).any()
     with pytest.raises(ValueError, match=number):
-        SafetyLayer(Constant(1.0, 0.5), **{number: -1.0})
+        layered(1.0, 0.5, rows, **{number: -1.0})
 
 
 def test_geometry_finds_its_way_and_the_oracle_bounds_it():
@@ -307,27 +268,10 @@ def test_what_is_tuned_and_the_defaults_that_came_of_it():
         "heading": Range(0.3, 10.0, log=True), "clear": Range(0.1, 10.0, log=True), "horizon": Range(1.0, 8.0),
         "aim": Range(0.2, 3.0), "brake": Range(0.15, 1.5), "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3),
     }  # fmt: skip
+    common = ("margin", "lag", "sight", "gain", "focus", "caution")
     usual = {
-        "vfh": {
-            "ahead": 0.1,
-            "last": 0.64,
-            "margin": 0.07,
-            "lag": 0.01,
-            "sight": 0.4,
-            "gain": 1.6,
-            "focus": 1.7,
-            "caution": 0.6,
-        },
-        "gap": {
-            "alpha": 0.16,
-            "field": 1.66,
-            "margin": 0.0,
-            "lag": 0.09,
-            "sight": 0.4,
-            "gain": 2.5,
-            "focus": 1.0,
-            "caution": 0.7,
-        },
+        "vfh": {"ahead": 0.1, "last": 0.64, **dict(zip(common, (0.07, 0.01, 0.4, 1.6, 1.7, 0.6), strict=True))},
+        "gap": {"alpha": 0.16, "field": 1.66, **dict(zip(common, (0.0, 0.09, 0.4, 2.5, 1.0, 0.7), strict=True))},
         "dwa": {"heading": 0.94, "clear": 1.6, "horizon": 4.7, "aim": 1.46, "brake": 0.58, "margin": 0.075, "lag": 0.06},
     }
     for name, numbers in usual.items():
