@@ -82,13 +82,6 @@ def record():
     )
 
 
-def test_collisions_and_clearances_are_those_of_the_episode_and_not_of_the_next():
-    episodes = measured()
-    assert episodes.collision.tolist() == [True, False, False]
-    assert episodes.clearance.tolist() == [0.7, 0.3, 0.2]
-    assert episodes.shortest == pytest.approx([3.0 - TASK.radius, 2.0 - TASK.radius, 5.0 - TASK.radius])
-
-
 def measured(observation="ekf"):
     return measure(record(), make_parameters(TASK, robot=ROBOT, dt=0.25, observation=observation), 70)
 
@@ -104,6 +97,9 @@ def test_what_became_of_each_episode():
     np.testing.assert_allclose(e.effort, [(1.0 + 0.5 + 0.0 + 0.25) / 4.0, (1.0 + 2.0) / 2.0, 0.25])
     assert e.reached.tolist() == [1, 1, 0]
     np.testing.assert_allclose(e.miss, [(0.1 + 0.5) / 2.0, 0.2, 2.1])
+    assert e.collision.tolist() == [True, False, False]
+    assert e.clearance.tolist() == [0.7, 0.3, 0.2]
+    np.testing.assert_allclose(e.shortest, np.array([3.0, 2.0, 5.0]) - TASK.radius)
 
 
 @pytest.mark.parametrize(
@@ -124,33 +120,27 @@ def test_arrivals_are_those_of_the_pose_that_the_policy_sees(observation, distan
 
 
 def test_errors_are_counted_over_the_steps_of_the_episode():
-    e = measured()
-    first = math.sqrt(0.02)
-    np.testing.assert_allclose(e.estimate.position_mean, [(0.05 + 0.04 + first + 0.4) / 4.0, 0.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(e.estimate.position_max, [0.4, 0.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(e.estimate.position_final, [0.4, 0.0, 0.0], atol=1e-15)
-    turn = 2.0 * math.pi - 6.2  # from 3.1 to -3.1 rad
-    np.testing.assert_allclose(e.estimate.heading_mean, [(turn + 0.2 + 0.0 + 0.1) / 4.0, 0.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(e.estimate.heading_max, [0.2, 0.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(e.estimate.heading_final, [0.1, 0.0, 0.0], atol=1e-15)
-    for name in ("position_mean", "position_max", "position_final"):
-        np.testing.assert_allclose(getattr(e.odometry, name), 0.5)
-    for name in ("heading_mean", "heading_max", "heading_final"):
-        np.testing.assert_allclose(getattr(e.odometry, name), 0.0, atol=1e-15)
+    e, turn = measured(), 2.0 * math.pi - 6.2  # from 3.1 to -3.1 rad
+    position = {"mean": (0.05 + 0.04 + math.sqrt(0.02) + 0.4) / 4.0, "max": 0.4, "final": 0.4}
+    heading = {"mean": (turn + 0.2 + 0.0 + 0.1) / 4.0, "max": 0.2, "final": 0.1}
+    for over in ("mean", "max", "final"):
+        np.testing.assert_allclose(getattr(e.estimate, f"position_{over}"), [position[over], 0.0, 0.0], atol=1e-15)
+        np.testing.assert_allclose(getattr(e.estimate, f"heading_{over}"), [heading[over], 0.0, 0.0], atol=1e-15)
+        np.testing.assert_allclose(getattr(e.odometry, f"position_{over}"), 0.5)
+        np.testing.assert_allclose(getattr(e.odometry, f"heading_{over}"), 0.0, atol=1e-15)
 
 
-def test_a_waypoint_is_reached_strictly_within_its_radius():
+@pytest.mark.parametrize(
+    ("row", "places", "reached"),
+    [
+        (1, [(0.0, 0.7)], [1, 0, 0]),  # 1 - 0.7 is a little more than the radius of 0.3
+        (0, [(0.6, 0.0), (0.65, 0.1), (1.0, 0.9)], [1, 1, 0]),  # 0.4 and 0.36 m from the first waypoint, 0.1 m from the second
+    ],
+)
+def test_a_waypoint_is_reached_strictly_within_its_radius_and_while_it_is_due(row, places, reached):
     r = record()
-    r.true_state[2, 1] = (0.0, 0.7, 0.0, 0.0, 0.0)  # 1 - 0.7 is a little more than 0.3
-    e = measure(r, make_parameters(TASK, robot=ROBOT, dt=0.25), 0)
-    assert e.reached.tolist() == [1, 0, 0]
-
-
-def test_a_waypoint_that_was_missed_does_not_count_as_reached_with_the_next_one():
-    r = record()
-    r.true_state[2:, 0, :2] = [(0.6, 0.0), (0.65, 0.1), (1.0, 0.9)]  # 0.4 and 0.36 m from the first, 0.1 m from the second
-    e = measure(r, make_parameters(TASK, robot=ROBOT, dt=0.25), 0)
-    assert e.reached.tolist() == [1, 1, 0]
+    r.true_state[2 : 2 + len(places), row, :2] = places
+    assert measure(r, make_parameters(TASK, robot=ROBOT, dt=0.25), 0).reached.tolist() == reached
 
 
 def test_the_trajectory_is_the_first_environments():
@@ -175,19 +165,18 @@ def test_batches_follow_each_other():
 # The numbers over many episodes.
 
 
-def test_students_interval_by_hand():
-    # mean 2.5, standard deviation 1.2910 / sqrt(4); Student's t with 3 degrees of freedom, 97.5 %: 3.182446
-    got = metrics.mean([1.0, 2.0, 3.0, 4.0, NAN, math.inf])
-    margin = 3.182446 * math.sqrt(5.0 / 3.0) / 2.0
-    np.testing.assert_allclose(got, (2.5, 2.5 - margin, 2.5 + margin), rtol=1e-6)
-
-
-def test_one_number_has_no_interval_and_none_has_no_mean():
-    assert metrics.mean([2.0])[0] == 2.0
-    assert np.isnan(metrics.mean([2.0])[1:]).all()
-    assert np.isnan(metrics.mean([])).all()
-    two = metrics.mean([1.0, 3.0])  # t with 1 degree of freedom: 12.7062
-    np.testing.assert_allclose(two, (2.0, 2.0 - 12.7062047, 2.0 + 12.7062047), rtol=1e-7)
+@pytest.mark.parametrize(
+    ("numbers", "mean", "margin"),
+    [
+        ([1.0, 2.0, 3.0, 4.0, NAN, math.inf], 2.5, 3.182446 * math.sqrt(5.0 / 3.0) / 2.0),  # 3 degrees of freedom
+        ([1.0, 3.0], 2.0, 12.7062047),
+        ([2.0], 2.0, NAN),
+        ([], NAN, NAN),
+    ],
+)
+def test_students_interval_by_hand(numbers, mean, margin):
+    """Its quantile of 97.5 %, from a table, times the standard error."""
+    np.testing.assert_allclose(metrics.mean(numbers), (mean, mean - margin, mean + margin), rtol=1e-6)
 
 
 def test_errors_of_several_drives_at_once():
@@ -205,40 +194,26 @@ def test_errors_of_several_drives_at_once():
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 
 
-def test_an_evaluation_says_what_was_evaluated():
-    result = evaluate("proportional", episodes=2, seed=5, noise="clean")
+def test_an_evaluation_says_what_was_evaluated_and_closes_its_environments(monkeypatch):
+    made, make = [], gym.make_vec
+    monkeypatch.setattr(gym, "make_vec", lambda *given, **options: made.append(make(*given, **options)) or made[-1])
+    result = evaluate("proportional", max_episode_steps=2, noise="clean")
     assert result.config == {
         "env": "turtlebot_gym/TurtleBotNav-v0",
         "policy": "proportional",
-        "episodes": 2,
-        "seed": 5,
+        "episodes": 1000,
+        "seed": 0,
         "noise": "clean",
+        "max_episode_steps": 2,
     }
-    assert result.limit == 30.0  # 300 steps of 0.1 s
-    assert repr(result) == "Evaluation(limit=30.0)"  # in a notebook, not pages of arrays
-    assert evaluate("proportional", env=SQUARE, episodes=1, dt=0.05).limit == 30.0  # 600 steps of 0.05 s
-    assert evaluate("proportional", episodes=1, max_episode_steps=20).limit == 2.0
+    assert result.episodes.seed.tolist() == list(range(1000))
+    assert repr(result) == "Evaluation(limit=0.2)"  # in a notebook, not pages of arrays
+    limits = [evaluate("proportional", episodes=1, **options).limit for options in ({}, {"env": SQUARE, "dt": 0.05})]
+    assert limits == [30.0, 30.0]  # 300 steps of 0.1 s, 600 of 0.05 s
     assert BATCH == 1024
-
-
-def test_environments_are_closed(monkeypatch):
-    made, make = [], gym.make_vec
-
-    def remembered(*args, **options):
-        made.append(make(*args, **options))
-        return made[-1]
-
-    monkeypatch.setattr(gym, "make_vec", remembered)
     monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 2)
     evaluate("proportional", episodes=4, max_episode_steps=2)
-    assert [envs.closed for envs in made] == [True, True]
-
-
-def test_without_a_number_it_is_1000_episodes_from_seed_0():
-    result = evaluate("bearing", max_episode_steps=2)
-    assert result.episodes.seed.tolist() == list(range(1000))
-    assert result.config["episodes"] == 1000
-    assert result.config["seed"] == 0
+    assert [envs.closed for envs in made] == [True] * 5
 
 
 def test_the_summary_is_made_of_the_episodes():
@@ -247,17 +222,10 @@ def test_the_summary_is_made_of_the_episodes():
     assert 5 < e.success.sum() < 55  # else successes and failures were the same
     times = np.where(e.success, e.time, 11.0)
     expected = {
-        "success": e.success.mean(),
-        "time_to_goal": e.time[e.success].mean(),
-        "time": times.mean(),
-        "efficiency": (e.ideal[e.success] / e.time[e.success]).mean(),
-        "reached": e.reached.mean(),
-        "miss": e.miss.mean(),
-        "path": e.path.mean(),
-        "effort": e.effort.mean(),
-        "false_arrival": e.false_arrival.mean(),
-        "arrival_distance": np.nanmean(e.arrival_distance),
+        name: np.nanmean(getattr(e, name)) for name in ("success", "reached", "miss", "path", "effort", "false_arrival")
     }
+    expected |= {"time": times.mean(), "time_to_goal": e.time[e.success].mean()}
+    expected |= {"efficiency": (e.ideal / e.time)[e.success].mean(), "arrival_distance": np.nanmean(e.arrival_distance)}
     for source in ("estimate", "odometry"):
         for what in ("position", "heading"):
             for over in ("mean", "max", "final"):
@@ -289,13 +257,16 @@ def test_the_summary_of_rooms_is_made_of_the_episodes(max_linear):
     assert summary["spl"].value == pytest.approx(np.mean(spl), rel=1e-9)
 
 
-@pytest.mark.parametrize("episodes", [0, -1, 1.0])
-@pytest.mark.parametrize("seed", [-1, 0.5])
-def test_counts_are_whole_numbers(episodes, seed):
-    with pytest.raises(ValueError, match=f"^episodes must be a whole number of at least 1, got {episodes}\\.$"):
-        evaluate("bearing", episodes=episodes)
-    with pytest.raises(ValueError, match=f"^seed must be a whole number from 0 to 9223372036854775807, got {seed}\\.$"):
-        evaluate("bearing", seed=seed)
+@pytest.mark.parametrize(
+    ("name", "value", "rule"),
+    [
+        *(("episodes", value, "at least 1") for value in (0, -1, 1.0)),
+        *(("seed", value, "from 0 to 9223372036854775807") for value in (-1, 0.5)),
+    ],
+)
+def test_counts_are_whole_numbers(name, value, rule):
+    with pytest.raises(ValueError, match=f"^{name} must be a whole number .*{rule}, got {value}\\.$"):
+        evaluate("bearing", **{name: value})
 
 
 def test_progress_counts_the_ended_episodes_of_all_batches(monkeypatch):

@@ -11,6 +11,7 @@ from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecNormalize
 
+import turtlebot_gym  # noqa: F401  # registers its environments
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -98,51 +99,44 @@ def test_what_sb3_receives_word_for_word():
         assert third == {}
 
 
-def test_a_reset_forgets_the_episodes_that_were_running():
-    env = Sb3VecEnv(Scripted())
-    env.reset()
-    env.step(STILL)
-    env.reset()
-    for _ in range(2):
-        env.step(STILL + 0.5)
-    *_, infos = env.step(STILL)
-    assert (infos[0]["episode"]["r"], infos[0]["episode"]["l"]) == (4.0, 3)
-
-
-def test_the_clock_of_an_episode_is_the_adapters_to_a_microsecond(monkeypatch):
+def test_a_reset_begins_returns_and_lengths_anew_and_the_clock_is_the_adapters(monkeypatch):
     now = 1_000_000.0
     monkeypatch.setattr(time, "time", lambda: now)
     env = Sb3VecEnv(Scripted())
     env.reset()
+    env.step(STILL)
+    now += 5.0
+    env.reset()
     now += 2.1234567
-    for _ in range(3):
-        *_, infos = env.step(STILL)
-    assert infos[0]["episode"]["t"] == 2.123457  # as Monitor has it
+    for action in (0.5, 0.5, 0.0):
+        *_, infos = env.step(STILL + action)
+    assert infos[0]["episode"] == {"r": 4.0, "l": 3, "t": 7.123457}  # to a microsecond, as Monitor has it
 
 
-def test_seeds_and_options_count_for_one_reset():
+@pytest.mark.parametrize(
+    ("starts", "calls"),
+    [
+        (0, [(None, 0)]),  # one for all
+        ([0, 1, 0], [([True, False, True], 0), ([False, True, False], 1)]),
+        ([None, None, 1], [([True, True, False], None), ([False, False, True], 1)]),
+    ],
+)
+def test_seeds_and_options_count_for_one_reset_of_the_rows_that_they_are_for(starts, calls):
+    def option(start):
+        return {} if start is None else {"start": np.full(2, start)}
+
     env = Sb3VecEnv(Scripted())
-    env.seed(7)
-    env.set_options({"low": 1.0})
-    env.reset()
-    env.reset()
-    assert env.envs.calls == [(7, {"low": 1.0}), (None, None)]
     env.seed(9)
-    env.set_options([{"low": 1.0}, {"low": 2.0}, {"low": 1.0}])
+    env.set_options([option(start) for start in starts] if isinstance(starts, list) else option(starts))
     env.reset()
-    one, two = env.envs.calls[2:]
-    assert (one[0], two[0]) == (9, 9)
-    assert (one[1].pop("reset_mask").tolist(), one[1]) == ([True, False, True], {"low": 1.0})
-    assert (two[1].pop("reset_mask").tolist(), two[1]) == ([False, True, False], {"low": 2.0})
-
-
-def test_rows_with_options_of_their_own_are_first_reset_together():
-    env = Sb3VecEnv(Scripted())
-    env.set_options([{"start": np.zeros(3)}, {"start": np.zeros(3)}, {"start": np.ones(3)}])
     env.reset()
-    assert [options and options["reset_mask"].tolist() for _, options in env.envs.calls] == [
-        None, [True, True, False], [False, False, True],
-    ]  # fmt: skip
+    *made, again = env.envs.calls
+    assert again == (None, None)
+    if len(calls) > 1:
+        assert made.pop(0) == (9, None)  # the first reset must include all rows
+    assert [seed for seed, _ in made] == [9] * len(calls)
+    for (_, options), (mask, start) in zip(made, calls, strict=True):
+        np.testing.assert_equal({"reset_mask": mask, **option(start)}, {"reset_mask": None, **options})
 
 
 def test_rows_that_share_their_attributes_answer_together():
