@@ -33,58 +33,40 @@ SIGHT = np.array(
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize(("robot", "dt"), [("burger", 0.1), ("waffle", 0.25)])
-def test_a_law_by_name_is_made_for_the_robot_and_the_period(name, robot, dt):
-    law = LAWS[name]
+def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
+    law, acted = LAWS[name], []
     assert type(make_policy(name)) is law
-    made = law(robot) if name == "proportional" else law(robot, dt)
-    np.testing.assert_array_equal(make_policy(name, robot=robot, dt=dt)(SIGHT), made(SIGHT))
-    np.testing.assert_array_equal(make_policy(name, robot=ROBOTS[robot], dt=dt)(SIGHT), made(SIGHT))
+    for robot, dt in (("burger", 0.1), ("waffle", 0.25)):
+        acted.append((law(robot) if name == "proportional" else law(robot, dt))(SIGHT))
+        for given in (robot, ROBOTS[robot]):
+            np.testing.assert_array_equal(make_policy(name, robot=given, dt=dt)(SIGHT), acted[-1])
+    np.testing.assert_array_equal(make_policy(name)(SIGHT), acted[0])
+    assert not np.array_equal(*acted)  # else the line above said nothing
 
 
-@pytest.mark.parametrize("name", LAWS)
-def test_without_a_robot_and_a_period_it_is_a_burger_at_10_hz(name):
-    np.testing.assert_array_equal(make_policy(name)(SIGHT), make_policy(name, robot="burger", dt=0.1)(SIGHT))
-    other = make_policy(name, robot="waffle", dt=0.25)(SIGHT)
-    assert not np.array_equal(make_policy(name)(SIGHT), other)  # else the line above said nothing
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_the_shipped_policies_have_their_names_and_tasks(name):
+@pytest.mark.parametrize("name", sorted(path.stem for path in pretrained_folder().glob("*.onnx")))
+def test_the_shipped_policies_have_their_names_and_tasks_and_are_made_for_their_robot_and_period(name):
     policy = make_policy(name)
     assert isinstance(policy, BundlePolicy)
     assert (policy.card.env, policy.card.robot["name"], policy.card.dt) == (SHIPPED[name], "burger", 0.1)
-    seen = np.resize(SIGHT, SIZES[policy.card.layout])
-    assert policy(seen).shape == (2,)
-    by_file = make_policy(str(pretrained_folder() / f"{name}.onnx"))
-    assert isinstance(by_file, BundlePolicy)
-    assert by_file.sha256 == policy.sha256
+    assert policy(np.resize(SIGHT, SIZES[policy.card.layout])).shape == (2,)
+    for asked in (name, str(pretrained_folder() / f"{name}.onnx")):
+        assert make_policy(asked).sha256 == policy.sha256
+        for options, wanted in (({"robot": "waffle"}, "10 Hz waffle"), ({"dt": 0.25}, "4 Hz burger")):
+            with pytest.raises(ValueError, match=f"made for 10 Hz burger, asked for {wanted}"):
+                make_policy(asked, **options)
 
 
-def test_every_bundle_that_comes_with_the_package_is_listed_above():
-    assert {path.stem for path in pretrained_folder().glob("*.onnx")} == set(SHIPPED)
-
-
-@pytest.mark.parametrize("name", ["ppo-nav", "own.onnx"])
-def test_a_bundle_gets_the_robot_and_the_period_that_it_is_to_drive(name, tmp_path):
-    if name == "own.onnx":
-        (tmp_path / name).write_bytes((pretrained_folder() / "ppo-nav.onnx").read_bytes())
-        name = str(tmp_path / name)
-    with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 10 Hz waffle"):
-        make_policy(name, robot="waffle")
-    with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 4 Hz burger"):
-        make_policy(name, dt=0.25)
-
-
-@pytest.mark.parametrize("ending", [".zip", ".pkl", ".pt", ".pth"])
-def test_pickled_files_are_refused_with_the_way_out(ending):
-    with pytest.raises(ValueError, match=re.escape(f"turtlebot-gym export model{ending} --allow-pickle")):
-        make_policy(f"model{ending}")
-
-
-@pytest.mark.parametrize("name", ["../pretrained/ppo-nav", "ppo-nav\n", "ppo-nav\0", "ppo-", "ppo-nav.onnx.onnx"])
-def test_names_are_no_paths(name):
-    with pytest.raises((ValueError, OSError)):
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        *((f"model{end}", f"turtlebot-gym export model{end} --allow-pickle") for end in (".zip", ".pkl", ".pt", ".pth")),
+        *((name, "policy must be one of") for name in ("../pretrained/ppo-nav", "ppo-nav\n", "ppo-nav\0", "ppo-")),
+        ("ppo-nav.onnx.onnx", "No such file"),
+    ],
+)
+def test_pickled_files_and_paths_are_no_names(name, told):
+    with pytest.raises((ValueError, OSError), match=re.escape(told)):
         make_policy(name)
 
 

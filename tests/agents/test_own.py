@@ -5,7 +5,6 @@ import pytest
 
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents import make_policy
-from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of
 
 POLICIES = """\
@@ -75,37 +74,19 @@ def test_what_it_has_besides_is_kept():
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "said"),
     [
-        ("slips:policy", r"slips:policy: SyntaxError: .* \(.*slips\.py, line 3\)"),
-        ("falls:policy", r"falls:policy: ValueError: math domain error \(.*falls\.py, line 2\)"),
-        ("drivers:Unmade", r"drivers:Unmade: TypeError: .*unexpected keyword argument"),
+        ("slips:policy", r"SyntaxError: .* \(.*slips\.py, line 3\)"),
+        ("falls:policy", r"ValueError: math domain error \(.*falls\.py, line 2\)"),
+        ("drivers:Unmade", "TypeError: .*unexpected keyword argument"),
+        ("drivers:raises", r"ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
+        ("drivers:deep", r"LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
+        ("drivers:nan", "it must return finite numbers, got nan"),
+        ("drivers:one", r"it must return an array of shape \(5, 2\), got \(5, 1\)"),
+        ("drivers:text", "it must return numbers, got str"),
+        ("drivers:nothing", "it must return (numbers|an array)"),
     ],
 )
-def test_one_that_cannot_be_made_is_refused(name, told):
-    with pytest.raises(ValueError, match=told) as caught:
-        make_policy(name)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("raises", r"drivers:raises: ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
-        ("deep", r"drivers:deep: LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
-        ("nan", "drivers:nan: it must return finite numbers, got nan"),
-        ("one", r"drivers:one: it must return an array of shape \(5, 2\), got \(5, 1\)"),
-        ("text", "drivers:text: it must return numbers, got str"),
-        ("nothing", r"drivers:nothing: it must return (numbers|an array)"),
-    ],
-)
-def test_a_failing_policy_is_reported_with_its_place(name, told):
-    with pytest.raises(ValueError, match=told) as caught:
-        make_policy(f"drivers:{name}")(np.zeros((5, 13), np.float32))
-    assert "\n" not in str(caught.value)
-
-
-def test_the_command_line_says_so_on_one_line(capsys):
-    assert main(["evaluate", "--policy", "drivers:raises", "--episodes", "4"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("turtlebot-gym: drivers:raises: ")
+def test_a_failing_policy_is_reported_with_its_place_on_one_line(name, said):
+    with pytest.raises(ValueError, match=rf"^[^\n]*{name}: {said}[^\n]*$"):
+        make_policy(name)(np.zeros((5, 13), np.float32))

@@ -80,7 +80,9 @@ def test_bearing_policy_decides_on_the_bearing_after_the_commanded_turn():
     assert BearingPolicy(robot, dt=0.01)(ahead_by_then)[0] < 0.0  # that soon it is still behind
 
 
-def test_bearing_policy_does_not_reverse_a_robot_that_must_not():
+def test_bearing_policy_stops_at_the_goal_and_does_not_reverse_a_robot_that_must_not():
+    stopped = BearingPolicy("burger")(see(State(1.0, 1.0, 0.3, 0.0, 0.0), Pose(1.0, 1.0, 0.0), ROBOTS["burger"]))
+    np.testing.assert_array_equal(stopped, 0.0)
     robot = Robot(max_linear=0.2, max_angular=2.0, reverse=False)
     policy = BearingPolicy(robot)
     actions = np.array([policy(observation) for *_, observation in random_sights(200, robot)])
@@ -88,11 +90,6 @@ def test_bearing_policy_does_not_reverse_a_robot_that_must_not():
     right_behind = policy(see(State(0.0, 0.0, 0.01, 0.0, 0.0), Pose(-1.0, 0.0, 0.0), robot))
     assert right_behind[0] == 0.0
     assert abs(right_behind[1]) == 1.0  # turns on the spot
-
-
-def test_bearing_policy_stops_at_the_goal():
-    robot = ROBOTS["burger"]
-    np.testing.assert_array_equal(BearingPolicy(robot)(see(State(1.0, 1.0, 0.3, 0.0, 0.0), Pose(1.0, 1.0, 0.0), robot)), 0.0)
 
 
 def seen_at_rest(waypoint: tuple[float, float], following: tuple[float, float]) -> np.ndarray:
@@ -106,6 +103,7 @@ def seen_at_rest(waypoint: tuple[float, float], following: tuple[float, float]) 
         # A right angle: the bisector runs at 135 degrees; 0.2 m along it.
         ((1.0, 0.0), (1.0, 1.0), (0.858579, 0.141421)),
         ((1.0, 0.0), (1.0, -1.0), (0.858579, -0.141421)),
+        ((-1.0, 0.0), (-1.0, 1.0), (-0.858579, 0.141421)),
         # The robot is near: it lies 0.2 cos 45 = 0.141421 m along the bisector, of which 0.75 are taken.
         ((0.2, 0.0), (0.2, 2.0), (0.125, 0.075)),
         # The following waypoint is near: 0.75 of 0.1 cos 45 m.
@@ -115,21 +113,15 @@ def seen_at_rest(waypoint: tuple[float, float], following: tuple[float, float]) 
         # Straight on nothing can be cut; on the way back the edge is enough.
         ((1.0, 0.0), (2.0, 0.0), (1.0, 0.0)),
         ((1.0, 0.0), (0.0, 0.0), (0.8, 0.0)),
-        # Behind the robot.
-        ((-1.0, 0.0), (-1.0, 1.0), (-0.858579, 0.141421)),
+        # No waypoint follows.
+        ((1.0, 0.5), (1.0, 0.5), (1.0, 0.5)),
     ],
 )
 def test_corner_policy_steers_to_the_point_inside_the_bend(waypoint, following, aim):
     action = CornerPolicy(cut=0.2, depth=0.75, gain=3.0)(seen_at_rest(waypoint, following))
     np.testing.assert_allclose(action, BearingPolicy(gain=3.0)(seen_at_rest(aim, aim)), rtol=0, atol=1e-5)
-    if aim[1] != 0.0:
+    if aim[1] != 0.0 and aim != waypoint:
         assert np.abs(action - BearingPolicy(gain=3.0)(seen_at_rest(waypoint, following)))[1] > 0.005
-
-
-def test_corner_policy_is_the_bearing_law_where_no_waypoint_follows():
-    corner, bearing = CornerPolicy("tutorial"), BearingPolicy("tutorial")
-    sights = np.array([observation for *_, observation in random_sights(200, ROBOTS["tutorial"])])
-    np.testing.assert_array_equal(corner(sights), bearing(sights))
 
 
 def test_corner_policy_decides_on_what_lies_where_when_its_command_acts():
@@ -164,23 +156,26 @@ def test_who_is_not_told_of_an_arrival_comes_ever_nearer_to_the_waypoint():
         assert np.hypot(x, y) < 0.15  # half of the radius
 
 
-SETTINGS = [(robot, noise) for robot in ("burger", "tutorial") for noise in ("tutorial", "documented")]
+NOISY = ("tutorial", "documented")
 
 
-@pytest.mark.parametrize(("robot", "noise"), SETTINGS)
-def test_bearing_policy_reaches_its_goals(robot, noise):
+@pytest.mark.parametrize(
+    ("policy", "robot", "noise", "longest"),
+    [
+        *(("bearing", robot, noise, time) for robot, time in (("burger", 11.01), ("tutorial", 10.18)) for noise in NOISY),
+        ("proportional", "tutorial", "tutorial", None),  # the bound can be missed
+    ],
+)
+def test_bearing_policy_reaches_its_goals_and_the_tutorials_law_does_not(policy, robot, noise, longest):
     # More than 5 failures in 1000 fail this: a policy that fails once in 2000 does so for one seed in 7 * 10^4 (binomial), and
     # over 3000 other episodes of each setting this one never failed. The longest mean times there were 10.45 and 9.62 s, with a
     # standard error of 0.14 s for 1000 episodes: the bounds are 4 of those away, one seed in 3 * 10^4.
-    summary = evaluate("bearing", episodes=1000, robot=robot, noise=noise).summary()
-    assert summary["success"].value >= 0.995
-    assert summary["time"].value < {"burger": 11.01, "tutorial": 10.18}[robot]
-
-
-def test_the_tutorials_law_does_not_reach_them():
-    # The bound of the test before can be missed.
-    summary = evaluate("proportional", episodes=1000, robot="tutorial").summary()
-    assert summary["success"].high < 0.1
+    summary = evaluate(policy, episodes=1000, robot=robot, noise=noise).summary()
+    if longest is None:
+        assert summary["success"].high < 0.1
+    else:
+        assert summary["success"].value >= 0.995
+        assert summary["time"].value < longest
 
 
 def test_policies_need_neither_gymnasium_nor_numba_nor_torch():
@@ -207,12 +202,10 @@ def test_every_tunable_number_changes_what_a_baseline_does(kind):
         assert np.abs(low - high).max() > 0.01, name
 
 
-@pytest.mark.parametrize(("name", "least"), [("polar", 0.9), ("rotate-drive-rotate", 0.99)])
-def test_pose_laws_reach_poses(name, least):
-    # 300 episodes: a law with the success rate that is asked for and 5 % more fails this for fewer than one seed in 10^4.
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("polar", 0.87, 1.0), ("rotate-drive-rotate", 0.96, 1.0), ("bearing", 0.0, 0.4)]
+)
+def test_pose_laws_reach_poses_and_the_bearing_alone_does_not(name, least, most):
+    # 300 episodes: a law with 3 % more success than the least one and 5 % more fails this for fewer than one seed in 10^4.
     result = evaluate(name, env="turtlebot_gym/TurtleBotPose-v0", episodes=300, seed=11)
-    assert result.episodes.success.mean() > least - 0.03
-
-
-def test_bearing_alone_does_not_reach_poses():
-    assert evaluate("bearing", env="turtlebot_gym/TurtleBotPose-v0", episodes=300, seed=11).episodes.success.mean() < 0.4
+    assert least < result.episodes.success.mean() <= most
