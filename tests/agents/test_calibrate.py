@@ -54,22 +54,6 @@ def test_what_innovations_cannot_tell_is_said(table, capsys):
     assert "bias_x │ a shift of all poses looks like another origin: record the truth" in printed
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["none.csv"], "none.csv"),
-        (["{table}", "--truth", "none.csv"], "truth must be auto, none, or a file for a table, got 'none.csv'"),
-        (["{table}", "--columns", "speed=v"], "columns must name time, v, omega"),
-        (["{table}", "--odometry", "laser"], "drive.csv: kind must be one of 'pose', 'wheel', got 'laser'"),
-    ],
-)
-def test_mistakes_are_one_line(table, arguments, message, capsys):
-    assert main(["calibrate", *(each.format(table=table) for each in arguments)]) == 2
-    said = capsys.readouterr().err
-    assert message in said
-    assert said.count("\n") == 1
-
-
 @pytest.mark.parametrize(("name", "other"), [RECORDED, RECORDED[::-1]])
 def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, other):
     # 20 seeds: `benchmarks/calibration_recorded.json`

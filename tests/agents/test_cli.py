@@ -110,6 +110,26 @@ REFUSED = [
     (["estimate", "--noise", "paper"], "noise must be one of 'clean'"),
     (["estimate", "--integrator", "paper"], "integrator must be one of"),
     (["replay"], "At least one FILE"),
+    (["calibrate", "none.csv"], "none.csv"),
+    (["calibrate", "straight.csv", "--truth", "none.csv"], "truth must be auto, none, or a file for a table, got 'none.csv'"),
+    (["calibrate", "straight.csv", "--columns", "speed=v"], "columns must name time, v, omega"),
+    (["calibrate", "straight.csv", "--odometry", "laser"], "straight.csv: kind must be one of 'pose', 'wheel', got 'laser'"),
+    *((["watch", option, "nothing", "--html", "a.html"], "") for option in ("--policy", "--env", "--drive", "--noise")),
+    (["train", "--wandb", "one", "two"], "wandb takes one project, got one, two."),
+    (["train", "--wandb", "--store", "kept"], "leave out --cluster and --store"),
+    (["evaluate", "--workers", "2"], "workers is an option of a cluster: add --cluster local."),
+    (["evaluate", "--cluster", "auto", "--workers", "2"], "workers is for the cluster 'local', not for 'auto'"),
+    (["evaluate", "--cluster", "local", "--workers", "0"], "workers must be positive, got 0."),
+    (["benchmark", "--rounds", "0"], "rounds must be positive, got 0."),
+    (["benchmark", "--seconds", "nan"], "seconds must be positive and below 60, got nan."),
+    (["benchmark", "--busy", "-1"], "busy must not be negative, got -1."),
+    (["benchmark", "--num-envs", "64", "64"], "num_envs must be different numbers from 2 on, got (64, 64)."),
+    *((["benchmark", "--tolerance", value], f"tolerance must be in [0, 1), got {value}.") for value in ("1.0", "nan")),
+    (["benchmark", "--check", "no/such.json"], "no/such.json"),
+    (["benchmark", "--check", "a.json", "--against", "."], "check and against exclude each other."),
+    (["tune-baseline", "--policy", "ppo-nav"], "policy must be one of 'proportional', 'bearing', 'corner', 'polar', "),
+    (["tune-baseline", "--env", "CartPole-v1"], "env must be one of"),
+    (["tune-baseline", "--tries", "0"], "tries must be a whole number of at least 1, got 0"),
     (["replay", "no/such/file.csv"], "no/such/file.csv"),
     (["video", "--fps", "30"], "fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50"),
     (["video", "--out", "a.mp4", "--fps", "0"], "fps must be a positive whole number, got 0"),
@@ -121,7 +141,7 @@ REFUSED = [
 @pytest.mark.parametrize(
     ("arguments", "message"), REFUSED, ids=lambda value: " ".join(value) if isinstance(value, list) else ""
 )
-def test_invalid_arguments_are_refused_in_one_line_and_leave_nothing(arguments, message, capsys, tmp_path, monkeypatch):
+def test_invalid_arguments_are_refused_in_one_line_and_leave_nothing(arguments, message, capsys, tmp_path, monkeypatch, drive):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     printed = capsys.readouterr()
@@ -129,7 +149,7 @@ def test_invalid_arguments_are_refused_in_one_line_and_leave_nothing(arguments, 
     assert printed.err.startswith("turtlebot-gym: ")
     assert message in printed.err
     assert printed.err.count("\n") == 1
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [drive]
 
 
 @pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate", "--episodes", "many"], ["evaluate", "--nosuch"]])

@@ -116,14 +116,25 @@ def test_the_trajectory_is_the_first_episode():
         np.testing.assert_array_equal(getattr(result.trajectory, name), getattr(expected, name), err_msg=name)
 
 
-def test_episodes_do_not_depend_on_the_batch(monkeypatch):
+def test_episodes_do_not_depend_on_the_batch_at_whose_start_memory_is_reset(monkeypatch):
+    masks, bearing = [], make_policy("bearing")
+
+    class Remembers:
+        def __call__(self, observations):
+            assert masks
+            return bearing(observations)
+
+        def reset(self, mask):
+            masks.append(mask.tolist())
+
     whole = evaluate("bearing", episodes=7, noise="rough")
     monkeypatch.setattr(evaluation, "BATCH", 3)
-    parts = evaluate("bearing", episodes=7, noise="rough")
+    parts = evaluate(Remembers(), episodes=7, noise="rough")
     for one, other in zip(whole.summary().values(), parts.summary().values(), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
     np.testing.assert_array_equal(whole.episodes.time, parts.episodes.time)
     np.testing.assert_allclose(whole.episodes.estimate, parts.episodes.estimate, rtol=1e-12)  # sums in another order
+    assert masks == [[True] * 3, [True] * 4]
 
 
 def test_a_pose_needs_its_heading():
@@ -131,24 +142,6 @@ def test_a_pose_needs_its_heading():
     result = evaluate("bearing", env=POSE, episodes=50, noise="clean")
     assert 0 < result.episodes.reached.sum() == result.episodes.success.sum() < 40
     assert np.median(result.episodes.miss) < 0.1
-
-
-def test_policies_with_memory_are_reset_at_the_start(monkeypatch):
-    class Remembers:
-        def __init__(self):
-            self.masks = []
-
-        def __call__(self, observations):
-            assert self.masks
-            return np.zeros((len(observations), 2), np.float32)
-
-        def reset(self, mask):
-            self.masks.append(mask.copy())
-
-    monkeypatch.setattr(evaluation, "BATCH", 3)
-    policy = Remembers()
-    evaluate(policy, episodes=5)
-    assert [mask.tolist() for mask in policy.masks] == [[True, True, True], [True, True]]
 
 
 def test_a_pair_is_the_first_minus_the_second_and_tells_more_than_two_means():

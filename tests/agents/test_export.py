@@ -28,12 +28,8 @@ SHORT = {
     "td3": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64, "noise_type": "normal", "noise_std": 0.1},
     "ddpg": {"learning_starts": 300, "buffer_size": 2000, "batch_size": 64},
 }
-NETWORK = {
-    "policy": "MlpPolicy",
-    "n_envs": 8,
-    "n_timesteps": 1024,
-    "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "Tanh"},
-}
+LAYERS = {"net_arch": [64, 64], "activation_fn": "Tanh"}
+NETWORK = {"policy": "MlpPolicy", "n_envs": 8, "n_timesteps": 1024, "policy_kwargs": LAYERS}
 
 
 @pytest.fixture(params=SHORT)
@@ -86,7 +82,7 @@ def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch,
 
 def untrained(env=TrainingConfig.env, **network):
     """Return a model, with biases that are not zero, so that their places count."""
-    hyper = NETWORK | SHORT["ppo"] | {"policy_kwargs": NETWORK["policy_kwargs"] | network}
+    hyper = NETWORK | SHORT["ppo"] | {"policy_kwargs": LAYERS | network}
     config = TrainingConfig(env=env, config=hyper)
     model = make_model(config, config.make_training())
     with torch.no_grad():
@@ -112,18 +108,23 @@ def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
     assert ours.std() > 0.01
 
 
-def test_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkeypatch):
+def test_what_is_no_model_or_one_for_something_else_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"observations \(13,\)"):
+        export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", CARD)
+    for content in (b"", b"no zip at all"):
+        (tmp_path / "model.zip").write_bytes(content)
+        with pytest.raises(ValueError, match=r"model\.zip is not a model"):
+            load_model(tmp_path / "model.zip", allow_pickle=True)
+
+
+def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkeypatch):
     model = untrained(activation_fn="ELU")
     assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
     without_torchs_exporter(monkeypatch)
     with pytest.raises(pytest.fail.Exception):
         export(model, tmp_path / "policy.onnx", CARD)
-
-
-def test_a_policy_without_our_normalization_is_written_too(tmp_path, monkeypatch):
-    without_torchs_exporter(monkeypatch)
-    model = PPO("MlpPolicy", Sb3VecEnv(TrainingConfig().make(8)), n_steps=8, device="cpu", seed=0)
-    assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
+    plain = PPO("MlpPolicy", Sb3VecEnv(TrainingConfig().make(8)), n_steps=8, device="cpu", seed=0)  # without normalization
+    assert export(plain, tmp_path / "policy.onnx", CARD) <= TOLERANCE
 
 
 def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch):
@@ -134,15 +135,3 @@ def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch):
     observations = model.env.reset()
     expected, _ = model.predict(observations, deterministic=True)
     np.testing.assert_allclose(BundlePolicy(tmp_path / "policy.onnx")(observations), expected, rtol=0, atol=TOLERANCE)
-
-
-def test_refuses_models_for_something_else(tmp_path):
-    with pytest.raises(ValueError, match=r"observations \(13,\)"):
-        export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", CARD)
-
-
-@pytest.mark.parametrize("content", [b"", b"no zip at all"])
-def test_refuses_files_that_are_no_models(tmp_path, content):
-    (tmp_path / "model.zip").write_bytes(content)
-    with pytest.raises(ValueError, match=r"model\.zip is not a model"):
-        load_model(tmp_path / "model.zip", allow_pickle=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
-from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, Output, _kinds_of, outputs_of, require_outputs
+from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, _kinds_of, outputs_of, require_outputs
 
 READ = {"config", "against", "check", "file", "files", "log", "model", "drive"}
 """Options that name files to be read."""
@@ -87,42 +87,32 @@ def test_a_result_is_overwritten_only_with_force(name, option, untouched, capsys
 
 
 @pytest.mark.parametrize("link", [os.symlink, os.link, None], ids=["symbolic", "hard", "itself"])
-def test_an_input_is_never_overwritten(link, untouched, capsys, folder):
-    (folder / "mine.yaml").write_text("process: {}\n")
+def test_neither_an_input_nor_another_output_is_overwritten_also_by_force(link, untouched, capsys, folder):
+    (folder / "mine.json").write_text("{}")
     (folder / "bag").mkdir()
     (folder / "bag" / "metadata.yaml").write_text("x: 1\n")
-    target = folder / "mine.yaml"
+    target = "mine.json"
     if link:
-        target = folder / "other.yaml"
-        link(folder / "mine.yaml", target)
-    for log, out in (("mine.yaml", target), ("bag", "bag/metadata.yaml")):
-        assert main(["calibrate", log, "--out", str(out), "--force"]) == 2
-        assert "it is an input of the same command" in capsys.readouterr().err
+        target = "other.json"
+        link("mine.json", target)
+    for words, said in (
+        (f"calibrate mine.json --json {target}", "it is an input of the same command"),
+        ("calibrate bag --out bag/metadata.yaml", "it is an input of the same command"),
+        (f"evaluate --policy bearing mine.json+safety --json {target}", f"--json {target}: it is an input"),
+        (f"tune-baseline --out mine.json --json {target}", "is the output of --"),
+    ):
+        assert main([*words.split(), "--force"]) == 2, words
+        assert said in capsys.readouterr().err, words
+    assert sys.path.count(str(Path.cwd())) <= 1  # the path of modules does not grow
 
 
-def test_an_input_may_be_named_by_any_option(untouched, capsys, folder):
-    (folder / "tuned.json").write_text("{}")
-    argv = ["evaluate", "--policy", "bearing", "tuned.json+safety", "--json", "tuned.json", "--force"]
-    assert main(argv) == 2
-    assert "--json tuned.json: it is an input" in capsys.readouterr().err
-
-
-def test_two_outputs_are_two_files(untouched, capsys, folder):
-    os.symlink("a.json", "b.json")
-    assert main(["tune-baseline", "--out", "a.json", "--json", "b.json"]) == 2
-    assert "is the output of --" in capsys.readouterr().err
-
-
-def test_a_link_to_nothing_stays_one(folder):
+def test_a_link_to_nothing_stays_one_and_devices_and_empty_files_are_written(folder):
     os.symlink("later.json", "link.json")
-    require_outputs([("--json", Path("link.json"), JSON)])
+    (folder / "made.json").touch()  # as mktemp does
+    for path in ("link.json", "/dev/null", "made.json"):
+        require_outputs([("--json", Path(path), JSON)])
     assert os.readlink("link.json") == "later.json"
     assert not (folder / "later.json").exists()
-
-
-def test_devices_and_empty_files_are_written(folder):
-    (folder / "made.json").touch()  # as mktemp does
-    require_outputs([("--json", Path("/dev/null"), JSON), ("--plot", Path("made.json"), Output((".json",)))])
 
 
 def test_missing_folders_of_files_are_made_and_existing_ones_kept(folder):
@@ -146,13 +136,6 @@ def test_several_drives_have_a_picture_each(folder, capsys):
     (folder / "a-other.png").write_text("dear")
     assert main(["replay", *map(str, files), "--plot", "a.png"]) == 2
     assert "a-other.png: it exists" in capsys.readouterr().err
-
-
-def test_the_path_of_modules_does_not_grow(untouched):
-    for _ in range(2):
-        with pytest.raises(AssertionError):
-            main(["evaluate"])
-        assert sys.path.count(str(Path.cwd())) == 1
 
 
 def test_a_run_is_not_trained_over(folder, capsys):

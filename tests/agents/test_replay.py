@@ -103,20 +103,15 @@ def test_the_command_takes_tables_and_bags(tmp_path, form, capsys):
     assert told["filter"]["position_mean"] < told["raw"]["position_mean"]
 
 
-def test_wheels_that_tell_the_truth_reckon_it():
-    drive = perfect_drive()
-    np.testing.assert_allclose(dead_reckoning(drive), drive.truth, rtol=0, atol=1e-12)
-    euler = perfect_drive(integrator=0.0)
-    np.testing.assert_allclose(dead_reckoning(euler, integrator="euler"), euler.truth, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("rate", [10.0, 2.0, np.inf])
 def test_without_noise_there_is_no_error(rate):
-    drive = perfect_drive()
-    told = replay(drive, noise="clean", rate=rate)
-    np.testing.assert_allclose(told.estimate[:, :3], drive.truth, rtol=0, atol=1e-9)
-    measured = np.isfinite(told.odometry[:, 0])
-    np.testing.assert_array_equal(told.odometry[measured], drive.truth[measured])
+    for name, integrator in (("midpoint", 0.5), ("euler", 0.0)):
+        drive = perfect_drive(integrator=integrator)
+        np.testing.assert_allclose(dead_reckoning(drive, integrator=name), drive.truth, rtol=0, atol=1e-12)
+        replayed = replay(drive, noise="clean", rate=rate, integrator=name)
+        np.testing.assert_allclose(replayed.estimate[:, :3], drive.truth, rtol=0, atol=1e-9)
+        measured = np.isfinite(replayed.odometry[:, 0])
+        np.testing.assert_array_equal(replayed.odometry[measured], drive.truth[measured])
 
 
 def test_the_velocities_of_a_row_are_those_of_the_interval_before_it():
@@ -138,19 +133,14 @@ def test_poses_are_measured_at_the_rate(rate):
     assert (elapsed - np.arange(len(times)) / rate).max() < 0.027 + 1e-6
 
 
-def test_measurements_are_lost_as_the_preset_says():
+def test_measurements_are_lost_as_the_preset_says_and_a_seed_repeats_itself():
     drive = perfect_drive(6000)
     noise = Noise(odometry=OdometryNoise(R=(1e-4, 1e-4, 1e-4), dropout_probability=0.3))
-    lost = 1.0 - np.isfinite(replay(drive, noise=noise, rate=np.inf).odometry[1:, 0]).mean()
+    first, again, other = (replay(drive, noise=noise, rate=np.inf, seed=seed) for seed in (4, 4, 5))
     # binomial, n = 5999: 5 standard deviations, one seed in 1.7 * 10^6
-    assert abs(lost - 0.3) < 5.0 * np.sqrt(0.3 * 0.7 / 5999)
-
-
-def test_seeds_are_reproducible_and_differ():
-    drive = perfect_drive(100)
-    one, again, other = (replay(drive, seed=seed).estimate for seed in (4, 4, 5))
-    np.testing.assert_array_equal(one, again)
-    assert np.abs(one - other).max() > 1e-3
+    assert abs(np.isnan(first.odometry[1:, 0]).mean() - 0.3) < 5.0 * np.sqrt(0.3 * 0.7 / 5999)
+    np.testing.assert_array_equal(first.estimate, again.estimate)
+    assert np.abs(first.estimate - other.estimate).max() > 1e-3
 
 
 def test_wheel_odometry_leaves_the_filter_with_dead_reckoning():

@@ -76,17 +76,14 @@ def test_what_learning_loses_is_said_first():
     assert "Holm's correction for 3 scenarios" in text.conditions(RESULTS)
 
 
-@pytest.mark.parametrize(
-    ("p", "difference", "verdict"),
-    [
+def test_a_verdict_needs_the_corrected_p_value():
+    for p, difference, verdict in (
         (0.049, -0.1, "PPO faster"),
         (0.049, 0.1, "PPO slower"),
         (0.05, -0.1, "no difference found"),
         (1.0, 0.1, "no difference found"),
-    ],
-)
-def test_a_verdict_needs_the_corrected_p_value(p, difference, verdict):
-    assert robustness.verdict({"p_holm": p, "ppo": {"difference": Interval(difference, -9.0, 9.0)}}) == verdict
+    ):
+        assert robustness.verdict({"p_holm": p, "ppo": {"difference": Interval(difference, -9.0, 9.0)}}) == verdict
 
 
 def test_the_readme_says_what_the_published_study_says():
@@ -128,11 +125,9 @@ def test_scenarios_have_files_of_their_own():
 def test_the_figure_has_a_line_and_a_bar_for_each_scenario(tmp_path):
     figure = import_module("robustness_figure").draw(RESULTS["comparisons"])
     figure.savefig(tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     left, right = figure.axes
-    assert [label.get_text().partition("\n")[0] for label in left.get_yticklabels()] == [
-        "Nav, raw odometry, tutorial", "Nav, estimate, tutorial", "Nav, wheel"
-    ]  # fmt: skip
+    lines = [label.get_text().partition("\n")[0] for label in left.get_yticklabels()]
+    assert lines == [comparison["scenario"] for comparison in RESULTS["comparisons"]]
     assert [bar.get_width() for bar in right.patches] == pytest.approx([16.5 - 12.16, 10.34 - 10.3, 12.0 - 11.9])
     assert len({container.lines[0].get_color() for container in left.containers}) == 3
 

@@ -59,15 +59,23 @@ def short(tmp_path_factory):
     return config, train(config, place / "nav", progress=False), place / "nav"
 
 
-def test_learns(short):
+def test_learns_and_the_best_is_what_its_figures_and_its_log_say(short):
     config, result, folder = short
     # 400 episodes each. If both succeeded equally often, 0.2 apart would be over 5 standard deviations: 1 in 10^6.
-    judges = config.make(400)
+    judges, policy = config.make(400), BundlePolicy(folder / "policy.onnx")
     before = figures(judges, policy_of(make_model(config, config.make_training())), seed=EVALUATION_SEED + 400)
-    after = figures(judges, BundlePolicy(folder / "policy.onnx"), seed=EVALUATION_SEED + 400)
+    after = figures(judges, policy, seed=EVALUATION_SEED + 400)
     assert after["success"] > before["success"] + 0.2
     assert after["return"] > before["return"]
     assert result.steps >= 50_000
+    best = figures(config.make(config.episodes), policy)
+    assert best["success"] == result.best["success"]
+    assert best["return"] == pytest.approx(result.best["return"], rel=1e-3)  # rounding may end an episode a step later
+    (run,) = (folder / "tensorboard").iterdir()
+    log = EventAccumulator(str(run)).Reload()
+    logged = [event.value for event in log.Scalars("eval/success")]
+    assert logged == pytest.approx([figures["success"] for figures in result.history])
+    assert log.Tags()["scalars"].count("rollout/ep_rew_mean") == 1
 
 
 def test_leaves_its_files(short):
@@ -88,22 +96,6 @@ def test_leaves_its_files(short):
     assert card.training["steps"] == result.steps
     assert card.training["config"] == record["config"]
     assert (folder / "policy.onnx").stat().st_size < 200_000
-
-
-def test_best_is_what_its_figures_say(short):
-    config, result, folder = short
-    best = figures(config.make(config.episodes), BundlePolicy(folder / "policy.onnx"))
-    assert best["success"] == result.best["success"]
-    assert best["return"] == pytest.approx(result.best["return"], rel=1e-3)  # rounding may end an episode a step later
-
-
-def test_logs_evaluations(short):
-    _, result, folder = short
-    (run,) = (folder / "tensorboard").iterdir()
-    log = EventAccumulator(str(run)).Reload()
-    logged = [event.value for event in log.Scalars("eval/success")]
-    assert logged == pytest.approx([figures["success"] for figures in result.history])
-    assert log.Tags()["scalars"].count("rollout/ep_rew_mean") == 1
 
 
 def test_seeds_give_other_episodes_and_one_seed_the_same():
@@ -132,27 +124,16 @@ def test_options_reach_the_bundle(tmp_path):
     assert card.training["config"]["delay"] == 1
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"steps": 0},
-        {"episodes": 0},
-        {"evaluations": -1},
-        {"seed": -1},
-        {"threads": 0},
-        {"checkpoint_seconds": -1.0},
-        {"algo": "dreamer"},
-        {"speed_error": 1.0},
-        {"noise": "x"},
-        {"env": "nothing/Here-v0"},
-        {"device": "tpu"},
-        {"randomize": "yes"},
-    ],
-    ids=str,
-)
-def test_refuses_what_is_out_of_range(change, tmp_path):
-    with pytest.raises(ValueError, match=f"^{next(iter(change))} must be "):
-        train(TrainingConfig(**change), tmp_path / "run", progress=False)
+WRONG = {
+    **{"steps": 0, "episodes": 0, "evaluations": -1, "seed": -1, "threads": 0, "checkpoint_seconds": -1.0, "speed_error": 1.0},
+    **{"algo": "dreamer", "noise": "x", "env": "nothing/Here-v0", "device": "tpu", "randomize": "yes"},
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_refuses_what_is_out_of_range(name, tmp_path):
+    with pytest.raises(ValueError, match=f"^{name} must be "):
+        train(TrainingConfig(**{name: WRONG[name]}), tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
 
 
@@ -190,6 +171,10 @@ def test_callbacks_serve_a_script_of_ones_own(tmp_path, capsys):
     assert PPO.load(tmp_path / "last.zip").num_timesteps == 6144
     assert PPO.load(tmp_path / "best.zip").num_timesteps == judge.best["steps"]
     assert "mine" in capsys.readouterr().err
+    judge = EvaluationCallback(make(8), every=1024, go_on=lambda reached: reached["steps"] < 2048)
+    make_model(small, small.make(64)).learn(100_000, callback=[judge])
+    assert judge.stopped
+    assert [figures["steps"] for figures in judge.history] == [1024, 2048]
 
 
 @pytest.mark.parametrize(("kind", "scale"), [(PPO, 100.0), (SAC, 3.0)])
@@ -204,10 +189,3 @@ def test_a_policy_is_what_predict_does_to_the_bit(kind, scale):
         np.testing.assert_array_equal(actions, model.predict(rows, deterministic=True)[0])
         assert actions.shape == (len(rows), 2)
     assert 0.1 < np.mean(np.abs(policy_of(model)(observations)) < 1.0) < 1.0
-
-
-def test_evaluation_can_end_a_training():
-    judge = EvaluationCallback(small.make(8), every=1024, go_on=lambda reached: reached["steps"] < 2048)
-    make_model(small, small.make(64)).learn(100_000, callback=[judge])
-    assert judge.stopped
-    assert [figures["steps"] for figures in judge.history] == [1024, 2048]

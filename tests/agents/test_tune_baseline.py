@@ -85,38 +85,36 @@ def test_a_stopped_search_resumes_as_if_nothing_had_happened(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"tries": 0}, "tries must be a whole number of at least 1, got 0"),
         ({"episodes": 2.5}, r"episodes must be a whole number of at least 1, got 2\.5"),
         ({"seed": -1}, "seed must be a whole number from 0 to 9223372036854775807"),
-        ({"policy": "ppo-nav"}, "policy must be one of 'proportional', 'bearing', 'corner', 'polar', 'rotate-drive-rotate'"),
-        ({"env": "CartPole-v1"}, "env must be one of"),
         ({"noise": "loud"}, "noise must be one of 'clean'"),
-        ({"path": "best.yaml"}, r"out must be a file \*.json"),
     ],
 )
 def test_refuses_what_it_cannot_tune(options, message, tmp_path):
-    given = {"policy": "bearing", "path": "best.json", **SMALL, **options}
     with pytest.raises(ValueError, match=message):
-        tune_baseline(given.pop("policy"), tmp_path / given.pop("path"), **given)
+        tune_baseline("bearing", tmp_path / "best.json", **SMALL | options)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"tries": 3}', "\x00"])
-def test_leaves_alone_what_is_no_search(content, tmp_path):
-    path = tmp_path / "other.json"
-    path.write_text(content)
+@pytest.mark.parametrize(
+    "content", [b"", b"[]", b"{}", b'{"tries": 3}', b"\x00", b"\xff\xfe\x00", b"null", b"{", b'{"format": 1}']
+)
+def test_what_is_no_tuned_baseline_is_refused_and_left_alone(content, tmp_path):
+    path = tmp_path / "odd.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"odd\.json is not a tuned baseline"):
+        make_policy(str(path))
     with pytest.raises(ValueError, match="is not a tuned baseline: choose another file"):
         tune_baseline("bearing", path, **SMALL)
-    assert path.read_text() == content
+    assert path.read_bytes() == content
 
 
 def test_a_tuned_baseline_drives_what_it_was_tuned_for_and_nothing_else(tuned):
     assert isinstance(make_policy(str(tuned)), BearingPolicy)
     assert isinstance(load_baseline(tuned), BearingPolicy)
-    with pytest.raises(ValueError, match=r"made for 10 Hz burger, asked for 20 Hz burger\."):
-        make_policy(str(tuned), dt=0.05)
-    with pytest.raises(ValueError, match=r"asked for 10 Hz waffle \(max_linear 0.2108 there, 0.26 here"):
-        make_policy(str(tuned), robot="waffle")
+    for options, wanted in (({"dt": 0.05}, "20 Hz burger"), ({"robot": "waffle"}, "10 Hz waffle")):
+        with pytest.raises(ValueError, match=f"made for 10 Hz burger, asked for {wanted}"):
+            make_policy(str(tuned), **options)
 
 
 @pytest.mark.parametrize(
@@ -145,14 +143,6 @@ def test_a_spoilt_file_is_refused_with_the_reason(change, message, tuned):
         make_policy(str(tuned))
 
 
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"[]", b"null", b"{", b'{"format": 1}'])
-def test_what_is_no_tuned_baseline_is_refused(content, tmp_path):
-    path = tmp_path / "odd.json"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"odd\.json is not a tuned baseline"):
-        make_policy(str(path))
-
-
 def test_defaults_are_those_of_the_constructors():
     assert default_numbers("rotate-drive-rotate") == {"stop": 0.1, "gain": 6.0, "focus": 0.5, "tolerance": 0.03, "slow": 0.05}
     assert default_numbers("polar") == {"gamma": 1.0, "k": 2.0, "h": 2.0}
@@ -170,7 +160,4 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
     assert [one["numbers"] for one in content["tries"]] == [one["numbers"] for one in json.loads(out.read_text())["tries"]]
     driven = ["--env", SQUARE, "--policy", "bearing", str(out), "--delay", "1", "--episodes", "5"]
     assert main(["evaluate", *driven, "--json", str(told), "--force"]) == 0
-    assert (
-        json.loads(told.read_text())["runs"][1]["config"] | {"delay": 1, "policy": str(out)}
-        == (json.loads(told.read_text())["runs"][1]["config"])
-    )
+    assert json.loads(told.read_text())["runs"][1]["config"].items() >= {"delay": 1, "policy": str(out)}.items()

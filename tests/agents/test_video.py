@@ -72,12 +72,14 @@ def test_colours_are_exact_and_do_not_flicker(tmp_path):
 
 
 @pytest.mark.parametrize(("speed", "fps"), [(1.0, 10), (8.0, 20), (3.0, 25), (0.5, 50)])
-def test_it_plays_at_the_speed(tmp_path, speed, fps):
-    video = record("bearing", tmp_path / "a.gif", seed=2, speed=speed, fps=fps, width=160, robot="turtlebot4")
+def test_it_plays_at_the_speed_and_reports_its_steps(tmp_path, speed, fps):
+    options, steps = {"seed": 2, "speed": speed, "fps": fps, "width": 160, "robot": "turtlebot4"}, []
+    video = record("bearing", tmp_path / "a.gif", progress=lambda *done: steps.append(done), **options)
     frames, durations = read_gif(tmp_path / "a.gif")
     assert durations.sum() == pytest.approx(video.duration)
     assert video.duration == pytest.approx((video.time + 0.1) / speed + HOLD, abs=1.5 / fps)
     assert len(frames) <= round(video.time / 0.1) + 1
+    assert steps == [(step, 300) for step in range(round(video.time / 0.1) + 1)]
 
 
 def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
@@ -98,28 +100,9 @@ def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # which tells other frames apart
 
 
-def test_progress_reports_steps_and_their_limit(tmp_path):
-    values = []
-    video = record("bearing", tmp_path / "a.gif", seed=2, speed=40.0, width=160, progress=lambda *steps: values.append(steps))
-    assert values == [(step, 300) for step in range(round(video.time / 0.1) + 1)]
-
-
 def test_the_command_writes_what_it_says(tmp_path, capsys):
     path = tmp_path / "new" / "square.GIF"
-    options = [
-        "--env",
-        SQUARE,
-        "--noise",
-        "documented",
-        "--robot",
-        "tutorial",
-        "--seed",
-        "2",
-        "--laps",
-        "1",
-        "--arrival",
-        "belief",
-    ]
+    options = f"--env {SQUARE} --noise documented --robot tutorial --seed 2 --laps 1 --arrival belief".split()
     assert main(["video", *options, "--width", "320", "--speed", "20", "--out", str(path)]) == 0
     printed = capsys.readouterr()
     assert not printed.err
@@ -131,20 +114,17 @@ def test_the_command_writes_what_it_says(tmp_path, capsys):
     assert [each.name for each in path.parent.iterdir()] == ["square.GIF"]
 
 
-def test_an_mp4_without_ffmpeg_names_what_to_install(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    assert main(["video", "--out", str(tmp_path / "a.mp4")]) == 2
-    assert "pip install imageio-ffmpeg" in capsys.readouterr().err
-    assert main(["video", "--out", str(tmp_path / "a.gif"), "--speed", "40", "--width", "160"]) == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
-
-
-def test_a_gif_needs_none_of_the_extras(tmp_path):
-    code = f"""
+def test_a_gif_needs_none_of_the_extras_and_an_mp4_without_ffmpeg_names_what_to_install(tmp_path):
+    code = """
 import sys
 from turtlebot_gym_agents.commands.cli import main
-assert main(["video", "--speed", "40", "--width", "160", "--out", {str(tmp_path / "a.gif")!r}]) == 0
-assert not {{"torch", "onnxruntime", "stable_baselines3", "moviepy", "imageio_ffmpeg"}} & set(sys.modules)
+assert main(["video", "--speed", "40", "--width", "160", "--out", "a.gif"]) == 0
+assert not {"torch", "onnxruntime", "stable_baselines3", "moviepy", "imageio_ffmpeg"} & set(sys.modules)
+sys.modules["imageio_ffmpeg"] = None  # importing it raises
+sys.exit(main(["video", "--out", "a.mp4"]))
 """
-    subprocess.run([sys.executable, "-c", code], check=True)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2, done.stderr
+    assert "pip install imageio-ffmpeg" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
     assert (tmp_path / "a.gif").read_bytes().startswith(b"GIF89a")

@@ -27,17 +27,10 @@ def process(tmp_path, program=STAND_IN):
     return Process([sys.executable, "-I", "-c", program], tmp_path / "log.txt")
 
 
-def test_a_peer_answers_each_turn(tmp_path):
+def test_a_peer_answers_each_turn_and_one_that_ends_says_why(tmp_path):
     stand_in = process(tmp_path)
     assert stand_in.versions == {"python": "3", "gymnax": "0"}
-    assert stand_in.turn(3) == (1.5, 6.0)
-    assert stand_in.turn(4) == (2.0, 8.0)
-    stand_in.stop()
-
-
-def test_a_peer_that_ends_says_why(tmp_path):
-    stand_in = process(tmp_path)
-    stand_in.turn(100)
+    assert [stand_in.turn(calls) for calls in (3, 100)] == [(1.5, 6.0), (50.0, 200.0)]
     with pytest.raises(ChildProcessError, match="ended with status 1: it broke"):
         stand_in.turn(1)
     stand_in.stop()
@@ -69,27 +62,23 @@ def test_what_cannot_be_installed_is_left_out_with_the_reason(tmp_path, monkeypa
         assert (scanned.size, scanned.steps, scanned.base, scanned.by) == (64, 16, "vector of 64, CartPole-v1", "gymnax")
         assert scanned.run(2) == (1.0, 4.0)
     assert "Without EnvPool: there is no wheel" in capsys.readouterr().err
+    entry = peers.entries("envpool", (4096, 65_536))[0]  # of another size: it is compared with the first one
+    assert peers.entries("envpool", (1024,)) == [entry] == [Entry("CartPole-v1", 1024, "step")]
+    other = peers.contender(SimpleNamespace(turn=None), "envpool", entry, (4096, 65_536))
+    assert (other.size, other.steps, other.base) == (1024, 1, "vector of 4096, CartPole-v1")
     assert all(stand_in._process.returncode is not None for stand_in in started)
 
 
-def test_a_peer_of_another_size_is_compared_with_the_first():
-    entry = peers.entries("envpool", (4096, 65_536))[0]
-    assert entry == Entry("CartPole-v1", 1024, "step")
-    contender = peers.contender(SimpleNamespace(turn=None), "envpool", entry, (4096, 65_536))
-    assert (contender.size, contender.steps, contender.base) == (1024, 1, "vector of 4096, CartPole-v1")
-    assert peers.entries("envpool", (1024,)) == [entry]
-
-
-def test_an_environment_is_made_once_and_anew_for_other_versions(tmp_path, monkeypatch):
-    made, asked = [], []
+def test_an_environment_is_made_once_and_anew_for_other_versions_and_a_missing_wheel_is_said_plainly(tmp_path, monkeypatch):
+    made, asked, answer = [], [], SimpleNamespace(returncode=0)
 
     def create(place, with_pip):
         made.append(place)
-        (place / "bin").mkdir(parents=True)
+        (place / "bin").mkdir(parents=True, exist_ok=True)
         (place / "bin" / "python").touch()
 
     monkeypatch.setattr(peers.venv, "create", create)
-    monkeypatch.setattr(peers.subprocess, "run", lambda command, **_: asked.append(command) or SimpleNamespace(returncode=0))
+    monkeypatch.setattr(peers.subprocess, "run", lambda command, **_: asked.append(command) or answer)
     for _ in range(2):
         python = peers.install("envpool", tmp_path)
     assert made == [python.parents[1]]
@@ -97,15 +86,10 @@ def test_an_environment_is_made_once_and_anew_for_other_versions(tmp_path, monke
     (python.parents[1] / "installed").write_text("envpool==0.1")
     assert peers.install("envpool", tmp_path) == python
     assert len(made) == 2
-
-
-def test_a_missing_wheel_is_said_plainly(tmp_path, monkeypatch):
-    monkeypatch.setattr(peers.venv, "create", lambda place, with_pip: None)
-    failed = subprocess.CompletedProcess([], 1, "", "WARNING: x\nERROR: No matching distribution found for envpool==1.2.5\n")
-    monkeypatch.setattr(peers.subprocess, "run", lambda *given, **options: failed)
+    answer = subprocess.CompletedProcess([], 1, "", "WARNING: x\nERROR: No matching distribution found for envpool==1.2.5\n")
     said = r"EnvPool cannot be installed for Python 3\.\d+ \(it has wheels for 3\.11 to 3\.14\): ERROR: No matching"
     with pytest.raises(ChildProcessError, match=said):
-        peers.install("envpool", tmp_path)
+        peers.install("envpool", tmp_path / "other")
 
 
 def test_the_program_makes_as_many_calls_as_it_is_asked_for(monkeypatch, capsys):
@@ -118,11 +102,7 @@ def test_the_program_makes_as_many_calls_as_it_is_asked_for(monkeypatch, capsys)
     assert made == [("CartPole-v1", 8, "step"), 0, 0, 1, 2, 0]
     ready, *turns = capsys.readouterr().out.splitlines()
     assert json.loads(ready.removeprefix("ready"))["numpy"] == np.__version__
-    for turn in turns:
-        wall, cpu = json.loads(turn.removeprefix("turn"))
-        assert wall >= 0.0
-        assert cpu >= 0.0
-    assert len(turns) == 2
+    assert [min(json.loads(turn.removeprefix("turn"))) >= 0.0 for turn in turns] == [True, True]
 
 
 @pytest.mark.parametrize("discrete", [True, False])
@@ -138,13 +118,9 @@ def test_envpool_steps_all_environments_with_actions_in_range(monkeypatch, discr
     assert len(taken) == 17
     assert taken[0] is not taken[1]
     np.testing.assert_array_equal(taken[0], taken[16])
-    actions = np.stack(taken)
-    if discrete:
-        assert {*np.unique(actions)} == {0, 1}
-        assert actions.shape == (17, 32)
-    else:
-        assert -2.0 <= actions.min() < -1.5
-        assert 1.5 < actions.max() <= 2.0
-        assert actions.shape == (17, 32, 1)
+    actions, low, high = np.stack(taken), *((0, 1) if discrete else (-2.0, 2.0))
+    assert actions.shape == ((17, 32) if discrete else (17, 32, 1))
+    assert low <= actions.min() < low + 0.5 <= high - 0.5 < actions.max() <= high
+    assert not discrete or {*np.unique(actions)} == {0, 1}
     with pytest.raises(ValueError, match="form must be 'step'"):
         peer.envpool_calls("made up", 32, "scan")

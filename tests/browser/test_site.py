@@ -207,34 +207,25 @@ def seen(site, visitor):
     return found
 
 
-def test_nothing_is_wider_than_the_page(seen):
-    assert not {name: one.overflowing for name, one in seen.items() if one.overflowing}
+WRONG = {
+    "is wider than the page": lambda one: one.overflowing,
+    "asks anybody else": lambda one: one.outside,
+    "complains": lambda one: one.errors,
+    "lacks a picture": lambda one: one.missing,
+    "breaks a number in a table": lambda one: one.broken,
+    "is too long": lambda one: one.height > TALLEST,
+    "shows a formula's source": lambda one: one.dollars,
+    "was not asked for": lambda one: not one.inside,
+}
 
 
-def test_nothing_is_asked_of_anybody_else(seen):
-    assert not {name: one.outside for name, one in seen.items() if one.outside}
-    assert all(one.inside for one in seen.values())
-
-
-def test_pages_complain_of_nothing(seen):
-    assert not {name: one.errors for name, one in seen.items() if one.errors}
-
-
-def test_pictures_are_there(seen):
-    assert not {name: one.missing for name, one in seen.items() if one.missing}
-
-
-def test_numbers_in_tables_keep_to_a_line(seen):
-    assert not {name: one.broken for name, one in seen.items() if one.broken}
-
-
-def test_no_page_is_too_long(seen):
-    assert not {name: one.height for name, one in seen.items() if one.height > TALLEST}
+@pytest.mark.parametrize("what", WRONG)
+def test_no_page(what, seen):
+    assert not {name: wrong for name, one in seen.items() if (wrong := WRONG[what](one))}
 
 
 def test_formulas_are_mathml(seen):
     assert seen["notebooks/01_closed_loop.html"].formulas > 40
-    assert not [name for name, one in seen.items() if one.dollars]
 
 
 def test_pages_are_light_and_dark(seen):

@@ -16,45 +16,31 @@ def row_of(phrase):
     return row
 
 
-def test_it_is_short():
-    assert len(README.splitlines()) <= 120
-
-
-def test_the_live_graph_is_the_environment():
-    equality = measured("lockstep")["parts"]["equality"]
-    steps = measured("lockstep")["config"]["steps"]
-    assert f"{len(equality['of'])} drives of {steps} steps in the live graph: {equality['largest']}" in row_of("lock-step")
-
-
-def test_rooms_are_as_measured():
-    by_policy = {row["policy"]: row for row in measured("rooms_study")["rows"] if row["setting"] == "dense"}
+def test_it_is_short_and_says_what_was_measured():
+    """In the row of the table that holds a phrase."""
+    lockstep, rooms, faults, calibration = map(measured, ("lockstep", "rooms_study", "faults", "calibration"))
+    by_policy = {row["policy"]: row for row in rooms["rows"] if row["setting"] == "dense"}
     learned, vfh = by_policy["ppo-rooms"], by_policy["vfh"]
-    assert measured("rooms_study")["config"]["episodes"] == 1000
-    assert vfh["collision"]["value"] == 0.0
-    row = row_of("VFH+")
-    assert (
-        f"PPO reaches {100 * learned['success']['value']:.1f} % of the goals, VFH+ {100 * vfh['success']['value']:.1f} %" in row
-    )
-    assert f"PPO collides in {100 * learned['collision']['value']:.1f} %, VFH+ in none" in row
-
-
-def test_the_guard_was_measured_on_as_many_faults():
-    total = measured("faults")["total"]
-    assert total["unsafe"] == 0
-    assert f"{total['injected']} injected faults: no unsafe motion" in row_of("A guard")
-
-
-def test_the_intervals_of_calibration_are_as_measured():
-    truth = measured("calibration")["coverage"]["truth"].values()
-    share = sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
-    drives = measured("calibration")["config"]["drives"]
-    assert f"the truth in {100 * share:.1f} % of cases, {drives} drives" in row_of("Your robot")
-
-
-def test_losses_of_learning_are_as_measured():
+    truth = calibration["coverage"]["truth"].values()
+    share = 100 * sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
     verdicts = [row["verdict"] for row in measured("robustness")["comparisons"]]
+    equality, drives = lockstep["parts"]["equality"], calibration["config"]["drives"]
+    for phrase, claim in (
+        (
+            "lock-step",
+            f"{len(equality['of'])} drives of {lockstep['config']['steps']} steps in the live graph: {equality['largest']}",
+        ),
+        ("VFH+", f"reaches {100 * learned['success']['value']:.1f} % of the goals, VFH+ {100 * vfh['success']['value']:.1f} %"),
+        ("VFH+", f"PPO collides in {100 * learned['collision']['value']:.1f} %, VFH+ in none"),
+        ("A guard", f"{faults['total']['injected']} injected faults: no unsafe motion"),
+        ("Your robot", f"the truth in {share:.1f} % of cases, {drives} drives"),
+        ("Honest", f"slower in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, faster in none"),
+    ):
+        assert claim in row_of(phrase)
+    assert rooms["config"]["episodes"] == 1000
+    assert vfh["collision"]["value"] == faults["total"]["unsafe"] == 0.0
     assert "PPO faster" not in verdicts
-    assert f"slower in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, faster in none" in row_of("Honest")
+    assert len(README.splitlines()) <= 120
 
 
 def test_a_package_index_gets_no_link_into_the_repository():

@@ -36,7 +36,7 @@ def recipe(heading):
     return [block for block in blocks_of(PAGE) if first < block.line < after]
 
 
-def follow(headings, folder, *, plain=True):
+def follow(headings, folder, *, plain):
     """Write the files of recipes, and run their other blocks in one process, in plain Python or compiled."""
     blocks = [block for heading in headings for block in recipe(heading)]
     files = {block.title: block.text for block in blocks if block.title}
@@ -58,15 +58,16 @@ def test_each_extension_has_a_recipe():
         assert any("assert " in block.text for block in recipe(heading) if not block.title), heading
 
 
-@pytest.mark.parametrize("headings", [["A sensor", "A filter"], ["A reward"], ["A robot"], ["A plant"], ["A node"]], ids=str)
-def test_a_recipe_works_to_the_letter(headings, tmp_path):
-    done = follow(headings, tmp_path)
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.nightly
-def test_the_recipe_of_a_sensor_works_compiled(tmp_path):
-    done = follow(["A sensor", "A filter"], tmp_path, plain=False)
+@pytest.mark.parametrize(
+    ("headings", "plain"),
+    [
+        *((headings, True) for headings in (["A sensor", "A filter"], ["A reward"], ["A robot"], ["A plant"], ["A node"])),
+        pytest.param(["A sensor", "A filter"], False, marks=pytest.mark.nightly),
+    ],
+    ids=str,
+)
+def test_a_recipe_works_to_the_letter(headings, plain, tmp_path):
+    done = follow(headings, tmp_path, plain=plain)
     assert done.returncode == 0, done.stderr
 
 

@@ -11,29 +11,23 @@ MEASURED = {
 """Settings of `benchmarks/estimation.py`, as the page of the belief calls them."""
 
 
-def test_the_table_of_filters_is_what_was_measured():
-    settings = measured("estimation")["settings"]
-    page, rows, noise = (ROOT / "docs" / "concepts" / "belief.md").read_text(encoding="utf-8"), 0, ""
-    for line in page.partition("| NEES of the pose (3) |")[2].splitlines()[2:]:
-        if not line.startswith("|"):
-            break
-        said, name, *numbers = (cell.strip() for cell in line.strip("|").split("|"))
+def with_margin(interval, digits):
+    """Return a number with half of the width of its interval."""
+    return f"{interval['value']:.{digits}f} ± {(interval['high'] - interval['low']) / 2.0:.{digits}f}"
+
+
+def test_the_tables_of_filters_and_of_fixes_are_what_was_measured():
+    settings, noise = measured("estimation")["settings"], ""
+    rows = rows_after("docs/concepts/belief.md", "The table shows the RMSE after 3 s")
+    for said, name, *numbers in rows:
         noise = said or noise
         figures = settings[MEASURED[noise]]["filters"][name.replace("`", "")]
-        for number, interval, digits in zip(numbers, [*figures["ratio"], figures["nees"]], (3, 3, 3, 2), strict=True):
-            margin = (interval["high"] - interval["low"]) / 2.0
-            assert number == f"{interval['value']:.{digits}f} ± {margin:.{digits}f}", line
-        rows += 1
-    assert rows == 11
-
-
-def test_the_table_of_fixes_is_what_was_measured():
-    cases = measured("fix")["cases"]
-    rows = rows_after("docs/howto/fix.md", "## What it is worth")
+        wanted = [*(with_margin(ratio, 3) for ratio in figures["ratio"]), with_margin(figures["nees"], 2)]
+        assert numbers == wanted, (noise, name)
+    assert len(rows) == 11
+    cases, rows = measured("fix")["cases"], rows_after("docs/howto/fix.md", "## What it is worth")
     for name, *cells in rows:
-        position, nees = cases[name]["position"], cases[name]["nees"]
-        margins = [(interval["high"] - interval["low"]) / 2.0 for interval in (position, nees)]
-        assert cells == [f"{position['value']:.3f} ± {margins[0]:.3f} m", f"{nees['value']:.2f} ± {margins[1]:.2f}"], name
+        assert cells == [f"{with_margin(cases[name]['position'], 3)} m", with_margin(cases[name]["nees"], 2)], name
     assert len(rows) == len(cases)
 
 

@@ -58,14 +58,9 @@ def test_the_bundle_itself_drives():
     assert _verified_hash("a", hashed(CONTENT))
 
 
-@fuzzed(60, 500, content=st.one_of(st.binary(max_size=300), mutated(CONTENT)))
-def test_damaged_bundles(content):
-    answered("damaged bundles", lambda: drives(content))
-
-
-@fuzzed(60, 800, content=mutated(CONTENT))
-def test_damaged_bundles_with_the_right_hash(content):
-    answered("damaged bundles with the right hash", lambda: drives(hashed(content)))
+@fuzzed(120, 1300, content=st.one_of(st.binary(max_size=300), mutated(CONTENT)), sealed=st.booleans())
+def test_damaged_bundles_also_with_the_right_hash(content, sealed):
+    answered("damaged bundles", lambda: drives(hashed(content) if sealed else content))
 
 
 @fuzzed(80, 800, data=st.data())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import tempfile
 from dataclasses import fields
 from pathlib import Path
@@ -54,14 +55,6 @@ GIVEN = st.one_of(
 OF_TYPE = {float: REAL, int: WHOLE, bool: st.booleans(), str: TEXT}
 
 
-@pytest.fixture(scope="module")
-def context():
-    made = Context()
-    made.init([])
-    yield made
-    made.try_shutdown()
-
-
 CLASSES = {name: load(name) for name in BLOCKS}
 
 
@@ -76,18 +69,15 @@ def some_parameters(draw, classes):
     return given
 
 
-CURRENT: dict[str, Context] = {}
-
-
-@pytest.fixture(autouse=True)
-def _current(context):
-    CURRENT["context"] = context
+CONTEXT = Context()
+CONTEXT.init([])
+atexit.register(CONTEXT.try_shutdown)
 
 
 def node_with(given):
     return Node(
         "fuzzed",
-        context=CURRENT["context"],
+        context=CONTEXT,
         parameter_overrides=[Parameter(name, value=value) for name, value in given.items()],
         automatically_declare_parameters_from_overrides=True,
         enable_rosout=False,
@@ -95,32 +85,19 @@ def node_with(given):
     )
 
 
-@fuzzed(80, 800, name=st.sampled_from(sorted(CLASSES)), data=st.data())
-def test_parameters_of_blocks(name, data):
-    block = CLASSES[name]
-    given = some_parameters(data.draw, (Common, block.Params))
-    node = node_with(given)
+KINDS = {
+    **{name: ((Common, block.Params), lambda params, block=block: block(params)) for name, block in CLASSES.items()},
+    "guard": ((GuardParameters,), lambda params: Arbiter(params, 100.0)),
+    "logger": ((LoggerParameters,), lambda params: params),
+}
+"""Of each block and node: the classes of its parameters, and what makes it of the last one."""
 
-    def make():
-        _, params = declare(node, Common, block.Params)
-        return block(params)
 
+@fuzzed(120, 1200, name=st.sampled_from(sorted(KINDS)), data=st.data())
+def test_parameters(name, data):
+    classes, make = KINDS[name]
+    node = node_with(some_parameters(data.draw, classes))
     try:
-        answered("ROS parameters", make)
-    finally:
-        node.destroy_node()
-
-
-@fuzzed(40, 400, data=st.data())
-def test_parameters_of_the_guard_and_the_logger(data):
-    kind = data.draw(st.sampled_from([GuardParameters, LoggerParameters]))
-    node = node_with(some_parameters(data.draw, (kind,)))
-
-    def make():
-        (params,) = declare(node, kind)
-        return Arbiter(params, 100.0) if kind is GuardParameters else params
-
-    try:
-        answered("ROS parameters of the guard and the logger", make)
+        answered("ROS parameters", lambda: make(declare(node, *classes)[-1]))
     finally:
         node.destroy_node()

@@ -1,5 +1,6 @@
 """Where the work is done: what is refused before it starts, and that nothing of Ray is needed without a cluster."""
 
+import re
 import socket
 import subprocess
 import sys
@@ -22,18 +23,6 @@ def refused(*options, capsys):
     assert main([*SHORT, *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--workers", "2"], "workers is an option of a cluster: add --cluster local."),
-        (["--cluster", "auto", "--workers", "2"], "workers is for the cluster 'local', not for 'auto'"),
-        (["--cluster", "local", "--workers", "0"], "workers must be positive, got 0."),
-    ],
-)
-def test_options_that_contradict_each_other_are_refused_in_one_line(options, message, capsys):
-    assert message in refused(*options, capsys=capsys)
 
 
 @pytest.mark.parametrize(("cluster", "library", "extra"), [("local", "joblib", "agents"), ("auto", "ray", "cluster")])
@@ -60,6 +49,9 @@ def test_a_store_alone_changes_no_file(tmp_path):
     assert len([*(tmp_path / "store").iterdir()]) == 1
 
 
+NO_ADDRESSES = ("everywhere", ":6379", "host:", "ray://10.0.0.1:10001", "host:port")
+
+
 def answering(answer):
     """Return the address of something that gives one answer to whoever comes."""
     server = socket.create_server(("127.0.0.1", 0))
@@ -74,25 +66,19 @@ def answering(answer):
     return f"127.0.0.1:{server.getsockname()[1]}"
 
 
-@pytest.mark.parametrize("address", ["everywhere", ":6379", "host:", "ray://10.0.0.1:10001", "host:port"])
-def test_what_is_not_an_address_is_refused(address):
-    with pytest.raises(ValueError, match=r"cluster must be 'local', 'auto' or HOST:PORT"):
-        module._address_of(address)
-
-
-def test_other_programs_are_noticed_before_ray_is_asked():
+def test_what_is_not_an_address_and_other_programs_are_noticed_before_ray_is_asked(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with pytest.raises(OSError, match=f"There is no cluster at 127.0.0.1:{port}: "):
-        module._address_of(f"127.0.0.1:{port}")
-    with pytest.raises(OSError, match="the program that listens there is not Ray"):
-        module._address_of(answering(b"HTTP/1.1 400 Bad Request"))
-
-
-def test_a_cluster_that_cannot_be_asked_is_refused_in_one_line(monkeypatch):
-    monkeypatch.setattr(module.sys, "executable", "false")
-    with pytest.raises(OSError, match=r"The cluster '127.0.0.1:\d+' cannot be used: Ray ended without a message\."):
-        module._address_of(answering(bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))))
+        closed = f"127.0.0.1:{free.getsockname()[1]}"
+    monkeypatch.setattr(module.sys, "executable", "false")  # Ray's program
+    refusals = [
+        *((address, ValueError, "cluster must be 'local', 'auto' or HOST:PORT") for address in NO_ADDRESSES),
+        (closed, OSError, f"There is no cluster at {closed}: "),
+        (answering(b"HTTP/1.1 400 Bad Request"), OSError, "the program that listens there is not Ray"),
+        (answering(bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))), OSError, "cannot be used: Ray ended without a message."),
+    ]
+    for address, error, message in refusals:
+        with pytest.raises(error, match=re.escape(message)):
+            module._address_of(address)
 
 
 @pytest.mark.parametrize(

@@ -126,20 +126,7 @@ def test_a_killed_worker_changes_no_number(cluster):
         }
 
 
-def test_too_little_memory_is_refused_in_one_line(cluster):
-    cluster.head("--num-cpus", "1", "--memory", "100000000")
-    line = refused(cluster.address)
-    assert "has too little memory: a worker needs 524 MB, and its largest node gives 100 MB." in line
-
-
-def test_a_missing_token_is_asked_for_in_one_line(cluster, monkeypatch):
-    cluster.head("--num-cpus", "1")
-    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):
-        monkeypatch.delenv(name)
-    assert "it asks for a token: set RAY_AUTH_MODE=token" in refused(cluster.address)
-
-
-BLOCKER = """
+ABSENT = """
 import sys
 class Absent:
     def find_spec(self, name, path=None, target=None):
@@ -147,21 +134,32 @@ class Absent:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
 """
+OTHER = """
+import numpy
+import importlib.metadata as m
+v = m.version
+m.version = lambda name: '1.0' if name == 'numpy' else v(name)
+"""
 
 
-def test_a_cluster_without_the_package_is_refused_in_one_line(cluster, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(BLOCKER)
-    cluster.head("--num-cpus", "1", PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}")
-    assert "lacks a module, 'turtlebot_gym_agents': install turtlebot-gym[cluster]" in refused(cluster.address)
-
-
-def test_other_code_on_a_node_is_refused_in_one_line(cluster, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(
-        "import numpy\nimport importlib.metadata as m\nv = m.version\n"
-        "m.version = lambda name: '1.0' if name == 'numpy' else v(name)\n"
-    )
-    cluster.head("--num-cpus", "1", PYTHONPATH=f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}")
-    assert f"has numpy 1.0, here it is {np.__version__}: results could differ." in refused(cluster.address)
+@pytest.mark.parametrize(
+    ("code", "options", "said"),
+    [
+        ("", ["--memory", "100000000"], "too little memory: a worker needs 524 MB, and its largest node gives 100 MB."),
+        ("", None, "it asks for a token: set RAY_AUTH_MODE=token"),
+        (ABSENT, [], "lacks a module, 'turtlebot_gym_agents': install turtlebot-gym[cluster]"),
+        (OTHER, [], f"has numpy 1.0, here it is {np.__version__}: results could differ."),
+    ],
+    ids=["memory", "token", "package", "version"],
+)
+def test_a_cluster_that_cannot_do_the_work_is_refused_in_one_line(cluster, tmp_path, monkeypatch, code, options, said):
+    (tmp_path / "sitecustomize.py").write_text(code)
+    there = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}"} if code else {}
+    cluster.head("--num-cpus", "1", *(options or ()), **there)
+    if options is None:
+        for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):
+            monkeypatch.delenv(name)
+    assert said in refused(cluster.address)
 
 
 def test_without_a_cluster_there_is_one_line():
