@@ -23,20 +23,9 @@ from turtlebot_gym_agents.training.model import make_model, replay_path
 from turtlebot_gym_agents.training.train import train
 
 torch.set_num_threads(1)
-SMALL = {
-    "n_envs": 64,
-    "n_timesteps": 2048,
-    "policy": "MlpPolicy",
-    "n_steps": 16,
-    "batch_size": 1024,
-    "n_epochs": 1,
-    "policy_kwargs": {"net_arch": [8]},
-}
-OFF_POLICY = {name: value for name, value in SMALL.items() if name not in ("n_steps", "n_epochs")} | {
-    "learning_starts": 128,
-    "buffer_size": 1000,
-    "batch_size": 32,
-}
+NETWORK = {"n_envs": 64, "n_timesteps": 2048, "policy": "MlpPolicy", "policy_kwargs": {"net_arch": [8]}}
+SMALL = NETWORK | {"n_steps": 16, "batch_size": 1024, "n_epochs": 1}
+OFF_POLICY = NETWORK | {"learning_starts": 128, "buffer_size": 1000, "batch_size": 32}
 small = TrainingConfig(config=SMALL, episodes=8, evaluations=2)
 
 
@@ -58,15 +47,18 @@ def test_a_folder_with_a_run_is_not_overwritten(finished):
         train(replace(config, config=SMALL | {"gamma": 0.5}), folder, resume=True, progress=False)
 
 
-def test_a_record_of_an_earlier_version_is_resumed(finished):
-    config, folder = small, finished
-    record = json.loads((folder / "config.json").read_text())
+def test_a_record_of_an_earlier_version_is_resumed_but_not_what_is_no_checkpoint(finished):
+    record = json.loads((finished / "config.json").read_text())
     for name in ("task", "dt", "plant", "integrator"):  # it did not have them
         del record["config"][name]
     record["config"]["arrival"] = "truth"  # which was the default of all tasks
     record["hyperparameters"]["n_steps"] = "16"  # as the file had it
-    (folder / "config.json").write_text(json.dumps(record))
-    config.require_same(folder)
+    (finished / "config.json").write_text(json.dumps(record))
+    small.require_same(finished)
+    for content in (b"", b"no zip at all"):
+        (finished / "checkpoint.zip").write_bytes(content)
+        with pytest.raises(ValueError, match=r"checkpoint\.zip is not a model of Stable-Baselines3: [^\n]*$"):
+            train(small, finished, resume=True, progress=False)
 
 
 def test_a_finished_run_is_resumed_to_the_same(tmp_path):
@@ -106,14 +98,6 @@ def test_resuming_runs_nothing_that_is_pickled_in_the_folder(tmp_path):
     with contextlib.suppress(Exception):
         PPO.load(dangerous, device="cpu")
     assert trace.exists()  # where it is unpickled, it runs
-
-
-@pytest.mark.parametrize("content", [b"", b"no zip at all"])
-def test_what_is_not_a_checkpoint_is_refused_in_one_line(content, tmp_path):
-    train(replace(small, steps=1024), tmp_path / "run", progress=False)
-    (tmp_path / "run" / "checkpoint.zip").write_bytes(content)
-    with pytest.raises(ValueError, match=r"checkpoint\.zip is not a model of Stable-Baselines3: [^\n]*$"):
-        train(small, tmp_path / "run", resume=True, progress=False)
 
 
 def test_off_policy_checkpoints_have_their_replay_buffer(tmp_path):

@@ -39,15 +39,8 @@ SHORT = {
     "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "ReLU", "log_std_init": -0.5},
 }
 """Learns in a few seconds: 100 % with the two seeds that were tried."""
-SMALL = {
-    "n_envs": 64,
-    "n_timesteps": 2048,
-    "policy": "MlpPolicy",
-    "n_steps": 16,
-    "batch_size": 1024,
-    "n_epochs": 1,
-    "policy_kwargs": {"net_arch": [8]},
-}
+SMALL = {"n_envs": 64, "n_timesteps": 2048, "policy": "MlpPolicy", "policy_kwargs": {"net_arch": [8]}}
+SMALL |= {"n_steps": 16, "batch_size": 1024, "n_epochs": 1}
 small = TrainingConfig(config=SMALL, episodes=8, evaluations=2)
 
 

@@ -220,7 +220,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_no_page(what, seen):
+def test_no_page_has_a_fault(what, seen):
     assert not {name: wrong for name, one in seen.items() if (wrong := WRONG[what](one))}
 
 
