@@ -141,14 +141,24 @@ def with_one_wrong(draw, arguments):
     return {**arguments, name: draw(WRONG)}
 
 
-@fuzzed(450, 5500, arguments=GROUND, wrong=st.booleans(), data=st.data())
-def test_arguments_on_open_ground_give_finite_numbers_or_one_line(arguments, wrong, data):
-    driven("arguments", SQUARE, with_one_wrong(data.draw, arguments) if wrong else arguments)
+@fuzzed(200, 2500, arguments=GROUND)
+def test_accepted_arguments_on_open_ground_give_finite_numbers(arguments):
+    driven("arguments", SQUARE, arguments)
 
 
-@fuzzed(80, 1000, arguments=IN_ROOMS, wrong=st.booleans(), data=st.data())
-def test_arguments_in_rooms_give_finite_numbers_or_one_line(arguments, wrong, data):
-    driven("arguments of rooms", ROOMS, with_one_wrong(data.draw, arguments) if wrong else arguments)
+@fuzzed(250, 3000, arguments=GROUND, data=st.data())
+def test_one_wrong_value_on_open_ground_is_one_line(arguments, data):
+    driven("wrong arguments", SQUARE, with_one_wrong(data.draw, arguments))
+
+
+@fuzzed(20, 400, arguments=IN_ROOMS)
+def test_accepted_arguments_in_rooms_give_finite_numbers(arguments):
+    driven("arguments of rooms", ROOMS, arguments)
+
+
+@fuzzed(60, 600, arguments=IN_ROOMS, data=st.data())
+def test_one_wrong_value_in_rooms_is_one_line(arguments, data):
+    driven("wrong arguments of rooms", ROOMS, with_one_wrong(data.draw, arguments))
 
 
 VECTOR = {
