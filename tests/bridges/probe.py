@@ -22,7 +22,7 @@ def laser(distance=math.inf, **fields):
     ranges = np.where(cosine > 0.01, distance / np.maximum(cosine, 0.01), np.inf)
     message = LaserScan(angle_min=0.0, angle_increment=2.0 * math.pi / 360, range_min=0.12, range_max=3.5)
     message.header.frame_id = "base_scan"
-    message.ranges = ranges.tolist()
+    message.ranges = np.minimum(ranges, 3.0).tolist()  # a round room: a LiDAR without returns is covered
     for name, value in fields.items():
         setattr(message, name, value)
     return message
@@ -71,6 +71,8 @@ class Probe:
     def _measure(self):
         scan = self.scan
         if scan is not None:
+            noise = np.random.default_rng().normal(0.0, 1e-4, len(scan.ranges))  # a LiDAR that repeats itself is frozen
+            scan.ranges = (np.asarray(scan.ranges) + noise).tolist()
             scan.header.stamp.sec, scan.header.stamp.nanosec = divmod(time.time_ns() - int(self.scan_age * 1e9), 10**9)
             self._lidar.publish(scan)
 
