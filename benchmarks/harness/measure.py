@@ -1,4 +1,4 @@
-"""The sittings of `turtlebot-gym benchmark`: all contenders, the check against a file, and pairs with another clone."""
+"""The program that `turtlebot-gym benchmark` runs: all contenders, the check against a file, and pairs with another clone."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harness import check, environments, learning, pairs, report
 from harness.machine import busy, cores, machine
 from harness.peers import peers
 from harness.turns import Contender, grouped, take_turns
+from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.console import print_tables, progress, save_figure
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
-
-if TYPE_CHECKING:
-    from turtlebot_gym_agents.commands.benchmark import Benchmark
 
 TRAININGS = 3
 """Most rounds of training in each sitting."""

@@ -1,13 +1,13 @@
-"""The commands about speed: ``compile``, and ``benchmark``, whose harness is in the repository's folder ``benchmarks/``."""
+"""The commands about speed: ``compile``, and ``benchmark``, whose program is in the repository's folder ``benchmarks/``."""
 
 from __future__ import annotations
 
 import os
 import sys
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from runpy import run_path
 from typing import Annotated
 
 import tyro
@@ -16,6 +16,7 @@ from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Wr
 from turtlebot_gym_agents.outputs import FOLDER
 
 _BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+_PROGRAM = _BENCHMARKS / "harness" / "measure.py"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +57,7 @@ class Benchmark(Writing):
             ImportError: If there is no harness, or torch is missing.
             ValueError: If an option is out of its range.
         """
-        if not (_BENCHMARKS / "harness").is_dir():
+        if not _PROGRAM.is_file():
             raise ImportError(
                 "benchmark needs a clone of the repository, installed with `pip install --editable .`: "
                 "the harness is in its folder benchmarks/."
@@ -66,7 +67,7 @@ class Benchmark(Writing):
             self._require_training()
         if str(_BENCHMARKS) not in sys.path:
             sys.path.append(str(_BENCHMARKS))
-        import_module("harness.measure").run(self)
+        run_path(str(_PROGRAM))["run"](self)
 
     def _require_training(self) -> None:
         for name in ("torch", "stable_baselines3"):
