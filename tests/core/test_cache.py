@@ -119,6 +119,22 @@ def start(folder, program=FUNCTION, **options):
     return subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, env=environment, text=True, **options)
 
 
+ADDRESSES = f"""
+from turtlebot_gym.compiled.parallel import address_of
+addresses = set()
+for program in ({FUNCTION!r}, {FUNCTION!r}.replace("+ 1.0", "+ 2.0")):
+    exec(program)
+    addresses.add(address_of(loop, 3.0))
+print(len(addresses))
+"""
+
+
+def test_functions_of_one_name_that_different_processes_have_compiled_have_different_addresses(tmp_path):
+    for program in (FUNCTION, FUNCTION.replace("+ 1.0", "+ 2.0")):
+        assert start(tmp_path, program).communicate(timeout=300)[0].split()[1:] == COMPILED[1:]
+    assert start(tmp_path, ADDRESSES).communicate(timeout=300)[0].split() == [*LOADED, "8.0", *LOADED[1:], "2"]
+
+
 PARAMETERS = """
 from turtlebot_gym.compiled import cache
 from turtlebot_gym.compiled.packing import as_tuple

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.compiled.loop import layout_of
-from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, packing
+from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, packing
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
 
@@ -112,3 +112,13 @@ def test_all_parameters_have_the_same_structure(preset):
     p = make_parameters(noise=preset)
     p = p._replace(tuning=replace(p.tuning, kind=Kalman()))  # wheel odometry has a filter, and so a loop, of its own
     assert shape(as_tuple(p)) == shape(as_tuple(make_parameters()))
+
+
+@pytest.mark.parametrize("tiles", [1, 3, 128, 5000])
+@pytest.mark.parametrize("size", [1, 2, 41])
+def test_each_number_of_a_tile_begins_a_cache_line_and_is_zero(tiles, size):
+    rows = aligned(tiles, size)
+    assert rows.shape == (tiles, size * TILE)
+    assert rows.flags.carray
+    assert not rows.any()
+    assert {(rows.ctypes.data + at * TILE * rows.itemsize) % 64 for at in range(tiles * size)} == {0}

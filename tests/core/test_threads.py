@@ -40,11 +40,10 @@ def test_one_thread_never_runs_in_parallel_and_more_are_numbas_for_as_long_as_th
         assert numba.get_num_threads() == min(2, most)
         assert not Threads.acquire()
         Threads.release()
-    for threads, number in ((None, before), (1, 1)):  # a choice of one thread is one thread of the same loop
-        assert Threads.acquire(threads)
-        assert numba.get_num_threads() == number
-        Threads.release()
-        assert numba.get_num_threads() == before
+    assert numba.get_num_threads() == before
+    assert Threads.acquire()
+    Threads.release()
+    assert numba.get_num_threads() == before
 
 
 def test_the_limit_ends_with_its_block():
@@ -103,3 +102,15 @@ def test_a_change_of_the_machine_is_noticed():
         made, _ = paced(pace, busy, 2 * LAST_TRIAL)
         assert made.count(True) <= FIRST_TRIAL + 20 * TRIAL
         assert not pace.parallel
+
+
+@pytest.mark.parametrize("why", ["the pace chose it", "numba has one"])
+def test_one_thread_runs_the_serial_loop(monkeypatch, why):
+    serial = driven()
+    monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
+    monkeypatch.setattr(module, "parallel_loop", lambda name: pytest.fail("one thread needs no parallel loop"))
+    if why == "numba has one":
+        monkeypatch.setattr(Threads, "count", lambda: 1)
+    else:
+        monkeypatch.setattr(Pace, "parallel", property(lambda self: False, lambda self, value: None), raising=False)
+    assert driven() == serial

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.loop import layout_of, loops_of
-from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
+from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten
 from turtlebot_gym.compiled.parallel import address_of, parallel_loop
 from turtlebot_gym.compiled.threads import Pace, Threads
 from turtlebot_gym.kernel import HAS_NUMBA
@@ -72,7 +72,7 @@ class Batch:
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((n_tiles, TILE + 1), np.int64)
         self._keys[:, TILE] = np.arange(n_tiles)
-        self._tiles = np.zeros((n_tiles, layout.world.size * TILE))
+        self._tiles = aligned(n_tiles, layout.world.size)
         self._plan = plan
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._parallel = is_large and HAS_NUMBA and self.system.compiled
@@ -127,7 +127,8 @@ class Batch:
         table = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
         table = np.repeat(table, TILE if same else np.r_[[1] * (len(rows) - 1), 1 + -len(rows) % TILE], axis=0)
         tiles = table.reshape(-1, TILE, self.layout.parameters.size).transpose(0, 2, 1)
-        self._parameters = np.ascontiguousarray(tiles).reshape(len(tiles), -1)
+        self._parameters = aligned(len(tiles), self.layout.parameters.size)
+        self._parameters.reshape(tiles.shape)[:] = tiles
 
     def _choose_loops(self, shared: Parameters | None) -> None:
         """Use the loops of a special case, if all environments share it."""
@@ -202,7 +203,7 @@ class Batch:
     def _run(self, name: str, parallel: bool, *arguments: Any) -> None:
         """Run a loop over all tiles, on one thread or on all."""
         loop = getattr(self._loops, name)
-        if not parallel:
+        if not parallel or Threads.count() == 1:
             loop(*arguments)
             return
         if name not in self._addresses:
@@ -240,13 +241,14 @@ class Batch:
             )  # fmt: skip
             return observations, outcomes
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-        shared, start = Threads.acquire(None if self._pace.parallel else 1), time.perf_counter()
+        parallel, start = self._pace.parallel, time.perf_counter()
+        shared = parallel and Threads.acquire()
         try:
             self._run("step", shared, actions, *state)
         finally:
             if shared:
                 Threads.release()
-        if shared:
+        if shared or not parallel:  # otherwise the pace's choice was not tried
             self._pace.tell(time.perf_counter() - start)
         return observations, outcomes
 

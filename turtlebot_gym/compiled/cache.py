@@ -26,12 +26,9 @@ and a step takes four times as long."""
 
 if HAS_NUMBA:
     from llvmlite import binding as llvm
-    from numba import njit
 
     for option in _LLVM_OPTIONS:
         llvm.set_option("", option)
-else:  # the functions run as plain Python
-    njit: Any = lambda function, **options: function  # noqa: E731
 
 
 def _fingerprint(*functions: Callable[..., Any]) -> str:
@@ -91,10 +88,15 @@ def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False)
         name: What it does, for the notice on a terminal and the name of its file.
         parallel: Whether its ``prange`` runs on all threads.
     """
-    dispatcher = njit(function, error_model="numpy", parallel=parallel)
-    if HAS_NUMBA:
-        from turtlebot_gym.compiled.store import Store
+    if not HAS_NUMBA:  # it runs as plain Python
+        return function
+    from numba import njit
 
-        identity = f"{_fingerprint(function)} {parallel} {_compilers()}"
-        dispatcher._cache = Store(name, hashlib.sha256(identity.encode()).hexdigest())
+    from turtlebot_gym.compiled.store import Store
+
+    identity = hashlib.sha256(f"{name} {_fingerprint(function)} {parallel} {_compilers()}".encode()).hexdigest()
+    # numba numbers functions in each process anew: two from different processes could share a symbol, and so an address
+    function.__qualname__ = f"{function.__name__}_{identity}"
+    dispatcher: Any = njit(function, error_model="numpy", parallel=parallel)
+    dispatcher._cache = Store(name, identity)
     return dispatcher

@@ -14,10 +14,26 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from turtlebot_gym.kernel import access
 
 TILE = 32
 """Environments per tile."""
+_LINE = 64
+"""Bytes of a cache line, and of the widest vector register."""
+
+
+def aligned(tiles: int, size: int) -> NDArray[np.float64]:
+    """Return zeros for tiles of ``size`` numbers per environment, shape (tiles, size * TILE), at the start of a cache line.
+
+    numpy starts large arrays 16 bytes after one; each load and store of a widest vector would then touch two lines.
+    """
+    count = tiles * size * TILE
+    room = np.zeros(count + _LINE // 8)
+    start = -room.ctypes.data % _LINE // 8
+    return room[start : start + count].reshape(tiles, size * TILE)
 
 
 @cache

@@ -41,17 +41,16 @@ class Threads:
     _numbas = 0
 
     @classmethod
-    def acquire(cls, most: int | None = None) -> bool:
+    def acquire(cls) -> bool:
         """Return whether the caller may run a parallel loop, and then must `release` it."""
         allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
         if allowed:
             cls.used = True
-            most = cls.limit if most is None else most
-            if most is not None and HAS_NUMBA:
+            if cls.limit is not None and HAS_NUMBA:
                 import numba
 
                 cls._numbas = numba.get_num_threads()
-                numba.set_num_threads(min(most, cls._numbas))
+                numba.set_num_threads(min(cls.limit, cls._numbas))
         return allowed
 
     @classmethod
