@@ -90,11 +90,13 @@ def touches(point, command, center_x):
 
 def test_the_time_to_contact_is_that_of_a_search_along_the_arc():
     rng, met = np.random.default_rng(0), 0
-    for _ in range(300):
+    for case in range(300):
         command = Command(rng.uniform(-0.3, 0.3) * rng.integers(0, 2), rng.uniform(-3.0, 3.0) * 10.0 ** -rng.integers(0, 4))
         center_x, radius = rng.uniform(-0.2, 0.1), rng.uniform(0.05, 0.25)
         away, direction = radius + rng.uniform(0.001, 0.4), rng.uniform(-math.pi, math.pi)
         point = (center_x + away * math.cos(direction), away * math.sin(direction), radius)
+        if case % 3 == 0:  # exactly abeam, where the distance has an extremum
+            center_x, point = 0.0, (0.0, math.copysign(away, direction), radius)
         (found,), expected = times_to_contact(points(point), command, center_x), touches(point, command, center_x)
         assert found == pytest.approx(expected, rel=1e-6, abs=1e-6), (point, command, center_x)
         met += math.isfinite(expected)
@@ -112,14 +114,24 @@ def test_an_arc_may_be_as_straight_as_it_likes(omega):
         assert back[3] == pytest.approx(4.0, rel=1e-4)
 
 
-def test_from_inside_only_what_comes_nearer_is_contact():
-    near = points((0.1, 0.0, 0.15))
-    for command, time in ((Command(0.1, 0.0), 0.0), (Command(-0.1, 0.0), math.inf), (Command(0.0, 1.0), math.inf)):
-        assert times_to_contact(near, command, 0.0) == [time]
+@pytest.mark.parametrize("depth", [0.05, 0.0], ids=["inside", "at the edge"])
+def test_from_inside_only_what_comes_nearer_is_contact(depth):
+    near = points((0.15 - depth, 0.0, 0.15))
+    commands = {0.0: [(0.1, 0.0), (0.1, 1.0)], math.inf: [(-0.1, 0.0), (-0.1, 1.0), (0.0, 1.0), (0.0, 0.0)]}
+    for time, each in commands.items():
+        assert [float(times_to_contact(near, Command(*command), 0.0)[0]) for command in each] == [time] * len(each)
     # A footprint behind the axle swings to the side where the robot turns on the spot.
-    beside = points((-0.1, 0.12, 0.15))
+    beside = points((-0.1, 0.15 - depth, 0.15))
     assert times_to_contact(beside, Command(0.0, 1.0), -0.1) == [math.inf]
     assert times_to_contact(beside, Command(0.0, -1.0), -0.1) == [0.0]
+
+
+def test_what_moves_across_or_not_at_all_meets_no_point_outside():
+    outside = points((0.3, 0.0, 0.15), (0.0, 0.3, 0.15), (-0.2, -0.2, 0.15))
+    assert (times_to_contact(outside, STOP, 0.0) == math.inf).all()
+    assert (times_to_contact(outside, Command(0.0, 1.0), 0.0) == math.inf).all()
+    for v in (0.2, -0.2):
+        assert times_to_contact(points((0.0, 0.3, 0.15)), Command(v, 0.0), 0.0) == [math.inf]
 
 
 # What a scan says.
