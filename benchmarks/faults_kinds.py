@@ -1,133 +1,427 @@
-"""The faults to inject into a guard.
+"""The faults to inject into a robot's chain.
 
-Each begins with a driving robot, and returns the number of unsafe motions besides those that were too late.
+Each begins with a driving robot, and returns the number of unsafe motions besides those that were later than 0.6 s after the
+newest measurement: motions after a stop that a person has not ended, or towards a wall inside the stopping zone.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 import random
 import signal
 import time
+from collections.abc import Callable
+from typing import Any
 
-from faults_robot import Robot
+from faults_robot import DEAD_END, Robot
 
-SETTLE = 0.06
+SETTLE = 0.1
 """Time for a message to take effect, s: several cycles of the guard on a busy machine."""
+ZONE = 0.02
+"""Distance between footprint and wall within which no motion towards it may be, m: less than half of the guard's margin."""
+
+Fault = Callable[[Robot, random.Random], int]
 
 
-def suspended(robot: Robot, rng: random.Random, low: float = 1.2, high: float = 3.0) -> int:
-    """Stop the guard's process while two sources publish, both of which end meanwhile."""
-    robot.set(**{"in": (0.15, 0.0), "teleop": (0.1, 0.0)})
-    time.sleep(0.15)
-    robot.guard.send_signal(signal.SIGSTOP)
-    duration = rng.uniform(low, high)
-    time.sleep(duration * rng.uniform(0.1, 0.6))
-    robot.set()
-    time.sleep(duration * 0.4)
-    robot.guard.send_signal(signal.SIGCONT)
-    time.sleep(0.6)
+def _after_stop(robot: Robot, wait: float = 0.8) -> int:
+    """Count motions from now on, after a stop that only a person may end."""
+    since = time.time() + SETTLE
+    time.sleep(wait)
+    return len(robot.motions(since))
+
+
+# Measurements that are old
+
+
+def odometry_late(robot: Robot, rng: random.Random) -> int:
+    """Odometry is late by 0.7 to 30 s and says so; in half of the cases the filter begins with it."""
+    late = rng.choice([0.7, 1.0, 2.0, 5.0, 30.0])
+
+    def delay(message: Any, now: float) -> list[tuple[Any, float]]:
+        stamp = robot.clock(now - late)
+        message.header.stamp.sec, message.header.stamp.nanosec = int(stamp), int(stamp % 1.0 * 1e9)
+        return [(message, now - late)]
+
+    robot.odometry = delay
+    if rng.random() < 0.5:
+        robot.ask("kalman_filter/reset", 1.0)
+    time.sleep(1.5)
     return 0
 
 
-def briefly_suspended(robot: Robot, rng: random.Random) -> int:
-    """Stop the guard's process for 0.1 to 0.6 s."""
-    return suspended(robot, rng, 0.1, 0.6)
+def odometry_burst(robot: Robot, rng: random.Random) -> int:
+    """A radio holds the odometry of 1.5 s back, delivers it at once 0.6 to 2 s later, and is dead."""
+    held: list[tuple[Any, float]] = []
+    robot.odometry = lambda message, now: held.append((message, now)) or []
+    time.sleep(1.5)
+    robot.odometry = lambda message, now: []
+    time.sleep(rng.uniform(0.6, 2.0))
+    with robot.lock:
+        for message, measured in held:
+            robot.rests_on(measured)
+            robot.speaker("odom", "Odometry").publish(message)
+    time.sleep(1.2)
+    return 0
+
+
+def odometry_dies(robot: Robot, rng: random.Random) -> int:
+    """Odometry ends."""
+    robot.odometry = lambda message, now: []
+    time.sleep(1.2)
+    return 0
+
+
+def odometry_repeats(robot: Robot, rng: random.Random) -> int:
+    """The last odometry is sent again and again."""
+    kept: list[tuple[Any, float]] = []
+
+    def repeat(message: Any, now: float) -> list[tuple[Any, float]]:
+        kept.append((message, now))
+        return kept[:1]
+
+    robot.odometry = repeat
+    time.sleep(1.5)
+    return 0
+
+
+def scan_late(robot: Robot, rng: random.Random) -> int:
+    """Scans are late by 0.7 to 5 s and say so, towards a wall."""
+    late, kept = rng.choice([0.7, 1.0, 5.0]), []
+    robot.walls = DEAD_END
+
+    def delay(message: Any) -> Any:
+        kept.append((time.time(), message))
+        due = [each for at, each in kept if at <= time.time() - late]
+        return due[-1] if due else None
+
+    return _towards_wall(robot, delay)
+
+
+# Processes that were suspended
+
+
+def _suspended(name: str, *, dies: bool) -> Fault:
+    """Return the fault that suspends a process for 0.5 to 3 s while what it hears dies or lives."""
+
+    def fault(robot: Robot, rng: random.Random) -> int:
+        duration = rng.uniform(0.5, 3.0)
+        with robot.suspended(name):
+            time.sleep(duration * rng.uniform(0.1, 0.6))
+            if dies:
+                robot.odometry = lambda message, now: []
+            time.sleep(duration * 0.4)
+        time.sleep(1.0)
+        return 0
+
+    return fault
+
+
+def guard_suspended_pressed(robot: Robot, rng: random.Random) -> int:
+    """A button is pressed and released while the guard is suspended for 0.5 to 8 s."""
+    duration = rng.choice([0.5, 1.0, 2.0, 3.0, 5.0, 8.0])
+    with robot.suspended("cmd_vel_guard"):
+        time.sleep(rng.uniform(0.1, 0.5) * duration)
+        robot.pressed[0] = True
+        time.sleep(0.3)
+        robot.pressed[0] = False
+        time.sleep(0.4 * duration)
+    return _after_stop(robot)
+
+
+def guard_suspended_sources_die(robot: Robot, rng: random.Random) -> int:
+    """A person and a program command the guard, and end while it is suspended."""
+    robot.teleop = (0.1, 0.0)
+    time.sleep(0.2)
+    with robot.suspended("cmd_vel_guard"):
+        duration = rng.uniform(0.3, 3.0)
+        time.sleep(0.5 * duration)
+        robot.teleop = None
+        robot.odometry = lambda message, now: []
+        time.sleep(0.5 * duration)
+    time.sleep(0.8)
+    return 0
+
+
+# Processes that end
+
+
+def _guard_ends(number: signal.Signals) -> Fault:
+    """Return the fault in which a driving guard is killed or hangs: the standby must stop the robot within 0.3 s."""
+
+    def fault(robot: Robot, rng: random.Random) -> int:
+        time.sleep(rng.uniform(0.0, 0.2))
+        at = time.time()
+        robot.signal("cmd_vel_guard", number)
+        time.sleep(1.0)
+        zeros = [when for when, v, omega in robot.heard if when > at and (v, omega) == (0.0, 0.0)]
+        return (not zeros or zeros[0] > at + 0.3) + len(robot.motions(at + 0.3))
+
+    return fault
+
+
+def standby_killed(robot: Robot, rng: random.Random) -> int:
+    """The standby is killed, then the odometry ends: the guard alone stops the robot."""
+    robot.signal("cmd_vel_standby", signal.SIGKILL)
+    time.sleep(rng.uniform(0.1, 1.0))
+    return odometry_dies(robot, rng)
+
+
+def guard_restarts(robot: Robot, rng: random.Random) -> int:
+    """The guard is killed and started again while the program drives: its first message is zero."""
+    robot.signal("cmd_vel_guard", signal.SIGKILL)
+    robot.processes["cmd_vel_guard"].wait()
+    time.sleep(0.5)
+    since = time.time()
+    robot.start("cmd_vel_guard")
+    while not (later := [command for at, *command in list(robot.heard) if at > since + 0.2]) and time.time() < since + 20.0:
+        time.sleep(0.02)
+    return int(not later or later[0] != [0.0, 0.0])
+
+
+# Buttons
 
 
 def short_press(robot: Robot, rng: random.Random) -> int:
-    """Press and release a button within 0 to 10 ms."""
+    """A button is pressed and released within 0 to 10 ms."""
     with robot.lock:
         robot.say(0, True)
         time.sleep(rng.choice([0.0, 0.0, rng.uniform(0.0, 0.01)]))
         robot.say(0, False)
-        since = time.time() + SETTLE
-    time.sleep(0.5)
-    return len(robot.motions(since))
-
-
-def suspended_press(robot: Robot, rng: random.Random) -> int:
-    """Press and release a button while the guard's process is stopped."""
-    robot.guard.send_signal(signal.SIGSTOP)
-    time.sleep(rng.uniform(0.05, 0.4))
-    with robot.lock:
-        robot.say(1, True)
-        robot.say(1, False)
-    time.sleep(rng.uniform(0.05, 0.4))
-    since = time.time()
-    robot.guard.send_signal(signal.SIGCONT)
-    time.sleep(0.5)
-    return len(robot.motions(since + SETTLE))
+    return _after_stop(robot)
 
 
 def two_buttons(robot: Robot, rng: random.Random) -> int:
-    """Hold one of two buttons, and ask to be enabled."""
-    which = rng.randrange(2)
+    """One of two buttons is held, and a person asks to be enabled."""
     with robot.lock:
-        robot.pressed[which] = True
+        robot.pressed[rng.randrange(2)] = True
     time.sleep(0.3)
     since = time.time()
-    accepted = 0
-    for _ in range(4):
-        time.sleep(rng.uniform(0.0, 0.1))
-        accepted += robot.enable(True)
-    return accepted + len(robot.motions(since))
+    return sum(robot.ask("cmd_vel_guard/enable", 0.5, data=True) for _ in range(4)) + len(robot.motions(since))
 
 
 def button_dies(robot: Robot, rng: random.Random) -> int:
-    """Let one of two buttons fall silent while the other continues."""
-    which = rng.randrange(2)
+    """One of two buttons falls silent while the other continues."""
     with robot.lock:
-        robot.pressed[which] = None
-    since = time.time() + 0.5 + SETTLE
-    time.sleep(0.9)
-    return robot.enable(True) + len(robot.motions(since))
+        robot.pressed[rng.randrange(2)] = None
+    time.sleep(0.5)
+    return _after_stop(robot) + robot.enable()
+
+
+def button_restarts(robot: Robot, rng: random.Random) -> int:
+    """A button's program ends and another one begins, which is not pressed."""
+    with robot.lock:
+        robot.pressed[0] = None
+        robot.node.destroy_publisher(robot._speakers.pop(("emergency_stop", 0)))
+    time.sleep(rng.uniform(0.6, 1.0))
+    robot.pressed[0] = False
+    return _after_stop(robot)
+
+
+# Floods
+
+
+def _flooded(topic: str, kind: str) -> Fault:
+    """Return the fault in which a process publishes on a topic as fast as it can, and the odometry dies meanwhile."""
+
+    def fault(robot: Robot, rng: random.Random) -> int:
+        if "header" in robot.kinds[kind].get_fields_and_field_types():
+            message = robot.stamped(kind, {"TwistStamped": "base_footprint", "LaserScan": "base_scan"}.get(kind, "odom"), 0.0)
+        else:
+            message = robot.kinds[kind]()
+        if kind == "TwistStamped":  # a motion that is fresh when the flood begins
+            message.header.stamp = robot.stamped(kind, "", time.time()).header.stamp
+            message.twist.linear.x = 0.1
+            robot.rests_on(time.time())
+        if kind == "PoseStamped":
+            message.pose.orientation.w = 1.0
+        robot.odometry = lambda message, now: []
+        robot.flood(topic, message, 2.0)
+        time.sleep(0.5)
+        return 0
+
+    return fault
+
+
+# Clocks
+
+
+def _clocks(kind: str) -> Fault:
+    """Return the fault in which the robot's clock is off, is set, or drifts, and the odometry dies at last."""
+
+    def fault(robot: Robot, rng: random.Random) -> int:
+        size, began = rng.choice([-2.0, -1.0, -0.775, -0.3, 0.3, 0.775, 1.0, 2.0]), time.time()
+        drift = (lambda now: now + 0.05 * size * (now - began)) if kind == "drift" else lambda now: now + size
+        robot.clock = drift
+        if kind == "offset":
+            robot.ask("kalman_filter/reset", 1.0)
+            robot.ask("velocity_controller/enable", 1.0, data=True)
+        time.sleep(2.0)
+        robot.odometry = lambda message, now: []
+        time.sleep(1.0)
+        return 0
+
+    return fault
+
+
+# Sensors that lie
+
+
+def _towards_wall(robot: Robot, scan: Callable[[Any], Any]) -> int:
+    """Drive towards a wall with a LiDAR that lies, and count whether the robot came too near."""
+    since = time.time()
+    robot.walls = DEAD_END
+    robot.scan = scan
+    time.sleep(6.0)
+    return int(robot.nearest(since) < ZONE)
+
+
+def _lidar(spoil: Callable[[Any], Any]) -> Fault:
+    """Return the fault in which a LiDAR changes what it sends."""
+
+    def fault(robot: Robot, rng: random.Random) -> int:
+        return _towards_wall(robot, spoil)
+
+    return fault
+
+
+def lidar_frozen(robot: Robot, rng: random.Random) -> int:
+    """The LiDAR repeats its last ranges with fresh stamps."""
+    kept: list[Any] = []
+
+    def freeze(message: Any) -> Any:
+        kept.append(message.ranges)
+        message.ranges = kept[0]
+        return message
+
+    return _towards_wall(robot, freeze)
+
+
+def _filled(value: float, share: float = 1.0) -> Callable[[Any], Any]:
+    def fill(message: Any) -> Any:
+        count = len(message.ranges)
+        message.ranges = [value if k < share * count else each for k, each in enumerate(message.ranges)]
+        return message
+
+    return fill
+
+
+def _turned(message: Any) -> Any:
+    half = len(message.ranges) // 2
+    message.ranges = [*message.ranges[half:], *message.ranges[:half]]
+    return message
+
+
+def _four_beams(message: Any) -> Any:
+    step = len(message.ranges) // 4
+    message.ranges = list(message.ranges)[step // 2 :: step]
+    message.angle_min, message.angle_increment = message.angle_increment * (step // 2), 0.5 * math.pi
+    message.angle_max = message.angle_min + 1.5 * math.pi
+    return message
+
+
+def wrong_fix(robot: Robot, rng: random.Random) -> int:
+    """One fix says that the robot is far away; what moves then must still rest on fresh measurements."""
+    message = robot.stamped("PoseWithCovarianceStamped", "odom", robot.clock(time.time()))
+    message.pose.pose.position.x, message.pose.pose.orientation.w = rng.choice([1e3, -1e3, 1e300]), 1.0
+    for at in (0, 7, 35):
+        message.pose.covariance[at] = rng.choice([1e-4, 1e-300])
+    estimates: list[float] = []
+    hear: Any = lambda estimate: estimates.append(estimate.pose.pose.position.x)  # noqa: E731
+    subscription = robot.node.create_subscription(robot.kinds["Odometry"], "estimate", hear, 10)
+    time.sleep(0.3)
+    robot.speaker("pose_fix", "PoseWithCovarianceStamped", 2).publish(message)
+    time.sleep(1.0)
+    robot.node.destroy_subscription(subscription)
+    return sum(abs(x) > 10.0 for x in estimates)
+
+
+def two_odometries(robot: Robot, rng: random.Random) -> int:
+    """Another publisher of odometry says that the robot is 2 m away, and stays when the robot's own ends."""
+    since = time.time()
+
+    def both(message: Any, now: float) -> list[tuple[Any, float]]:
+        other = copy.deepcopy(message)
+        other.pose.pose.position.x += 2.0
+        robot.speaker("odom", "Odometry", 2).publish(other)
+        return [(message, now)] if now < since + 1.0 else []
+
+    robot.odometry = both
+    time.sleep(3.0)
+    return 0
+
+
+# Commands
 
 
 def old_stamp(robot: Robot, rng: random.Random) -> int:
-    """Send commands that are 1 to 60 s old by their stamp."""
-    robot.set()
-    since = time.time() + 0.4 + SETTLE
+    """Commands of a person are 1 to 60 s old by their stamp, when the odometry has ended."""
+    robot.odometry = lambda message, now: []
+    time.sleep(0.7)
     for _ in range(20):
-        robot.command(rng.choice(["in", "teleop"]), 0.15, 0.0, age=rng.choice([1.0, 60.0]))
+        robot.send_command("cmd_vel_teleop", 0.15, 0.0, age=rng.choice([1.0, 60.0]))
         time.sleep(0.05)
-    return len(robot.motions(since))
-
-
-def flood(robot: Robot, rng: random.Random) -> int:
-    """Send 2000 commands a second, for half a second, some of them stops."""
-    robot.set()
-    since, stops = time.time(), rng.random() < 0.5
-    for k in range(1000):
-        robot.command("in", 0.0 if stops and k % 2 else 0.1, 0.0)
-        time.sleep(max(0.0, since + k * 0.0005 - time.time()))
-    duration = time.time() - since
-    time.sleep(0.5)
-    published = sum(since < at <= since + duration for at, _, _ in list(robot.heard))
-    return max(0, published - math.ceil(50.0 * duration) - 3)
+    return 0
 
 
 def nonsense(robot: Robot, rng: random.Random) -> int:
-    """Send commands that are not finite, or far above the limits."""
+    """Commands of a person are not finite, or far above the limits."""
     since = time.time()
-    robot.set(**{"in": rng.choice([(math.nan, 0.1), (0.1, math.inf), (9.0, -3.0), (1e300, 1e300), (-50.0, 0.0)])})
+    robot.teleop = rng.choice([(math.nan, 0.1), (0.1, math.inf), (9.0, -3.0), (1e300, 1e300), (-50.0, 0.0)])
     time.sleep(0.6)
     commands = [(v, omega) for at, v, omega in list(robot.heard) if at > since]
-    return sum(not abs(v) + abs(omega) * 0.08 <= 0.20971 for v, omega in commands)
+    return sum(not abs(v) + abs(omega) * 0.08 <= 0.22001 for v, omega in commands)
 
 
 def disabled(robot: Robot, rng: random.Random) -> int:
-    """Disable the guard while commands continue, and enable it after the last one."""
-    if not robot.enable(False):
-        return 0  # a service that did not answer in time
-    since = time.time()
-    time.sleep(rng.uniform(0.1, 0.4))
-    robot.set()
-    robot.enable(True)
-    time.sleep(0.4)
-    return len(robot.motions(since))
+    """The guard is disabled while commands continue."""
+    return _after_stop(robot) if robot.enable(False) else 0  # a service that did not answer in time is no stop
 
 
-WITHOUT_BUTTONS = (suspended, briefly_suspended, old_stamp, flood, nonsense, disabled)
-WITH_BUTTONS = (short_press, suspended_press, two_buttons, button_dies)
-FAULTS = {fault.__name__: fault for fault in (*WITHOUT_BUTTONS, *WITH_BUTTONS)}
+WITH_BUTTONS: dict[str, Fault] = {
+    "guard suspended, button pressed": guard_suspended_pressed,
+    "short press": short_press,
+    "one of two buttons held": two_buttons,
+    "one of two buttons silent": button_dies,
+    "button restarted": button_restarts,
+    "flood on emergency_stop": _flooded("emergency_stop", "Bool"),
+}
+WITHOUT_BUTTONS: dict[str, Fault] = {
+    "odometry late": odometry_late,
+    "odometry in a burst": odometry_burst,
+    "odometry dead": odometry_dies,
+    "odometry repeated": odometry_repeats,
+    "scans late": scan_late,
+    "filter suspended, sources die": _suspended("kalman_filter", dies=True),
+    "filter suspended, sources live": _suspended("kalman_filter", dies=False),
+    "controller suspended, sources die": _suspended("velocity_controller", dies=True),
+    "controller suspended, sources live": _suspended("velocity_controller", dies=False),
+    "guard suspended, sources die": guard_suspended_sources_die,
+    "guard suspended, sources live": _suspended("cmd_vel_guard", dies=False),
+    "guard killed": _guard_ends(signal.SIGKILL),
+    "guard hangs": _guard_ends(signal.SIGSTOP),
+    "guard restarted": guard_restarts,
+    "standby killed": standby_killed,
+    "flood on cmd_vel_in": _flooded("cmd_vel_in", "TwistStamped"),
+    "flood on cmd_vel_teleop": _flooded("cmd_vel_teleop", "TwistStamped"),
+    "flood on scan": _flooded("scan", "LaserScan"),
+    "flood on odom": _flooded("odom", "Odometry"),
+    "flood on estimate": _flooded("estimate", "Odometry"),
+    "flood on reference": _flooded("reference", "PoseStamped"),
+    "flood on pose_fix": _flooded("pose_fix", "PoseWithCovarianceStamped"),
+    "clock offset": _clocks("offset"),
+    "clock set": _clocks("step"),
+    "clock drifts": _clocks("drift"),
+    "LiDAR frozen": lidar_frozen,
+    "LiDAR covered": _lidar(_filled(math.nan)),
+    "LiDAR all zero": _lidar(_filled(0.0)),
+    "LiDAR all infinite": _lidar(_filled(math.inf)),
+    "LiDAR turned by 180 degrees": _lidar(_turned),
+    "LiDAR of four beams": _lidar(_four_beams),
+    "wrong fix": wrong_fix,
+    "two odometries": two_odometries,
+    "commands with old stamps": old_stamp,
+    "commands that are nonsense": nonsense,
+    "guard disabled": disabled,
+}
+FAULTS = {**WITHOUT_BUTTONS, **WITH_BUTTONS}

@@ -1,24 +1,48 @@
-"""A guard's process, its publishers, and the judging listener, on rclpy only and independent of the guard's code.
+"""The robot that the faults are done to: its chain as real processes, its sensors and sources, and the listener that judges.
 
-It records when each command was sent, and by DDS's source time, on the same clock, when the guard published each of its own.
+The chain is that of a robot: filter, waypoints, controller, guard with collision monitor, standby. This process is the robot's
+base, sensors, buttons and a person at the sticks. It hears ``/cmd_vel`` on rclpy alone, independent of the guard's code, and
+records when each command was published, by DDS's source time, and when each measurement was really made.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from bisect import bisect_right
+from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
+
+HALL = (3.0, 1.5, 1.0)
+"""Walls ahead of the start, to the left and right, and behind, m."""
+DEAD_END = (1.3, 1.5, 1.0)
+"""The same with a wall ahead that the robot reaches within seconds."""
+BEAMS = 180
+LIDAR_X = -0.032
+"""Position of a Burger's LiDAR ahead of its axle, m."""
+RADIUS, CENTER_X = 0.105, -0.032
+"""Radius of its footprint, and its centre ahead of the axle, m."""
+CHAIN = {
+    "cmd_vel_guard": {"collision_monitor": "true"},
+    # "cmd_vel_standby": {},
+    "kalman_filter": {"noise": "clean", "takes_fixes": "true"},
+    "waypoint_generator": {"waypoints": "far.csv"},
+    "velocity_controller": {"policy": "bearing"},
+}
+REMAPPED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
 
 
 class Robot:
-    """A guard's process, its publishers, and the listener.
+    """The processes, the robot's base, and the listener.
 
     Args:
         domain: Its ROS domain.
@@ -27,30 +51,31 @@ class Robot:
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         import rclpy.node
-        from geometry_msgs.msg import TwistStamped
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import QoSProfile, ReliabilityPolicy
-        from std_msgs.msg import Bool
-        from std_srvs.srv import SetBool
 
+        self.domain, self.has_buttons = domain, buttons
+        self.folder = tempfile.TemporaryDirectory()
+        Path(self.folder.name, "far.csv").write_text("1000,0,0\n")
         self.context = Context()
         self.context.init([], domain_id=domain)
         self.node = rclpy.node.Node("faults", context=self.context)
         every = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         self.heard: list[tuple[float, float, float]] = []
-        self.sent: list[float] = []
-        self.kinds = TwistStamped, Bool, SetBool
+        """Time at which each command for the wheels was published, s, with its v, m/s, and omega, rad/s."""
+        self.measured: list[tuple[float, float]] = []
+        """Times at which what the robot may move on was sent, s, each with the newest time at which such was measured."""
+        self.moving: list[tuple[float, float]] = []
+        """Times at which the robot was told to move forward, s, each with its distance to the wall ahead, m."""
+        self.kinds = _kinds()
         hear: Any = self._hear
-        self.node.create_subscription(TwistStamped, "cmd_vel", hear, every)
-        latest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.sources = {name: self.node.create_publisher(TwistStamped, f"cmd_vel_{name}", latest) for name in ("in", "teleop")}
-        self.buttons = [self.node.create_publisher(Bool, "emergency_stop", latest) for _ in range(2)]
-        self.client = self.node.create_client(SetBool, "cmd_vel_guard/enable")
-        self.commands: dict[str, tuple[float, float]] = {}
-        self.has_buttons = buttons
-        self.pressed: list[bool | None] = [None, None]
-        self.lock, self.over = threading.Lock(), threading.Event()
+        self.node.create_subscription(self.kinds["TwistStamped"], "cmd_vel", hear, every)
+        self._speakers: dict[tuple[str, int], Any] = {}
+        self._clients: dict[str, Any] = {}
+        self.lock, self.over = threading.RLock(), threading.Event()
+        self.reset_world()
         executor = SingleThreadedExecutor(context=self.context)
         executor.add_node(self.node)
 
@@ -58,90 +83,246 @@ class Robot:
             while not self.over.is_set():
                 executor.spin_once(timeout_sec=0.05)
 
-        self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._speak)]
+        self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._run)]
         for thread in self.threads:
             thread.start()
-        words = [sys.executable, "-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", "--log-level", "fatal"]
-        self.guard = subprocess.Popen(words, env={**os.environ, "ROS_DOMAIN_ID": str(domain)})
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        for name in CHAIN:
+            self.start(name)
 
-    def _hear(self, message: Any, info: Any) -> None:
-        self.heard.append((info["source_timestamp"] * 1e-9, message.twist.linear.x, message.twist.angular.z))
+    def reset_world(self) -> None:
+        """Put the robot back to its start, with honest sensors and clocks, nobody at the sticks, and no button pressed."""
+        with self.lock:
+            self.pose = (0.0, 0.0, 0.0)
+            self.walls = HALL
+            self.clock: Callable[[float], float] = lambda now: now
+            self.odometry: Callable[[Any, float], list[tuple[Any, float]]] = lambda message, now: [(message, now)]
+            self.scan: Callable[[Any], Any] = lambda message: message
+            self.teleop: tuple[float, float] | None = None
+            self.pressed: list[bool | None] = [False, False] if self.has_buttons else [None, None]
+            for key in [key for key in self._speakers if key[1] > 1]:
+                self.node.destroy_publisher(self._speakers.pop(key))
 
-    def _speak(self) -> None:
-        """Send commands at 20 Hz and the buttons' states at 10 Hz."""
-        turn = 0
+    # Processes
+
+    def start(self, name: str) -> None:
+        """Start a process of the chain."""
+        parameters = [word for key, value in CHAIN[name].items() for word in ("-p", f"{key}:={value}")]
+        program = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", "--log-level", "fatal"]
+        words = ["setpriv", "--pdeathsig", "KILL", *program, *parameters]  # so that none outlives this process
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
+        self.processes[name] = subprocess.Popen([*words, *REMAPPED.get(name, [])], env=environment, cwd=self.folder.name)
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a process of the chain."""
+        self.processes[name].send_signal(number)
+
+    @contextlib.contextmanager
+    def suspended(self, name: str) -> Iterator[None]:
+        """Suspend a process."""
+        self.signal(name, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self.signal(name, signal.SIGCONT)
+
+    # What the robot says
+
+    def speaker(self, topic: str, kind: str, which: int = 0) -> Any:
+        """Return a publisher; those above 1 end with the fault."""
+        key = (topic, which)
+        if key not in self._speakers:
+            speaker = self._speakers[key] = self.node.create_publisher(self.kinds[kind], topic, self._qos)
+            until = time.monotonic() + (1.0 if which > 1 else 0.0)
+            while not speaker.get_subscription_count() and time.monotonic() < until:
+                time.sleep(0.01)
+        return self._speakers[key]
+
+    def stamped(self, kind: str, frame: str, at: float) -> Any:
+        """Return an empty message with a stamp, s."""
+        message = self.kinds[kind]()
+        message.header.frame_id = frame
+        message.header.stamp.sec, message.header.stamp.nanosec = int(at), int(at % 1.0 * 1e9)
+        return message
+
+    def _run(self) -> None:
+        """Move as the wheels were told, and send odometry at 20 Hz, scans and buttons at 5 to 10 Hz."""
+        turn, last = 0, time.time()
         while not self.over.wait(0.05):
-            turn += 1
             with self.lock:
-                for name, command in self.commands.items():
-                    self.command(name, *command)
+                turn, now = turn + 1, time.time()
+                self._move(now - last)
+                last = now
+                self.send_odometry(now)
+                if turn % 4 == 0:
+                    self.send_scan(now)
+                if self.teleop is not None:
+                    self.send_command("cmd_vel_teleop", *self.teleop)
                 for which, pressed in enumerate(self.pressed):
                     if pressed is not None and turn % 2:
                         self.say(which, pressed)
 
-    def command(self, name: str, v: float, omega: float, age: float = 0.0) -> None:
-        """Send one command with a stamp of a given age, s."""
-        message, now = self.kinds[0](), time.time()
-        message.header.stamp.sec, message.header.stamp.nanosec = int(now - age), int((now - age) % 1.0 * 1e9)
+    def _move(self, dt: float) -> None:
+        _, v, omega = self.heard[-1] if self.heard else (0.0, 0.0, 0.0)
+        x, y, theta = self.pose
+        middle = theta + 0.5 * omega * dt
+        self.pose = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), theta + omega * dt
+        gap = self.walls[0] - (x + CENTER_X * math.cos(theta)) - RADIUS
+        if v > 0.0 and math.cos(theta) > 0.5:
+            self.moving.append((time.time(), gap))
+
+    def send_odometry(self, now: float) -> None:
+        """Send what the wheels measured, through whatever the fault does to it."""
+        message = self.stamped("Odometry", "odom", self.clock(now))
+        message.child_frame_id = "base_footprint"
+        pose = message.pose.pose
+        pose.position.x, pose.position.y = self.pose[0], self.pose[1]
+        pose.orientation.z, pose.orientation.w = math.sin(0.5 * self.pose[2]), math.cos(0.5 * self.pose[2])
+        _, v, omega = self.heard[-1] if self.heard else (0.0, 0.0, 0.0)
+        message.twist.twist.linear.x, message.twist.twist.angular.z = v, omega
+        for sent, measured in self.odometry(message, now):
+            self.rests_on(measured)
+            self.speaker("odom", "Odometry").publish(sent)
+
+    def send_scan(self, now: float) -> None:
+        """Send what the LiDAR measured."""
+        message = self.stamped("LaserScan", "base_scan", self.clock(now))
+        x, y, theta = self.pose
+        x, y = x + LIDAR_X * math.cos(theta), y + LIDAR_X * math.sin(theta)
+        step = 2.0 * math.pi / BEAMS
+        message.angle_min, message.angle_max, message.angle_increment = 0.0, (BEAMS - 1) * step, step
+        message.range_min, message.range_max = 0.12, 3.5
+        ranges = [_ray(x, y, theta + k * step, self.walls) for k in range(BEAMS)]
+        message.ranges = [each if each <= 3.5 else math.inf for each in ranges]
+        message = self.scan(message)
+        if message is not None:
+            self.speaker("scan", "LaserScan").publish(message)
+
+    def send_command(self, topic: str, v: float, omega: float, age: float = 0.0) -> None:
+        """Send a command with a stamp of a given age, s."""
+        message = self.stamped("TwistStamped", "base_footprint", self.clock(time.time() - age))
         message.twist.linear.x, message.twist.angular.z = v, omega
-        if age < 0.4 and (v, omega) != (0.0, 0.0) and math.isfinite(v + omega):
-            self.sent.append(now)
-        self.sources[name].publish(message)
+        if (v, omega) != (0.0, 0.0) and math.isfinite(v + omega):
+            self.rests_on(time.time() - age)
+        self.speaker(topic, "TwistStamped").publish(message)
+
+    def rests_on(self, measured: float) -> None:
+        """Record that something was sent which the robot may move on until 0.6 s after it was measured."""
+        newest = self.measured[-1][1] if self.measured else -math.inf
+        self.measured.append((time.time(), max(newest, measured)))
 
     def say(self, which: int, pressed: bool) -> None:
         """Publish once whether a button is pressed."""
-        self.buttons[which].publish(self.kinds[1](data=pressed))
+        self.speaker("emergency_stop", "Bool", which).publish(self.kinds["Bool"](data=pressed))
 
-    def set(self, **commands: tuple[float, float]) -> None:
-        """Set the commands to send from now on."""
-        with self.lock:
-            self.commands = commands
+    def flood(self, topic: str, message: Any, duration: float) -> int:
+        """Publish a message as often as a process can, and return how often that was."""
+        speaker, until, count = self.speaker(topic, type(message).__name__, 9), time.monotonic() + duration, 0
+        while time.monotonic() < until:
+            speaker.publish(message)
+            count += 1
+        return count
 
-    def enable(self, on: bool, patience: float = 5.0) -> bool:
-        """Call the guard's service, and return whether it agreed."""
-        future, until = self.client.call_async(self.kinds[2].Request(data=on)), time.monotonic() + patience
+    # What a person does
+
+    def ask(self, service: str, patience: float = 3.0, **request: Any) -> bool:
+        """Call a service, and return whether it agreed in time."""
+        kind = self.kinds["SetBool" if request else "Trigger"]
+        if service not in self._clients:  # kept, since a new one is not discovered at once
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
+        until = time.monotonic() + patience
+        while not client.service_is_ready() and time.monotonic() < until:
+            time.sleep(0.01)
+        future = client.call_async(kind.Request(**request))
         while not future.done() and time.monotonic() < until:
-            time.sleep(0.002)
+            time.sleep(0.005)
         return bool(future.done() and future.result().success)
 
+    def enable(self, on: bool = True) -> bool:
+        """Enable or disable the guard."""
+        return self.ask("cmd_vel_guard/enable", data=on)
+
     def drive(self, patience: float = 120.0) -> None:
-        """Make the robot drive, from any state."""
+        """Make the robot drive from its start, from any state of its chain."""
         until = time.monotonic() + patience
-        with self.lock:
-            self.pressed = [False, False] if self.has_buttons else [None, None]
+        for name, process in list(self.processes.items()):
+            process.send_signal(signal.SIGCONT)
+            if process.poll() is not None:
+                self.start(name)
         while time.monotonic() < until:
-            self.set(**{"in": (0.1, 0.2)})
-            since = time.time()
-            for _ in range(40):
-                time.sleep(0.02)
-                if any(v > 0.09 for at, v, _ in self.heard[-5:] if at > since):
-                    time.sleep(0.1)
-                    return
-            self.enable(True, 1.0)
-        raise RuntimeError("the robot does not drive")
+            self.reset_world()
+            self.ask("kalman_filter/reset")
+            time.sleep(0.6)  # a button counts as pressed for half a second after it is released
+            if self.enable() and self.ask("velocity_controller/enable", data=True):
+                since = time.time()
+                while time.time() < since + 2.0:
+                    time.sleep(0.02)
+                    if sum(v > 0.09 for at, v, _ in self.heard[-10:] if at > since) >= 5:
+                        return
+        raise RuntimeError("the robot does not drive: is a process missing?")
+
+    # What the judge sees
 
     def motions(self, since: float) -> list[float]:
         """Return the times at which motions were published."""
         return [at for at, v, omega in list(self.heard) if at > since and (v, omega) != (0.0, 0.0)]
 
     def lag(self, since: float) -> float:
-        """Return the longest time between the newest command and a motion."""
-        sent = list(self.sent)
-        return max((at - sent[bisect_right(sent, at) - 1] for at in self.motions(since)), default=0.0)
+        """Return the longest time between the newest measurement that had been sent and a motion, s."""
+        measured = list(self.measured)
+        sent = [at for at, _ in measured]
+        return max((at - measured[bisect_right(sent, at) - 1][1] for at in self.motions(since)), default=0.0)
 
     def hold(self, since: float) -> float:
-        """Return the longest time from the newest command to the zero that ends its motion."""
-        sent, heard = list(self.sent), [message for message in list(self.heard) if message[0] > since]
+        """Return the longest time from the newest measurement to the zero that ends its motion, s."""
+        measured, heard = list(self.measured), [message for message in list(self.heard) if message[0] > since]
+        sent = [at for at, _ in measured]
         ends = [at for (_, *before), (at, *now) in pairwise(heard) if before != [0.0, 0.0] == now]
-        return max((at - sent[bisect_right(sent, at) - 1] for at in ends), default=0.0)
+        return max((at - measured[bisect_right(sent, at) - 1][1] for at in ends), default=0.0)
+
+    def nearest(self, since: float) -> float:
+        """Return the least distance to the wall ahead at which the robot still moved towards it, m."""
+        return min((gap for at, gap in list(self.moving) if at > since), default=math.inf)
+
+    def forget(self) -> None:
+        """Forget all but the end of what was recorded."""
+        with self.lock:
+            for each in (self.heard, self.measured, self.moving):
+                del each[:-100]
 
     def close(self) -> None:
         """Shut everything down."""
         self.over.set()
         for thread in self.threads:
             thread.join()
-        self.guard.send_signal(signal.SIGCONT)
-        self.guard.kill()
-        self.guard.wait()
+        for process in self.processes.values():
+            process.kill()
+            process.wait()
         self.node.destroy_node()
         self.context.shutdown()
+        self.folder.cleanup()
+
+    def _hear(self, message: Any, info: Any) -> None:
+        self.heard.append((info["source_timestamp"] * 1e-9, message.twist.linear.x, message.twist.angular.z))
+
+
+def _ray(x: float, y: float, angle: float, walls: tuple[float, float, float]) -> float:
+    """Return the distance from a point to the walls of a rectangular room, m."""
+    dx, dy = math.cos(angle), math.sin(angle)
+    ahead, aside, behind = walls
+    to_x = ((ahead if dx > 0.0 else -behind) - x) / dx if dx else math.inf
+    to_y = (math.copysign(aside, dy) - y) / dy if dy else math.inf
+    return min(to_x, to_y)
+
+
+def _kinds() -> dict[str, Any]:
+    """Return the types of messages and services by name."""
+    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
+    from nav_msgs.msg import Odometry
+    from sensor_msgs.msg import LaserScan
+    from std_msgs.msg import Bool
+    from std_srvs.srv import SetBool, Trigger
+
+    kinds = (PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, SetBool, Trigger)
+    return {kind.__name__: kind for kind in kinds}
