@@ -178,7 +178,7 @@ study-rooms: $(READY)  ## who finds the way through rooms: train ppo-rooms, driv
 study-transfer: $(READY)  ## what carries over from the unicycle to MuJoCo: policies and filters, with grip and without (20 minutes; resumes)
 	$(RUN)python benchmarks/transfer.py
 
-faults: $(READY)  ## 1000 faults injected into live guards, with an independent listener (15 minutes)
+faults: $(READY)  ## 1000 faults of 42 kinds injected into live chains, with an independent listener (40 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
 

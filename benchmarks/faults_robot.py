@@ -32,8 +32,8 @@ LIDAR_X = -0.032
 RADIUS, CENTER_X = 0.105, -0.032
 """Radius of its footprint, and its centre ahead of the axle, m."""
 CHAIN = {
-    "cmd_vel_guard": {"collision_monitor": "true"},
-    # "cmd_vel_standby": {},
+    "cmd_vel_guard": {"collision_monitor": "true", "require_standby": "true"},
+    "cmd_vel_standby": {},
     "kalman_filter": {"noise": "clean", "takes_fixes": "true"},
     "waypoint_generator": {"waypoints": "far.csv"},
     "velocity_controller": {"policy": "bearing"},
