@@ -68,7 +68,7 @@ class Robot:
         self.measured: list[tuple[float, float]] = []
         """Times at which what the robot may move on was sent, s, each with the newest time at which such was measured."""
         self.moving: list[tuple[float, float]] = []
-        """Times at which the robot was told to move forward, s, each with its distance to the wall ahead, m."""
+        """Times at which the robot should move forward, s, each with its distance to the wall ahead, m."""
         self.kinds = _kinds()
         hear: Any = self._hear
         self.node.create_subscription(self.kinds["TwistStamped"], "cmd_vel", hear, every)
@@ -146,7 +146,7 @@ class Robot:
         return message
 
     def _run(self) -> None:
-        """Move as the wheels were told, and send odometry at 20 Hz, scans and buttons at 5 to 10 Hz."""
+        """Move by the last command for the wheels, and send odometry at 20 Hz, scans and buttons at 5 to 10 Hz."""
         turn, last = 0, time.time()
         while not self.over.wait(0.05):
             with self.lock:
