@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import tyro
+from numba import njit
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
@@ -26,7 +27,6 @@ from rich.table import Table
 from harness.machine import cores
 from harness.turns import Contender, Turn, take_turns, timed
 from irsim_peer import start_peer
-from turtlebot_gym.compiled.cache import njit
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.rooms.cells import ray_to_cells

@@ -22,7 +22,7 @@ from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording import logger
-from turtlebot_gym_ros.robot import guard
+from turtlebot_gym_ros.robot import guard, standby
 
 DOMAIN = 101
 """A ROS domain where nobody listens: a guard's first messages are zeros."""
@@ -109,7 +109,7 @@ with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryD
         shell = Shell(block, block.Params, name=name, context=context)
         write(page, shell.node, block.__doc__, (Common, block.Params), shell.block)
         shell.close()
-    for module, make in ((guard, guard.CmdVelGuard), (logger, logger.DataLogger)):
+    for module, make in ((guard, guard.CmdVelGuard), (standby, standby.CmdVelStandby), (logger, logger.DataLogger)):
         node = make(context)
         write(page, node, module.__doc__, (module.Parameters,))
         node.destroy_node()
