@@ -12,6 +12,7 @@ import math
 import multiprocessing
 import os
 import random
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,13 +57,14 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
     from turtlebot_gym_ros.base.discovery import prepare
 
     prepare()
-    robot = Robot(domain, buttons=buttons)
+    robot, before = Robot(domain, buttons=buttons), "start"
     try:
         while (task := tasks.get()) is not None:
             name, number = task
             rng = random.Random(f"{config.seed} {name} {number}")
-            robot.drive()
-            since = time.time()
+            if trouble := robot.drive():
+                results.put((before, trouble, 0.0, 0.0))
+            before, since = name, time.time()
             beyond = FAULTS[name](robot, rng)
             results.put((name, beyond + (robot.lag(since) > AGE), robot.lag(since), robot.hold(since)))
             robot.forget()
@@ -72,24 +74,27 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
         robot.close()
 
 
-def measure(config: Config) -> dict[str, dict[str, Any]]:
-    """Inject all faults, and return the counts by kind."""
+def measure(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
+    """Inject all faults, and return the counts by kind, and after which the chain had to be started again, how often."""
     kinds = [name for name in FAULTS if not config.only or name.startswith(config.only)]
     each = math.ceil(config.faults / len(kinds))
     order = [(name, number) for number in range(each) for name in kinds]
     zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0}
     counts: dict[str, dict[str, Any]] = {name: dict(zero) for name in kinds}
+    stuck: dict[str, int] = {}
     half = each // 2 * len(kinds)
     with Progress(console=Console(stderr=True)) as progress:
         bar = progress.add_task("faults", total=len(order))
         for part, crowd in ((order[:half], 0), (order[half:], config.busy)):
             with busy(crowd):
-                _inject(part, config, counts, lambda: progress.advance(bar))
-    return counts
+                _inject(part, config, counts, stuck, lambda: progress.advance(bar))
+    return counts, stuck
 
 
-def _inject(order: list[tuple[str, int]], config: Config, counts: dict[str, dict[str, Any]], advance: Any) -> None:
-    """Inject faults in parallel, and add them to the counts."""
+def _inject(
+    order: list[tuple[str, int]], config: Config, counts: dict[str, dict[str, Any]], stuck: dict[str, int], advance: Any
+) -> None:
+    """Inject faults in parallel, and add them to the counts, and to those after which the chain had to be started again."""
     random.Random(config.seed).shuffle(order)
     spawn = multiprocessing.get_context("spawn")
     tasks, results = {buttons: spawn.Queue() for buttons in (False, True)}, spawn.Queue()
@@ -104,10 +109,16 @@ def _inject(order: list[tuple[str, int]], config: Config, counts: dict[str, dict
     for at in range(config.workers):
         tasks[bool(at % 2)].put(None)
     try:
-        for _ in order:
+        done = 0
+        while done < len(order):
             name, unsafe, lag, hold = results.get(timeout=300.0)
             if name is None:
                 raise RuntimeError(unsafe)
+            if isinstance(unsafe, str):
+                print(f"after {name!r} the chain had to be started again: {unsafe}", file=sys.stderr, flush=True)
+                stuck[name] = stuck.get(name, 0) + 1
+                continue
+            done += 1
             kind = counts[name]
             kind["injected"] += 1
             kind["unsafe"] += unsafe > 0
@@ -124,7 +135,7 @@ def _inject(order: list[tuple[str, int]], config: Config, counts: dict[str, dict
 def main() -> int:
     """Measure, and print the table."""
     config = tyro.cli(Config, description=__doc__)
-    counts = measure(config)
+    counts, stuck = measure(config)
     table = Table("fault", "injected", "unsafe", "last motion, s", "zero, s", caption="after the newest measurement")
     for name, kind in counts.items():
         table.add_row(
@@ -135,7 +146,9 @@ def main() -> int:
     Console().print(table)
     if config.json:
         load = os.getloadavg()
-        write_json(config.json, {"faults": counts, "total": total, "load": load}, config=settings_of(config))
+        write_json(
+            config.json, {"faults": counts, "total": total, "started again": stuck, "load": load}, config=settings_of(config)
+        )
     return int(total["unsafe"] > 0)
 
 

@@ -72,6 +72,8 @@ class Robot:
         self.kinds = _kinds()
         hear: Any = self._hear
         self.node.create_subscription(self.kinds["TwistStamped"], "cmd_vel", hear, every)
+        self._reports: dict[str, str] = {}
+        self.node.create_subscription(self.kinds["DiagnosticArray"], "/diagnostics", self._read_reports, 10)
         self._speakers: dict[tuple[str, int], Any] = {}
         self._clients: dict[str, Any] = {}
         self.lock, self.over = threading.RLock(), threading.Event()
@@ -243,8 +245,27 @@ class Robot:
         """Enable or disable the guard."""
         return self.ask("cmd_vel_guard/enable", data=on)
 
-    def drive(self, patience: float = 120.0) -> None:
-        """Make the robot drive from its start, from any state of its chain."""
+    def drive(self) -> str:
+        """Make the robot drive from its start, from any state of its chain.
+
+        Returns:
+            What the nodes reported if the whole chain had to be started again for it, or an empty text.
+
+        Raises:
+            RuntimeError: If it does not drive then either.
+        """
+        trouble = ""
+        while not self._goes_on(40.0):
+            if trouble:
+                raise RuntimeError(f"the robot does not drive: {trouble}")
+            trouble = "; ".join(f"{name}: {text}" for name, text in self._reports.items())
+            for process in self.processes.values():
+                process.kill()
+                process.wait()
+        return trouble
+
+    def _goes_on(self, patience: float) -> bool:
+        """Return whether the robot drives within a time, s, once a person has put all right."""
         until = time.monotonic() + patience
         for name, process in list(self.processes.items()):
             process.send_signal(signal.SIGCONT)
@@ -259,8 +280,8 @@ class Robot:
                 while time.time() < since + 2.0:
                     time.sleep(0.02)
                     if sum(v > 0.09 for at, v, _ in self.heard[-10:] if at > since) >= 5:
-                        return
-        raise RuntimeError("the robot does not drive: is a process missing?")
+                        return True
+        return False
 
     # What the judge sees
 
@@ -303,6 +324,9 @@ class Robot:
         self.context.shutdown()
         self.folder.cleanup()
 
+    def _read_reports(self, message: Any) -> None:
+        self._reports |= {status.name: status.message for status in message.status}
+
     def _hear(self, message: Any, info: Any) -> None:
         self.heard.append((info["source_timestamp"] * 1e-9, message.twist.linear.x, message.twist.angular.z))
 
@@ -318,11 +342,14 @@ def _ray(x: float, y: float, angle: float, walls: tuple[float, float, float]) ->
 
 def _kinds() -> dict[str, Any]:
     """Return the types of messages and services by name."""
+    from diagnostic_msgs.msg import DiagnosticArray
     from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
     from nav_msgs.msg import Odometry
     from sensor_msgs.msg import LaserScan
     from std_msgs.msg import Bool
     from std_srvs.srv import SetBool, Trigger
 
-    kinds = (PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, SetBool, Trigger)
+    kinds = (
+        DiagnosticArray, PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, SetBool, Trigger,
+    )  # fmt: skip
     return {kind.__name__: kind for kind in kinds}
