@@ -1,4 +1,6 @@
-"""The tables of the pages are what was measured."""
+"""The tables of the pages are what was measured, and what a page says of a test is a test."""
+
+import re
 
 from pages import ROOT, measured, rows_after
 
@@ -93,3 +95,13 @@ def test_the_tables_of_rooms_are_what_was_measured():
             assert cell == f"{unit * figures['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
         tables += 1
     assert tables == 8 + 7 + 4 + 6 + len(barn)
+
+
+def test_each_row_of_the_hazard_tables_names_a_test_that_exists():
+    exist = {
+        name for path in (ROOT / "tests").rglob("test_*.py") for name in re.findall(r"def (test_\w+)", path.read_text("utf-8"))
+    }
+    tables = [rows_after("docs/concepts/safety.md", heading) for heading in ("## If the guard dies", "## Sensors that lie")]
+    named = [re.findall(r"test_\w+", row[-1]) for rows in tables for row in rows]
+    assert len(named) == 17
+    assert all(names and exist.issuperset(names) for names in named)
