@@ -119,6 +119,8 @@ def _inject(
                 stuck[name] = stuck.get(name, 0) + 1
                 continue
             done += 1
+            if done % 50 == 0:
+                print(f"{done} of {len(order)} faults", file=sys.stderr, flush=True)
             kind = counts[name]
             kind["injected"] += 1
             kind["unsafe"] += unsafe > 0

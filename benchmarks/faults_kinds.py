@@ -238,6 +238,9 @@ def _flooded(topic: str, kind: str) -> Fault:
         robot.odometry = lambda message, now: []
         robot.flood(topic, message, 2.0)
         time.sleep(0.5)
+        for name in ("cmd_vel_guard", "velocity_controller") if kind == "Bool" else ():
+            robot.signal(name, signal.SIGKILL)  # a button that is gone for good: they must be started again
+            robot.processes[name].wait()
         return 0
 
     return fault

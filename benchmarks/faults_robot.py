@@ -51,6 +51,7 @@ class Robot:
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         import rclpy.node
+        from rclpy._rclpy_pybind11 import InvalidHandle
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -83,7 +84,8 @@ class Robot:
 
         def spin() -> None:
             while not self.over.is_set():
-                executor.spin_once(timeout_sec=0.05)
+                with contextlib.suppress(InvalidHandle):  # a publisher that a fault has ended while the executor waits
+                    executor.spin_once(timeout_sec=0.05)
 
         self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._run)]
         for thread in self.threads:
