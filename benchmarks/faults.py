@@ -14,6 +14,7 @@ import os
 import random
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -83,7 +84,7 @@ def measure(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
     counts: dict[str, dict[str, Any]] = {name: dict(zero) for name in kinds}
     stuck: dict[str, int] = {}
     half = each // 2 * len(kinds)
-    with Progress(console=Console(stderr=True)) as progress:
+    with suppress(KeyboardInterrupt), Progress(console=Console(stderr=True)) as progress:  # the rest is reported
         bar = progress.add_task("faults", total=len(order))
         for part, crowd in ((order[:half], 0), (order[half:], config.busy)):
             with busy(crowd):

@@ -51,7 +51,6 @@ class Robot:
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         import rclpy.node
-        from rclpy._rclpy_pybind11 import InvalidHandle
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -84,8 +83,7 @@ class Robot:
 
         def spin() -> None:
             while not self.over.is_set():
-                with contextlib.suppress(InvalidHandle):  # a publisher that a fault has ended while the executor waits
-                    executor.spin_once(timeout_sec=0.05)
+                executor.spin_once(timeout_sec=0.05)
 
         self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._run)]
         for thread in self.threads:
@@ -136,7 +134,11 @@ class Robot:
         """Return a publisher; those above 1 end with the fault."""
         key = (topic, which)
         if key not in self._speakers:
-            speaker = self._speakers[key] = self.node.create_publisher(self.kinds[kind], topic, self._qos)
+            from rclpy.event_handler import PublisherEventCallbacks
+
+            events = PublisherEventCallbacks(use_default_callbacks=False)  # an executor that waits for events keeps them alive
+            speaker = self.node.create_publisher(self.kinds[kind], topic, self._qos, event_callbacks=events)
+            self._speakers[key] = speaker
             until = time.monotonic() + (1.0 if which > 1 else 0.0)
             while not speaker.get_subscription_count() and time.monotonic() < until:
                 time.sleep(0.01)
