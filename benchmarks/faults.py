@@ -8,10 +8,12 @@ after a stop that nobody ended, or towards a wall inside the stopping zone. The 
 
 from __future__ import annotations
 
+import ctypes
 import math
 import multiprocessing
 import os
 import random
+import signal
 import sys
 import time
 from contextlib import suppress
@@ -58,6 +60,7 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
     from turtlebot_gym_ros.base.discovery import prepare
 
     prepare()
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: a robot that outlives the judge would disturb the next run
     robot, before = Robot(domain, buttons=buttons), "start"
     try:
         while (task := tasks.get()) is not None:
