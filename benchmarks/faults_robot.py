@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -198,7 +199,7 @@ class Robot:
         step = 2.0 * math.pi / BEAMS
         message.angle_min, message.angle_max, message.angle_increment = 0.0, (BEAMS - 1) * step, step
         message.range_min, message.range_max = 0.12, 3.5
-        ranges = [_ray(x, y, theta + k * step, self.walls) for k in range(BEAMS)]
+        ranges = [_ray(x, y, theta + k * step, self.walls) + random.gauss(0.0, 0.005) for k in range(BEAMS)]
         message.ranges = [each if each <= 3.5 else math.inf for each in ranges]
         message = self.scan(message)
         if message is not None:

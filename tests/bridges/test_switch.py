@@ -96,6 +96,15 @@ def test_enabling_begins_anew_and_is_reported_at_once(fakes):
     assert fakes.restarts == 1
 
 
+def test_whoever_is_enabled_but_waits_begins_anew_when_it_is_enabled_again(fakes):
+    """Its inputs may be refused because a clock was set meanwhile: then a person's word begins the comparison of clocks."""
+    fakes.make()
+    fakes.drive()
+    fakes.switch.stop("waits for /odom")
+    assert fakes.ask(True)[0]
+    assert fakes.restarts == 1
+
+
 def test_whoever_enables_one_that_sees_is_warned_of_what_it_does_not_see(fakes):
     fakes.make(enabled=False, sees=True)
     _, said = fakes.ask(True)

@@ -68,11 +68,16 @@ class Switch:
             refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
             if refusal:
                 return refusal
-            self._ages.begin()
-            self._restart()
             self._log.warning(self._warning)
+            self._begin()
+        elif self.safety.phase != "active":  # it may wait for inputs that a clock, set meanwhile, makes look old
+            self._begin()
         self._tell()
         return None
+
+    def _begin(self) -> None:
+        self._ages.begin()
+        self._restart()
 
     def disable(self) -> None:
         """Stop the robot, and release it a second later."""
