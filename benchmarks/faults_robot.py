@@ -279,6 +279,7 @@ class Robot:
         while time.monotonic() < until:
             self.reset_world()
             self.ask("kalman_filter/reset")
+            self.ask("waypoint_generator/reset")  # it may have compared clocks that a fault had set
             time.sleep(0.6)  # a button counts as pressed for half a second after it is released
             if self.enable() and self.ask("velocity_controller/enable", data=True):
                 since = time.time()
