@@ -20,7 +20,7 @@ def test_it_is_short_and_says_what_was_measured():
     """In the row of the table that holds a phrase."""
     lockstep, rooms, faults, calibration = map(measured, ("lockstep", "rooms_study", "faults", "calibration"))
     by_policy = {row["policy"]: row for row in rooms["rows"] if row["setting"] == "dense"}
-    learned, vfh = by_policy["ppo-rooms"], by_policy["vfh"]
+    total, learned, vfh = faults["total"], by_policy["ppo-rooms"], by_policy["vfh"]
     truth = calibration["coverage"]["truth"].values()
     share = 100 * sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
     verdicts = [row["verdict"] for row in measured("robustness")["comparisons"]]
@@ -32,13 +32,13 @@ def test_it_is_short_and_says_what_was_measured():
         ),
         ("VFH+", f"reaches {100 * learned['success']['value']:.1f} % of the goals, VFH+ {100 * vfh['success']['value']:.1f} %"),
         ("VFH+", f"PPO collides in {100 * learned['collision']['value']:.1f} %, VFH+ in none"),
-        ("A guard", f"{faults['total']['injected']} injected faults: no unsafe motion"),
+        ("A guard", f"{total['injected']} injected faults of {len(faults['faults'])} kinds: {total['unsafe']} unsafe motion"),
         ("Your robot", f"the truth in {share:.1f} % of cases, {drives} drives"),
         ("Honest", f"slower in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, faster in none"),
     ):
         assert claim in row_of(phrase)
     assert rooms["config"]["episodes"] == 1000
-    assert vfh["collision"]["value"] == faults["total"]["unsafe"] == 0.0
+    assert vfh["collision"]["value"] == 0.0
     assert "PPO faster" not in verdicts
     assert len(README.splitlines()) <= 120
 
