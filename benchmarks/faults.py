@@ -70,7 +70,8 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
                 results.put((before, trouble, 0.0, 0.0))
             before, since = name, time.time()
             beyond = FAULTS[name](robot, rng)
-            results.put((name, beyond + (robot.lag(since) > AGE), robot.lag(since), robot.hold(since)))
+            lag = robot.lag(since)
+            results.put((name, beyond + (lag > AGE), lag, robot.hold(since)))
             robot.forget()
     except Exception as error:
         results.put((None, f"{type(error).__name__}: {error}", 0.0, 0.0))

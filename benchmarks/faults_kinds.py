@@ -162,15 +162,14 @@ def _guard_ends(number: signal.Signals) -> Fault:
 
 def standby_killed(robot: Robot, rng: random.Random) -> int:
     """The standby is killed, then the odometry ends: the guard alone stops the robot."""
-    robot.signal("cmd_vel_standby", signal.SIGKILL)
+    robot.kill("cmd_vel_standby")
     time.sleep(rng.uniform(0.1, 1.0))
     return odometry_dies(robot, rng)
 
 
 def guard_restarts(robot: Robot, rng: random.Random) -> int:
     """The guard is killed and started again while the program drives: its first message is zero."""
-    robot.signal("cmd_vel_guard", signal.SIGKILL)
-    robot.processes["cmd_vel_guard"].wait()
+    robot.kill("cmd_vel_guard")
     time.sleep(0.5)
     since = time.time()
     robot.start("cmd_vel_guard")
@@ -212,7 +211,7 @@ def button_restarts(robot: Robot, rng: random.Random) -> int:
     """A button's program ends and another one begins, which is not pressed."""
     with robot.lock:
         robot.pressed[0] = None
-        robot.node.destroy_publisher(robot._speakers.pop(("emergency_stop", 0)))
+        robot.silence("emergency_stop", 0)
     time.sleep(rng.uniform(0.6, 1.0))
     robot.pressed[0] = False
     return _after_stop(robot)
@@ -239,8 +238,7 @@ def _flooded(topic: str, kind: str) -> Fault:
         robot.flood(topic, message, 2.0)
         time.sleep(0.5)
         for name in ("cmd_vel_guard", "velocity_controller") if kind == "Bool" else ():
-            robot.signal(name, signal.SIGKILL)  # a button that is gone for good: they must be started again
-            robot.processes[name].wait()
+            robot.kill(name)  # a button that is gone for good: they must be started again
         return 0
 
     return fault

@@ -103,8 +103,8 @@ class Robot:
             self.scan: Callable[[Any], Any] = lambda message: message
             self.teleop: tuple[float, float] | None = None
             self.pressed: list[bool | None] = [False, False] if self.has_buttons else [None, None]
-            for key in [key for key in self._speakers if key[1] > 1]:
-                self.node.destroy_publisher(self._speakers.pop(key))
+            for topic, which in [key for key in self._speakers if key[1] > 1]:
+                self.silence(topic, which)
 
     # Processes
 
@@ -119,6 +119,11 @@ class Robot:
     def signal(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a process of the chain."""
         self.processes[name].send_signal(number)
+
+    def kill(self, name: str) -> None:
+        """Kill a process of the chain, and wait for its end."""
+        self.processes[name].kill()
+        self.processes[name].wait()
 
     @contextlib.contextmanager
     def suspended(self, name: str) -> Iterator[None]:
@@ -144,6 +149,10 @@ class Robot:
             while not speaker.get_subscription_count() and time.monotonic() < until:
                 time.sleep(0.01)
         return self._speakers[key]
+
+    def silence(self, topic: str, which: int) -> None:
+        """End a publisher."""
+        self.node.destroy_publisher(self._speakers.pop((topic, which)))
 
     def stamped(self, kind: str, frame: str, at: float) -> Any:
         """Return an empty message with a stamp, s."""
@@ -264,9 +273,8 @@ class Robot:
             if trouble:
                 raise RuntimeError(f"the robot does not drive: {trouble}")
             trouble = "; ".join(f"{name}: {text}" for name, text in self._reports.items())
-            for process in self.processes.values():
-                process.kill()
-                process.wait()
+            for name in self.processes:
+                self.kill(name)
         return trouble
 
     def _goes_on(self, patience: float) -> bool:
@@ -323,9 +331,8 @@ class Robot:
         self.over.set()
         for thread in self.threads:
             thread.join()
-        for process in self.processes.values():
-            process.kill()
-            process.wait()
+        for name in self.processes:
+            self.kill(name)
         self.node.destroy_node()
         self.context.shutdown()
         self.folder.cleanup()

@@ -172,8 +172,9 @@ class Shell:
         present = drive.present()
         stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else present
         try:
-            feed.count(info, self._look())
-            age = feed.age(message, info, self._look())
+            steady = self._look()
+            feed.count(info, steady)
+            age = feed.age(message, info, steady)
             value = feed.read(message, self.common.world)
             if not drive.takes(key, stamp):
                 return

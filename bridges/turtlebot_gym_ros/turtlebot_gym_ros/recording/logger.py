@@ -23,7 +23,6 @@ from typing import Annotated, Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -39,6 +38,7 @@ from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.reports import ERROR, OK, report
+from turtlebot_gym_ros.base.swift import Unawaited, waiting
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.recording.bag import Bag
 
@@ -87,23 +87,8 @@ class _Topic(NamedTuple):
     def collect(self) -> None:
         """Record the messages that have arrived, at most as many as are kept, so that a flood does not hold up other topics."""
         for subscription in self.subscriptions.values():
-            with subscription.handle:
-                for _ in range(DEPTH):
-                    if (taken := subscription.handle.take_message(subscription.msg_type, True)) is None:
-                        break
-                    self.write(*taken)
-
-
-class _Collected(CallbackGroup):
-    """Subscriptions for which no executor waits: they are polled by the clock.
-
-    rclpy checks every entity of a node each time it wakes; woken by each message, a recorder of 20 topics would take a tenth of
-    a core. DDS keeps the messages meanwhile, each with its time of arrival.
-    """
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return whether an executor may wait for a subscription."""
-        return False
+            for message, info in waiting(subscription, DEPTH):
+                self.write(message, info)
 
 
 class DataLogger(Node):
@@ -126,7 +111,7 @@ class DataLogger(Node):
         self._ended: str | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._collected = _Collected()
+        self._collected = Unawaited()
         for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
             self.create_timer(period, partial(self._unless_full, work), clock=steady)
         self.create_timer(1.0, self._report, clock=steady)

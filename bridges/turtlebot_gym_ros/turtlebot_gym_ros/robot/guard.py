@@ -68,6 +68,7 @@ from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
+from turtlebot_gym_ros.base.swift import waiting
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.report import Report
@@ -173,12 +174,8 @@ class CmdVelGuard(Node):
 
     def _take_buttons(self) -> None:
         """Take the messages of the buttons that no callback has processed yet; more than so many are a flood, and a stop."""
-        handle = self._buttons.handle
-        with handle:
-            for _ in range(2 * MOST):
-                if (taken := handle.take_message(Bool, False)) is None:
-                    break
-                self._press(*taken)
+        for message, info in waiting(self._buttons, 2 * MOST):
+            self._press(message, info)
         self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
 
     def _hear_standby(self, message: Empty, info: Mapping[str, Any]) -> None:

@@ -17,11 +17,9 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -34,6 +32,7 @@ from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, OK, log, report
+from turtlebot_gym_ros.base.swift import Unawaited, waiting
 
 SILENCE = 0.18
 """Silence of a guard that moves the robot after which zeros follow, s: three of its repetitions."""
@@ -87,14 +86,6 @@ class Standby:
         return now < self._until
 
 
-class _Polled(CallbackGroup):
-    """Subscriptions for which no executor waits."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return whether an executor may wait for a subscription."""
-        return False
-
-
 class CmdVelStandby(Node):
     """The standby as a node."""
 
@@ -107,22 +98,18 @@ class CmdVelStandby(Node):
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-        self._guard = self.create_subscription(self._type, "cmd_vel", lambda message: None, STREAM, callback_group=_Polled())
+        self._guard = self.create_subscription(self._type, "cmd_vel", lambda message: None, STREAM, callback_group=Unawaited())
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD, self._look, clock=steady)
         self.create_timer(0.1, self._live, clock=steady)
         self.create_timer(1.0, self._diagnose, clock=steady)
 
     def _look(self) -> None:
-        motions, handle = [], self._guard.handle
-        with handle:
-            for _ in range(STREAM.depth):  # more than it keeps would be a flood
-                if (taken := handle.take_message(self._type, False)) is None:
-                    break
-                message = taken[0]
-                twist = message.twist if isinstance(message, TwistStamped) else message
-                motions.append((twist.linear.x, twist.angular.z) != (0.0, 0.0))
-                self._frame = message.header.frame_id if isinstance(message, TwistStamped) else ""
+        motions = []
+        for message, _ in waiting(self._guard, STREAM.depth):  # more than it keeps would be a flood
+            twist = message.twist if isinstance(message, TwistStamped) else message
+            motions.append((twist.linear.x, twist.angular.z) != (0.0, 0.0))
+            self._frame = message.header.frame_id if isinstance(message, TwistStamped) else ""
         before = self._rule.takeovers
         if self._rule.look(motions, time.monotonic()):
             zero = self._type()
