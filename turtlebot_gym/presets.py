@@ -86,6 +86,14 @@ TUTORIAL_FILTER = FilterTuning(
 the velocities of the previous step, and a heading innovation that jumps by 2 pi."""
 
 
+def _systematic(process: ProcessNoise) -> dict[str, float]:
+    """Return the systematic errors of a twist, which a filter can correct."""
+    return {name: getattr(process, name) for name in ("scale", "turn_scale", "veer")}
+
+
+_EXACT = _systematic(ProcessNoise())
+
+
 def matched(noise: Noise) -> FilterTuning:
     """Return the tuning that matches the noise in use.
 
@@ -104,9 +112,15 @@ def matched(noise: Noise) -> FilterTuning:
     return FilterTuning(
         Q=(0.0, 0.0, 0.0, SPEED_FLOOR**2, TURN_FLOOR**2),
         R=tuple(max(variance, VARIANCE_FLOOR) for variance in R),
-        process=replace(process, scale=1.0, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
+        process=replace(process, **_EXACT, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
         kind=DeadReckoning() if odometry.wheel else Kalman(),
     )
+
+
+def _calibrated(noise: Noise) -> FilterTuning:
+    """Return the matched tuning that also knows, and corrects, the systematic errors of the twist."""
+    tuning = matched(noise)
+    return replace(tuning, process=replace(tuning.process, **_systematic(noise.process)))
 
 
 def _without_spikes(noise: Noise) -> Noise:
@@ -134,7 +148,7 @@ def _slip(noise: Noise) -> FilterTuning:
     process, odometry = noise.process, noise.odometry
     steady = matched(_without_spikes(replace(noise, process=replace(process, slip=0.0))))
     kind = Slip(spike_probability=odometry.spike_probability, spike=odometry.spike)
-    return _of_kind(replace(steady, process=replace(process, scale=1.0)), kind)
+    return _of_kind(replace(steady, process=replace(process, **_EXACT)), kind)
 
 
 def _scale(noise: Noise) -> FilterTuning:
@@ -153,6 +167,7 @@ def _gyro(noise: Noise, imu: Any) -> FilterTuning:
 
 FILTERS: dict[str, Callable[..., FilterTuning]] = {
     "matched": matched,
+    "calibrated": _calibrated,
     "tutorial": lambda noise: TUTORIAL_FILTER,
     "gated": _gated,
     "mixture": _mixture,

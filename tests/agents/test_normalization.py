@@ -86,6 +86,11 @@ def test_environments_differ_as_much_as_is_said():
     scale = np.array([one.noise.process.scale for one in drawn])
     assert (scale.min(), scale.max()) == pytest.approx((0.98, 1.02), abs=0.001)
     assert scale.mean() == pytest.approx(1.0, abs=0.002)
+    assert {(one.noise.process.turn_scale, one.noise.process.veer) for one in drawn} == {(1.0, 0.0)}
+    wheels = [one.noise.process for one in randomized(base, 600, seed=3, turn_error=0.1, veer=0.05)]
+    for name, middle, error in (("scale", 1.0, 0.02), ("turn_scale", 1.0, 0.1), ("veer", 0.0, 0.05)):
+        values = [getattr(process, name) for process in wheels]
+        assert (min(values), max(values)) == pytest.approx((middle - error, middle + error), abs=0.05 * error)
     assert {one.delay for one in drawn} == {0.0, 1.0}
     assert np.mean([one.delay for one in drawn]) == pytest.approx(0.5, abs=0.1)
     assert len({one.tuning for one in drawn}) > 590  # each filter is matched to its own noise

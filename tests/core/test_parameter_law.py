@@ -34,7 +34,8 @@ ROBOT = Robot(
     max_angular_acceleration=3.0,
 )  # fmt: skip
 PROCESS = ProcessNoise(
-    alpha1=0.01, alpha2=0.002, alpha3=0.03, alpha4=0.01, scale=1.03, slip=0.4, slip_start=0.1, slip_end=0.3
+    alpha1=0.01, alpha2=0.002, alpha3=0.03, alpha4=0.01, scale=1.03, turn_scale=0.9, veer=0.05, slip=0.4, slip_start=0.1,
+    slip_end=0.3,
 )  # fmt: skip
 ODOMETRY = OdometryNoise(
     R=(0.01, 0.02, 0.03), bias=(0.03, -0.02, 0.04), spike_probability=0.1, spike=0.4, dropout_probability=0.1,
@@ -75,8 +76,8 @@ LAW = {
         PROCESS,
         lambda value: BASE._replace(noise=replace(BASE.noise, process=value)),
         {
-            "alpha1": 0.02, "alpha2": 0.004, "alpha3": 0.04, "alpha4": 0.02, "scale": 0.98, "slip": 0.5, "slip_start": 0.2,
-            "slip_end": 0.4,
+            "alpha1": 0.02, "alpha2": 0.004, "alpha3": 0.04, "alpha4": 0.02, "scale": 0.98, "turn_scale": 0.8, "veer": -0.1,
+            "slip": 0.5, "slip_start": 0.2, "slip_end": 0.4,
         },
     ),
     OdometryNoise: (

@@ -46,7 +46,9 @@ def test_the_robots_have_the_numbers_of_their_data_sheets_and_one_of_two_limits_
     assert asdict(Robot(max_linear=0.5, max_angular=2)) == dict(zip(LIMITS, bare, strict=True))
 
 
-STILL = {"slip": 0.0, "slip_start": 0.0, "slip_end": 1.0, "scale": 1.0} | {f"alpha{k}": 0.0 for k in range(1, 5)}
+STILL = {"slip": 0.0, "slip_start": 0.0, "slip_end": 1.0, "scale": 1.0, "turn_scale": 1.0, "veer": 0.0} | {
+    f"alpha{k}": 0.0 for k in range(1, 5)
+}
 EXACT = {
     "R": (0.0, 0.0, 0.0), "bias": (0.0, 0.0, 0.0), "spike_probability": 0.0, "spike": 0.0, "dropout_probability": 0.0,
     "quantization": (0.0, 0.0), "wheel": False,

@@ -201,6 +201,24 @@ def test_the_scale_acts_on_the_robot_and_neither_on_its_wheels_nor_on_the_filter
     assert world.estimate.belief.mean.theta == pytest.approx(0.5, abs=1e-12)
 
 
+@pytest.mark.parametrize("wheel", [True, False])
+@pytest.mark.parametrize("integrator", ["euler", "midpoint"])
+def test_a_filter_that_knows_the_wheels_follows_the_robot_and_another_one_does_not(wheel, integrator):
+    process = turtlebot_gym.ProcessNoise(scale=0.9, turn_scale=0.62, veer=0.1)
+    odometry = turtlebot_gym.OdometryNoise(wheel=wheel, dropout_probability=1.0 - wheel)
+    errors = []
+    for name in ("calibrated", "matched"):
+        noise = turtlebot_gym.Noise(process=process, odometry=odometry)
+        p = make_parameters(SQUARE, noise=noise, filter=name, integrator=integrator)
+        episode = Episode(p, SQUARE_WAYPOINTS)
+        for at in range(50):
+            episode.step(Command(0.2, 0.8 if at % 20 < 10 else -0.3))
+        true, mean = episode.world.body.true_state, episode.world.estimate.belief.mean
+        errors.append(max(abs(mean.x - true.x), abs(mean.y - true.y), abs(mean.theta - true.theta)))
+    assert errors[0] < 1e-12
+    assert errors[1] > 0.1
+
+
 @pytest.mark.parametrize("lost", [1.0, 0.5])
 def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts(lost):
     odometry = turtlebot_gym.OdometryNoise(dropout_probability=lost, R=(0.01, 0.01, 0.01))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, limit, slips
+from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import Command, Pose
@@ -95,6 +95,13 @@ def test_execution_noise_is_that_of_the_velocity_motion_model():
     assert execute(Command(0.0, 0.0), ALPHAS, False, (3.0, 3.0), 0.1) == (0.0, 0.0)
     slipping = execute(Command(0.2, -1.5), replace(ALPHAS, slip=0.4), True, (2.0, -1.0), 0.1)
     assert slipping == pytest.approx((0.6 * executed.v, 0.6 * executed.omega))
+    wheels = replace(ALPHAS, scale=1.1, turn_scale=0.5, veer=0.3)
+    assert execute(Command(0.2, -1.5), wheels, False, (2.0, -1.0), 0.1) == pytest.approx(
+        (1.1 * executed.v, 1.1 * (0.5 * executed.omega + 0.3 * 0.2))
+    )
+    mean, *variances = expected(Command(0.2, -1.5), wheels, 0.1)
+    assert mean == pytest.approx((0.22, 1.1 * (-0.75 + 0.06)))
+    assert variances == pytest.approx((1.1**2 * var_v, 0.55**2 * var_omega))
 
 
 def spread(dt, runs=1500, metres=2.0):

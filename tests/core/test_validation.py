@@ -212,7 +212,12 @@ RULES = {
         POSITIVE: "max_linear max_angular wheel_separation radius",
         POSITIVE_OR_INFINITE: "max_wheel max_linear_acceleration max_angular_acceleration",
     },
-    ProcessNoise: {NON_NEGATIVE: "alpha1 alpha2 alpha3 alpha4", PROBABILITY: "slip slip_start slip_end", POSITIVE: "scale"},
+    ProcessNoise: {
+        NON_NEGATIVE: "alpha1 alpha2 alpha3 alpha4",
+        PROBABILITY: "slip slip_start slip_end",
+        POSITIVE: "scale turn_scale",
+        FINITE: "veer",
+    },
     OdometryNoise: {
         variances(3): "R",
         Numbers(FINITE, 3): "bias",

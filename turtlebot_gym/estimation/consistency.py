@@ -124,7 +124,7 @@ def true_tuning(noise: Noise) -> FilterTuning:
     spiky = odometry.spike_probability > 0.0 and odometry.spike > 0.0 and not odometry.wheel
     heading = 1.0 / heading_information(odometry) if spiky else odometry.R[2]
     R = (odometry.R[0] + steps[0], odometry.R[1] + steps[0], heading + steps[1])
-    process = replace(noise.process, scale=1.0, slip=0.0)
+    process = replace(noise.process, scale=1.0, turn_scale=1.0, veer=0.0, slip=0.0)
     return FilterTuning(Q=(0.0,) * 5, R=R, process=process, kind=DeadReckoning() if odometry.wheel else Kalman())
 
 

@@ -18,7 +18,7 @@ from turtlebot_gym.estimation.update import Variances, innovation_variance, inve
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.models.unicycle import execution_variances, motion
+from turtlebot_gym.models.unicycle import expected, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Gated
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
@@ -57,7 +57,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
     Args:
         belief: Mean and covariance at the start of the interval.
         twist: Best knowledge of the twist executed from now on: the one that odometry reports, or the command.
-        tuning: Process noise.
+        tuning: Process noise, with the systematic errors of the twist, if they are known.
         dt: Interval, s.
         middle: The integrator, a value of `INTEGRATORS`.
         keep: Whether the new twist depends on the old one, `parameters.Kalman.remember_velocity`.
@@ -71,7 +71,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
     # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
     a, c, e = moved.x_theta, moved.x_v, moved.x_omega
     b, s, g = moved.y_theta, moved.y_v, moved.y_omega
-    var_v, var_omega = execution_variances(twist, tuning.process, dt)
+    executed, var_v, var_omega = expected(twist, tuning.process, dt)
     share = dt / REFERENCE_PERIOD
     Q = tuning.Q
 
@@ -106,7 +106,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
         P.vw if keep else 0.0,
         (P.ww if keep else 0.0) + max(var_omega, Q[4] * share),
     )
-    pose = State(mean.x + moved.x, mean.y + moved.y, wrap(mean.theta + moved.theta), twist.v, twist.omega)
+    pose = State(mean.x + moved.x, mean.y + moved.y, wrap(mean.theta + moved.theta), executed.v, executed.omega)
     return Belief(pose, covariance)
 
 
@@ -251,12 +251,22 @@ def _gated_step(estimate: Estimate, before: Senses, senses: Senses, tuning: Filt
 def _carried_step(
     estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
 ) -> Estimate:
-    """Move the belief as the odometry moved; its covariance grows."""
+    """Move the belief as the odometry moved, or by the twist if its systematic errors are known; the covariance grows."""
     x, y, theta, _, _ = estimate.belief.mean
+    process = tuning.process
+    is_exact = (process.scale == 1.0) & (process.turn_scale == 1.0) & (process.veer == 0.0)  # without the branch of an `and`
     twist, z = senses.odometry.twist, senses.odometry.pose
     prior = predict(estimate.belief, twist, tuning, dt, middle)
     pose = increment(Pose(x, y, theta), before.odometry.pose, z, sincos(theta - before.odometry.pose.theta))
-    return Estimate(Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), prior.covariance), 0.0, 0.0)
+    by_twist = prior.mean
+    mean = State(
+        pose.x if is_exact else by_twist.x,
+        pose.y if is_exact else by_twist.y,
+        pose.theta if is_exact else by_twist.theta,
+        by_twist.v,
+        by_twist.omega,
+    )
+    return Estimate(Belief(mean, prior.covariance), 0.0, 0.0)
 
 
 EXTENDED_KALMAN = Filter(start, step, fix)

@@ -124,7 +124,17 @@ def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[
     """
     var_v, var_omega = execution_variances(command, noise, dt)
     share = noise.scale * (1.0 - noise.slip if slipping else 1.0)
-    return Command((command.v + sqrt(var_v) * draws[0]) * share, (command.omega + sqrt(var_omega) * draws[1]) * share)
+    turn = (command.omega + sqrt(var_omega) * draws[1]) * noise.turn_scale + noise.veer * command.v
+    return Command((command.v + sqrt(var_v) * draws[0]) * share, turn * share)
+
+
+@algebra
+def expected(command: Command, noise: ProcessNoise, dt: float) -> tuple[Command, float, float]:
+    """Return the mean of the executed twist without slip, and the variances of its speed and turning rate; see `execute`."""
+    var_v, var_omega = execution_variances(command, noise, dt)
+    turn = noise.scale * noise.turn_scale
+    mean = Command(command.v * noise.scale, (command.omega * noise.turn_scale + noise.veer * command.v) * noise.scale)
+    return mean, var_v * noise.scale * noise.scale, var_omega * turn * turn
 
 
 @algebra

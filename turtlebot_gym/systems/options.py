@@ -59,8 +59,9 @@ class Options:
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python also a
     `turtlebot_gym.Noise` or a mapping of its fields."""
     filter: str | Mapping[str, Any] | FilterTuning | Callable[..., Any] = "matched"
-    """Filter: matched, tutorial, gated, mixture, slip, scale, with an `imu` gyro, or one of your own (MODULE:NAME); in Python
-    also a `turtlebot_gym.FilterTuning`, a mapping of its fields, or a class, see `turtlebot_gym.estimation.plain`."""
+    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, or one of your own
+    (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, or a class, see
+    `turtlebot_gym.estimation.plain`."""
     observation: str = "ekf"
     """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None

@@ -40,7 +40,8 @@ QUIET = Special(
     parameters=(
         *((f"noise.process.{alpha}", 0.0) for alpha in _ALPHAS),
         *((f"tuning.process.{alpha}", 0.0) for alpha in _ALPHAS),
-        ("noise.process.scale", 1.0),
+        *((f"{part}.process.{name}", value)
+          for part in ("noise", "tuning") for name, value in (("scale", 1.0), ("turn_scale", 1.0), ("veer", 0.0))),
         ("noise.process.slip", 0.0),
         ("noise.process.slip_start", 0.0),
         ("noise.odometry.dropout_probability", 0.0),

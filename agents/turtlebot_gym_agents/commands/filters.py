@@ -26,7 +26,7 @@ class Estimate(Writing, _ESTIMATED):
     """
 
     filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
-    """Filters: matched, tutorial, gated, mixture, slip, scale, or of your own (MODULE:NAME)."""
+    """Filters: matched, calibrated, tutorial, gated, mixture, slip, scale, or of your own (MODULE:NAME)."""
     runs: int = 2000
     """Number of drives; drive i has the seed SEED + i. The default determines an RMSE to 3 %, 20000 drives to 1 %."""
     seconds: float = 3.0

@@ -40,6 +40,10 @@ class _Learned(Writing, Setting):
     speed_error: float = 0.02
     """With --randomize: largest error of the executed speed, as a share of it, unknown to the filter. On a slippery floor
     wheels lose a tenth."""
+    turn_error: float = 0.0
+    """With --randomize: largest further error of the executed turning rate, as a share of it, such as that of a wrong track."""
+    veer: float = 0.0
+    """With --randomize: largest turn per metre driven, rad/m, such as that of unequal wheels."""
     config: File = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package."""
     steps: int | None = None

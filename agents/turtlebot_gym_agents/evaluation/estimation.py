@@ -192,8 +192,9 @@ def drive(count: int, steps: int, seed: int, **options: Any) -> _Drives:
 
     def note(info: dict[str, Any]) -> None:
         share = process.scale * np.where(info["slipping"], 1.0 - process.slip, 1.0)
+        executed = info["command"] @ np.array([[1.0, process.veer], [0.0, process.turn_scale]]) * share[:, None]
         for name in names:
-            record[name].append(info[name] * share[:, None] if name == "command" else info[name])
+            record[name].append(executed if name == "command" else info[name])
 
     note(envs.reset(seed=seed)[1])
     for first in range(0, steps, HOLD):

@@ -44,6 +44,10 @@ class TrainingConfig(Options):
     `randomization`."""
     speed_error: Annotated[float, Range(0.0, 1.0, open_high=True)] = SPEED_ERROR
     """With ``randomize``: largest error of the executed speed, as a share of it."""
+    turn_error: Annotated[float, Range(0.0, 1.0, open_high=True)] = 0.0
+    """With ``randomize``: largest further error of the executed turning rate, as a share of it."""
+    veer: Annotated[float, NON_NEGATIVE] = 0.0
+    """With ``randomize``: largest turn per metre driven, rad/m."""
     steps: Annotated[int | None, STEPS] = None
     """Environment steps; None for n_timesteps of the hyper-parameters."""
     config: Path | Mapping[str, Any] | None = None
@@ -102,7 +106,8 @@ class TrainingConfig(Options):
         envs = self.make(self.hyper["n_envs"])
         if self.randomize:
             bare: Any = envs.unwrapped
-            bare.set_parameters(randomized(bare.parameters, envs.num_envs, seed=self.seed, speed_error=self.speed_error))
+            errors = {name: getattr(self, name) for name in ("speed_error", "turn_error", "veer")}
+            bare.set_parameters(randomized(bare.parameters, envs.num_envs, seed=self.seed, **errors))
         return envs
 
     def settings(self) -> dict[str, Any]:

@@ -27,10 +27,16 @@ ALL_ROUND = ("lds01", "lds02", "a1", "ideal")
 
 
 def randomized(
-    base: Parameters, count: int, *, seed: int, presets: Sequence[str] = PRESETS, speed_error: float = SPEED_ERROR
+    base: Parameters,
+    count: int,
+    *,
+    seed: int,
+    presets: Sequence[str] = PRESETS,
+    speed_error: float = SPEED_ERROR,
+    turn_error: float = 0.0,
+    veer: float = 0.0,
 ) -> list[Parameters]:
-    """Draw parameters for each environment of a batch: noise model and scale, speed scale and delay; in rooms also world and
-    LiDAR.
+    """Draw parameters for each environment of a batch: noise model and scale, wheels and delay; in rooms also world and LiDAR.
 
     The filter is matched to the drawn noise, as on a robot whose odometry was calibrated.
 
@@ -41,8 +47,10 @@ def randomized(
         presets: Noise models to draw from.
         speed_error: Largest error of the executed speed and turning rate, as a share of them. Wheels that creep on a slippery
             floor lose a tenth.
+        turn_error: Largest further error of the executed turning rate, as a share of it.
+        veer: Largest turn per metre driven, rad/m.
     """
-    random = np.random.default_rng(seed)
+    random, wheels = np.random.default_rng(seed), np.random.default_rng([seed, 1])
 
     def draw_room() -> RoomParameters:
         lidars, share = tuple(LIDARS[name] for name in ALL_ROUND), np.array(tuple(WORLDS.values())) / sum(WORLDS.values())
@@ -53,8 +61,9 @@ def randomized(
         noise = NOISES[presets[int(random.integers(len(presets)))]]
         size = random.uniform(*NOISE_SCALE) ** 2
         scale = 1.0 + random.uniform(-speed_error, speed_error)
+        track = {"turn_scale": 1.0 + wheels.uniform(-turn_error, turn_error), "veer": wheels.uniform(-veer, veer)}
         model = Noise(
-            process=replace(noise.process, scale=scale),
+            process=replace(noise.process, scale=scale, **track),
             odometry=replace(noise.odometry, R=tuple(size * variance for variance in noise.odometry.R)),
         )
         delay = float(DELAYS[int(random.integers(len(DELAYS)))])

@@ -55,7 +55,7 @@ class KalmanFilter:
         noise: str = "tutorial"
         """Noise to which the filter is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"
-        """A name in `turtlebot_gym.presets.FILTERS`: matched, tutorial, gated, mixture, slip or scale."""
+        """A name in `turtlebot_gym.presets.FILTERS`: matched, calibrated, tutorial, gated, mixture, slip or scale."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         twist: str = "executed"

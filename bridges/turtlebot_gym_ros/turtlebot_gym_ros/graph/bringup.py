@@ -104,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml (default burger)")
     parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default tutorial)")
-    parser.add_argument("--filter", help="matched (default), tutorial, gated, mixture, slip or scale")
+    parser.add_argument("--filter", help="matched (default), calibrated, tutorial, gated, mixture, slip or scale")
     parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default none)")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(
