@@ -28,10 +28,16 @@ def laser(distance=math.inf, **fields):
     return message
 
 
+def stamp(message, lead):
+    """Stamp a message by a clock that is ahead by so many seconds."""
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns() + int(lead * 1e9), 10**9)
+
+
 class Probe:
     """The surroundings of a guard, in its namespace.
 
-    It publishes ``command`` on ``topic`` and ``pressed`` at 20 Hz and ``scan`` at 5 Hz, unless they are None.
+    It publishes ``command`` on ``topic`` and ``pressed`` at 20 Hz and ``scan`` at 5 Hz, unless they are None. ``lead`` is that
+    of the clock by which commands are stamped, s; with None they are not.
     """
 
     def __init__(self, peer, wait_for, *, name="", stamped=True, button="emergency_stop"):
@@ -39,7 +45,8 @@ class Probe:
         self._space = f"/{name}" if name else ""
         self.type = TwistStamped if stamped else Twist
         self.heard, self.sent, self.frames, self.reports = [], [], set(), []
-        self.command, self.topic, self.pressed, self.scan, self.scan_age = None, "cmd_vel_in", None, None, 0.0
+        self.command, self.lead, self.topic = None, None, "cmd_vel_in"
+        self.pressed, self.scan, self.scan_age = None, None, 0.0
         self.node.create_subscription(self.type, f"{self._space}/cmd_vel", self._hear, 1000)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._read, 10)
         self._speakers = {
@@ -64,6 +71,8 @@ class Probe:
             message = self.type()
             twist = message.twist if self.type is TwistStamped else message
             twist.linear.x, twist.angular.z = self.command
+            if self.lead is not None:
+                stamp(message, self.lead)
             self._speakers[self.topic].publish(message)
         if self.pressed is not None:
             self._button.publish(Bool(data=self.pressed))
@@ -73,7 +82,7 @@ class Probe:
         if scan is not None:
             noise = np.random.default_rng().normal(0.0, 1e-4, len(scan.ranges))  # a LiDAR that repeats itself is frozen
             scan.ranges = (np.asarray(scan.ranges) + noise).tolist()
-            scan.header.stamp.sec, scan.header.stamp.nanosec = divmod(time.time_ns() - int(self.scan_age * 1e9), 10**9)
+            stamp(scan, -self.scan_age)
             self._lidar.publish(scan)
 
     def until_reported(self, *texts):

@@ -73,6 +73,9 @@ from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.report import Report
 
+LATE = 0.02
+"""Time after its decision from which a motion is not published, s: the guard was suspended or starved in between."""
+
 
 class CmdVelGuard(Node):
     """The guard as a node."""
@@ -103,7 +106,7 @@ class CmdVelGuard(Node):
         self.create_timer(1.0 / p.rate, self._tick, clock=steady)
         self.create_timer(1.0, self._diagnose, clock=steady)
         self._robots, self._announced = 0, None
-        self._publish(STOP)
+        self._velocity.publish(self._message_of(STOP))
 
     def _now(self) -> float:
         """Return the steady time, s, after comparing it with the system clock."""
@@ -183,15 +186,17 @@ class CmdVelGuard(Node):
         self._arbiter.hear_standby(now, sent=now - self._age("cmd_vel_standby/alive", message, info, now).sent)
 
     def _step(self) -> None:
-        """Publish the command for the wheels, if any."""
+        """Publish the command for the wheels, if any; a motion that was held up since it was decided is decided again."""
         self._take_buttons()
         robots = self._velocity.get_subscription_count()
         if robots > self._robots:
             self._arbiter.greet(self._now())
         self._robots = robots
-        command = self._arbiter.step(self._now())
-        if command is not None:
-            self._publish(command)
+        while (command := self._arbiter.step(now := self._now())) is not None:
+            message = self._message_of(command)
+            if command == STOP or self._now() - now <= LATE:
+                self._velocity.publish(message)
+                break
 
     def _tick(self) -> None:
         self._step()
@@ -200,14 +205,14 @@ class CmdVelGuard(Node):
             self._announced = passing
             self._enabled.publish(Bool(data=passing))
 
-    def _publish(self, command: Command) -> None:
+    def _message_of(self, command: Command) -> TwistStamped | Twist:
         message = self._type()
         if isinstance(message, TwistStamped):
             message.header.stamp = self.get_clock().now().to_msg()
             message.header.frame_id = self._p.frame_prefix + self._p.body_frame
         twist = message.twist if isinstance(message, TwistStamped) else message
         twist.linear.x, twist.angular.z = command
-        self._velocity.publish(message)
+        return message
 
     def _diagnose(self) -> None:
         self._diagnostics.publish(self._report.message(self._now(), robots=self._robots))
@@ -215,7 +220,7 @@ class CmdVelGuard(Node):
     def close(self) -> None:
         """Send zeros and wait until the robot has received them."""
         for _ in range(3):
-            self._publish(STOP)
+            self._velocity.publish(self._message_of(STOP))
         self._velocity.wait_for_all_acked(Duration(seconds=0.5))
 
 
