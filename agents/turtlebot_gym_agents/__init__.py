@@ -5,10 +5,10 @@ Importing this package needs only Python, and its policies need only numpy, so t
 
 from typing import TYPE_CHECKING
 
-__all__ = ["BearingPolicy", "Policy", "ProportionalPolicy", "make_policy"]
+__all__ = ["BearingPolicy", "Deployment", "Policy", "ProportionalPolicy", "make_policy"]
 
 if TYPE_CHECKING:
-    from turtlebot_gym_agents.policies import BearingPolicy, Policy, ProportionalPolicy, make_policy
+    from turtlebot_gym_agents.policies import BearingPolicy, Deployment, Policy, ProportionalPolicy, make_policy
 else:
 
     def __getattr__(name):

@@ -36,7 +36,7 @@ def drive(noise, robot, filter):
         said = estimator.step(dt, odometry)
         estimate, nis = said["estimate"], said["nis"]
         command = controller.step(dt, estimate, GOAL, None, nis=nis)["command"]
-        rows.append((odometry, estimate, controller.observation, controller.action))
+        rows.append((odometry, estimate, controller.deployment.observation, controller.deployment.action))
     return rows
 
 

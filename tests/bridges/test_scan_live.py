@@ -178,7 +178,7 @@ def test_the_age_of_a_scan_is_the_difference_of_stamps(runner, peer, wait_for):
         time.sleep(0.1)
         robot.estimates.publish(conversion(Estimate).write(Estimate(BELIEF, 0.0, 0.0), now))
         time.sleep(0.1)
-        return robot.shell.block.observation[-1] == np.float32(min(max(age, 0.0), 1.0))
+        return robot.shell.block.deployment.observation[-1] == np.float32(min(max(age, 0.0), 1.0))
 
     at = itertools.count(50, 2)
     for age in (0.25, 0.0, 0.4, 3.0, -0.1):

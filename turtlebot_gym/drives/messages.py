@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.beams import beams_of
 from turtlebot_gym.drives.alignment import Stream
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
-from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted
+from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan
 from turtlebot_gym.values import Pose, State
 
 GUARD = "cmd_vel_guard"
@@ -87,9 +86,8 @@ def _nis(message: Any) -> float:
 
 
 def _scan(message: Any) -> Scan:
-    first, increment, least, most = message.angle_min, message.angle_increment, message.range_min, message.range_max
-    beams = beams_of(message.ranges, first=first, increment=increment, range_min=least, range_max=most)
-    return Scan(beams.ranges, first, increment, least, most, max(float(message.time_increment), 0.0))
+    angles, limits = (message.angle_min, message.angle_increment), (message.range_min, message.range_max)
+    return read_scan(Scan(message.ranges, *angles, *limits, max(float(message.time_increment), 0.0)))
 
 
 def _room(message: Any) -> Obstacles | None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.beams import beams_of
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT, UNKNOWN, Driver, Lidar, fill
 from turtlebot_gym.rooms.scene import Scene
@@ -31,6 +32,16 @@ class Scan(NamedTuple):
     """Time between two beams, s; 0 if unknown."""
     period: float = 0.0
     """Time between two scans, s; 0 if unknown."""
+
+
+def read_scan(scan: Scan) -> Scan:
+    """Return a scan as sent with its ranges as `beams` reads them.
+
+    Raises:
+        ValueError: With one line, if the scan cannot be read.
+    """
+    limits = {"range_min": scan.range_min, "range_max": scan.range_max}
+    return scan._replace(ranges=beams_of(scan.ranges, first=scan.first, increment=scan.increment, **limits).ranges)
 
 
 class Clearance(NamedTuple):

@@ -1,6 +1,7 @@
 """Policies: geometric laws, trained bundles, and their lookup by name."""
 
 from turtlebot_gym_agents.policies.baselines import POLICIES
+from turtlebot_gym_agents.policies.deployment import Deployment
 from turtlebot_gym_agents.policies.geometric import (
     BearingPolicy,
     CornerPolicy,
@@ -15,6 +16,7 @@ __all__ = [
     "POLICIES",
     "BearingPolicy",
     "CornerPolicy",
+    "Deployment",
     "PolarPolicy",
     "Policy",
     "PolicyWithMemory",

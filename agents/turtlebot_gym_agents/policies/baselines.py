@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Robot
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import choose
-from turtlebot_gym_agents.policies.fit import require_fit
+from turtlebot_gym_agents.policies.fit import require_fit, robot_of
 from turtlebot_gym_agents.policies.geometric import (
     Baseline,
     BearingPolicy,
@@ -63,11 +62,10 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         made_as = {"format": content["format"], "layout": content["layout"]}
         made_for, made_dt, name, numbers = dict(content["robot"]), content["dt"], content["policy"], dict(content["numbers"])
         kind = choose("policy", name, POLICIES)
-        limits: dict[str, Any] = {key: math.inf if limit is None else limit for key, limit in made_for.items() if key != "name"}
         unknown = sorted(set(numbers) - set(kind.ranges()))
         if unknown:
             raise ValueError(f"{name} has no numbers {', '.join(unknown)}")
-        policy = kind(Robot(**limits), made_dt, **numbers)
+        policy = kind(robot_of(made_for), made_dt, **numbers)
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # also if the file is not JSON or not text
         raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
     ours = {"format": FORMAT, "layout": layout_of_baseline(name)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 
 from turtlebot_gym import Robot, make_robot
 from turtlebot_gym.files import is_file
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import made, shown
 from turtlebot_gym_agents.provenance import plain
 
 
@@ -17,6 +18,16 @@ def describe_robot(robot: str | Robot) -> dict[str, Any]:
     """Return the description of a robot in a policy's file."""
     name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else "custom"
     return plain({"name": name, **asdict(make_robot(robot))})
+
+
+def robot_of(described: Mapping[str, Any]) -> Robot:
+    """Return the robot of a description by `describe_robot`.
+
+    Raises:
+        ValueError: If it describes no robot.
+    """
+    limits = {name: math.inf if limit is None else limit for name, limit in described.items() if name != "name"}
+    return made(Robot, limits, "robot")
 
 
 def require_task(policy: object, name: str, env: str, observation: str) -> None:

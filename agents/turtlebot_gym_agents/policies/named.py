@@ -28,6 +28,14 @@ def pretrained_folder() -> Path:
     return installed if installed.is_dir() else installed.parent.parent / "pretrained"
 
 
+def bundle_of(name: str) -> Path | None:
+    """Return the file of a bundle by its path or its name in the package; None for other policies."""
+    own = pretrained_folder() / f"{name}.onnx"
+    if name.endswith(".onnx"):
+        return Path(name)
+    return own if name.isprintable() and "/" not in name and own.is_file() else None
+
+
 def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD) -> Policy:
     """Return a policy by its name.
 
@@ -50,11 +58,10 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
         return POLICIES[name](make_robot(robot), dt)
     if name.endswith(".json"):
         return load_baseline(name, robot=robot, dt=dt)
-    own = pretrained_folder() / f"{name}.onnx"
-    if name.endswith(".onnx") or (name.isprintable() and "/" not in name and own.is_file()):
+    if bundle := bundle_of(name):
         from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
-        return BundlePolicy(name if name.endswith(".onnx") else own, robot=robot, dt=dt)
+        return BundlePolicy(bundle, robot=robot, dt=dt)
     if name.endswith((".zip", ".pkl", ".pt", ".pth")):
         raise ValueError(
             f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "

@@ -54,12 +54,12 @@ def differences(loop, env, steps):
     policy = make_policy("vfh")
     for _ in range(steps):
         said = loop.step()
-        np.testing.assert_array_equal(loop.controller.observation, observation)
+        np.testing.assert_array_equal(loop.controller.deployment.observation, observation)
         np.testing.assert_array_equal(said["truth"], info["true_state"])
         assert said["goal"] == tuple(info["reference"])
         assert said["clearance"].distance == info["clearance"]
         action = policy(observation)
-        np.testing.assert_array_equal(loop.controller.action, action)
+        np.testing.assert_array_equal(loop.controller.deployment.action, action)
         observation, _, terminated, _, info = env.step(action)
         if terminated:
             break

@@ -8,18 +8,14 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.models.unicycle import limit
-from turtlebot_gym.presets import make_robot
-from turtlebot_gym.rooms.lidar import MAX_AGE
-from turtlebot_gym.rooms.scan import Pooling, Scan
-from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
-from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, believed_to_arrive, observe, stated_deviations
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Pose
-from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of, make_policy
+from turtlebot_gym_agents import Deployment
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
@@ -78,22 +74,17 @@ class VelocityController:
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("estimate", period=params.period)
-        self._robot = make_robot(params.robot)
-        self._policy = make_policy(params.policy, robot=self._robot, dt=params.period)
+        lidar = {"lidar_yaw": params.lidar_yaw, "lidar_beams": params.lidar_beams}
+        self.deployment = Deployment(params.policy, robot=params.robot, period=params.period, **lidar)
+        """The policy; it stores its last observation and action."""
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
-        layout = layout_of(self._policy) or OBSERVATION_LAYOUT
-        if layout == ROOM_LAYOUT:
+        if self.deployment.layout == ROOM_LAYOUT:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
-        self._pool = Pooling(yaw=params.lidar_yaw, beams=params.lidar_beams)
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
         self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
-        self.observation: NDArray[np.float32] = np.zeros(SIZES[layout], np.float32)
-        """Last observation of the policy, shape (n,) by its layout."""
-        self.action: NDArray[np.float32] = np.zeros(2, np.float32)
-        """Last action of the policy, shape (2,)."""
         self.reset()
 
     def reset(self) -> None:
@@ -102,8 +93,7 @@ class VelocityController:
         self._time, self._measured = 0.0, -math.inf
         self._watch = ScanWatch(lag=LAG, returns=self._returns, now=self._time)
         self.notice = None
-        if isinstance(self._policy, PolicyWithMemory):
-            self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
+        self.deployment.reset()
 
     def step(
         self,
@@ -132,14 +122,8 @@ class VelocityController:
             return {"command": STOP}
         self.notice = None
         surprise = estimate.nis if nis is None else nis.value
-        seen = observe(mean, stated_deviations(P), surprise, reference, following or reference, self._robot)
-        ranges = () if scan is None else (*self._pool(scan.value), min(max(scan.age, 0.0), MAX_AGE))
-        self.observation = np.array((*seen, *ranges), np.float32)
-        self.action = np.asarray(self._policy(self.observation), np.float32)
-        if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
-            raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
-        forward, turn = (min(max(part, -1.0), 1.0) for part in self.action.tolist())
-        return {"command": limit(Command(forward * self._robot.max_linear, turn * self._robot.max_angular), self._robot)}
+        seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value), scan.age)
+        return {"command": self.deployment.command(mean, P, surprise, reference, following or reference, *seen)}
 
     def _refusal(self, scan: Aged, twist: Command) -> str:
         """Return why a scan must not be used, or an empty text."""

@@ -1,0 +1,234 @@
+"""A policy on one's own sensors, without ROS: from what a robot or a foreign simulator measures to a command."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.unicycle import command_of, limit
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
+from turtlebot_gym.presets import make_filter, make_noise, make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.lidar import MAX_AGE
+from turtlebot_gym.rooms.scan import Pooling, Scan, read_scan
+from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
+from turtlebot_gym.systems.parameters import DT
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT, observe, stated_deviations
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, Numbers, Range, refusal
+from turtlebot_gym.values import Command, Covariance, Pose, State
+from turtlebot_gym_agents.policies.fit import robot_of
+from turtlebot_gym_agents.policies.named import SAFETY, bundle_of, make_policy
+from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
+
+_POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
+_COVARIANCE = "3 variances, or a 3 x 3 matrix"
+_AGE = Range(0.0, MAX_AGE, unit="s")
+_INTERVAL = Range(0.0, 1.0, open_low=True, unit="s")
+
+
+class Deployment:
+    """Drive a robot with a policy, as the environments and the ROS node ``velocity_controller`` do.
+
+    `act` takes what was measured, checks it, and returns a command. With ``filter`` the package's own filter is inside, and the
+    poses are those of odometry; otherwise they are a localization's, with its covariance. `command` is the part without checks,
+    which the node uses too.
+
+    It avoids nothing that the policy does not avoid, and stops nothing: whoever calls it stops the robot when it raises.
+
+    Args:
+        policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
+        robot: A name in `turtlebot_gym.ROBOTS`, a file, or a robot; None for that on a bundle's card, else "burger".
+        period: Control period, s; None for that on a bundle's card, else 0.1.
+        filter: What `make_filter` takes, such as "matched", for a filter inside; None if poses come with a covariance.
+        noise: Noise of the odometry to which that filter is matched, as for `make_noise`.
+        integrator: How that filter predicts, "euler" or "midpoint".
+        lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
+        lidar_beams: Number of beams that a scan must have; 0 for any.
+
+    Raises:
+        ValueError: If the policy is unknown or made for another robot or period, or the filter reads more than odometry.
+        ImportError: If the policy is a bundle and onnxruntime is missing.
+    """
+
+    def __init__(
+        self,
+        policy: str | Path,
+        *,
+        robot: str | Robot | None = None,
+        period: float | None = None,
+        filter: str | FilterTuning | None = None,
+        noise: str | Noise = "tutorial",
+        integrator: str = "euler",
+        lidar_yaw: float = 0.0,
+        lidar_beams: int = 0,
+    ) -> None:
+        bundle = bundle_of(str(policy).removesuffix(SAFETY))
+        if bundle and (robot is None or period is None):
+            from turtlebot_gym_agents.policies.bundle import BundlePolicy
+
+            card = BundlePolicy(bundle, robot=robot, dt=period).card
+            robot, period = robot_of(card.robot) if robot is None else robot, card.dt if period is None else period
+        robot = "burger" if robot is None else robot
+        self.robot = make_robot(robot)
+        """The robot, whose limits a command keeps."""
+        self.period = DT.check("period", REFERENCE_PERIOD if period is None else period)
+        """Control period, s."""
+        self._policy = make_policy(str(policy), robot=robot, dt=self.period)
+        self.layout = layout_of(self._policy) or OBSERVATION_LAYOUT
+        """Layout of the policy's observation; with 2 it needs scans."""
+        self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
+        """Pools a scan that was read into the sectors of the observation."""
+        self.filter = None if filter is None else _inside(make_filter(filter, make_noise(noise)), self.period, integrator)
+        """The filter inside, with its belief; None without one."""
+        self.observation: NDArray[np.float32] = np.zeros(SIZES[self.layout], np.float32)
+        """Last observation of the policy, shape (n,) by its layout."""
+        self.action: NDArray[np.float32] = np.zeros(2, np.float32)
+        """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin an episode: clear the filter, and the memory of a policy that has one."""
+        self._begun = False
+        if isinstance(self._policy, PolicyWithMemory):
+            self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
+
+    def act(
+        self,
+        pose: ArrayLike | None,
+        covariance: ArrayLike | None,
+        twist: ArrayLike,
+        scan: Scan | None,
+        goal: ArrayLike,
+        *,
+        following: ArrayLike | None = None,
+        nis: float = 0.0,
+        scan_age: float = 0.0,
+        dt: float | None = None,
+    ) -> Command:
+        """Return the command for the next control period, within the robot's limits; m/s, rad/s.
+
+        Call it once per period. Poses and goals are in one world frame.
+
+        Args:
+            pose: x, y and heading; m, rad. With a filter inside, odometry's, or None if none arrived in this period.
+            covariance: Variances of x, y and heading, or their 3 x 3 matrix; m^2, rad^2; zeros for exact poses. None with a
+                filter inside, which states its own.
+            twist: Speed and turning rate in the robot's frame, m/s and rad/s: estimated, or as measured by the wheels.
+            scan: The LiDAR's newest scan as its driver sends it; None if the policy sees none.
+            goal: The waypoint to reach: x, y and heading.
+            following: The waypoint after it; None if there is none.
+            nis: Normalized innovation squared of the localization's last measurement; 0 for exact poses, and with a filter
+                inside, which computes its own.
+            scan_age: Age of the scan by its stamp, s.
+            dt: Time since the last call, s, for a filter inside; None for a period.
+
+        Raises:
+            ValueError: With one line, if something cannot be read or does not fit; filter and policy then keep their memory.
+        """
+        reference = _pose("goal", goal)
+        after = reference if following is None else _pose("following", following)
+        speeds = Command(*_TWIST.check("twist", twist))
+        sectors = self._read(scan)
+        age = _AGE.check("scan_age", scan_age)
+        interval = self.period if dt is None else _INTERVAL.check("dt", dt)
+        at = None if pose is None else _pose("pose", pose)
+        if self.filter:
+            if covariance is not None or nis != 0.0:
+                raise ValueError("covariance must be None and nis 0 with a filter inside, which states its own.")
+            self._believe(self.filter, at, speeds, interval)
+            (mean, P), nis = self.filter.belief, self.filter.nis
+        else:
+            if at is None or covariance is None:
+                what = "pose" if at is None else "covariance"
+                raise ValueError(f"{what} must be given without a filter inside, got None; zero variances for exact poses.")
+            variances = dict(zip(("xx", "yy", "tt"), _variances(covariance), strict=True))
+            mean, P = State(*at, *speeds), Covariance(**{**dict.fromkeys(Covariance._fields, 0.0), **variances})
+            nis = NON_NEGATIVE.check("nis", nis)
+        return self.command(mean, P, nis, reference, after, sectors, age)
+
+    def command(
+        self,
+        mean: State,
+        covariance: Covariance,
+        nis: float,
+        reference: Pose,
+        following: Pose,
+        sectors: Sequence[float] = (),
+        scan_age: float = 0.0,
+    ) -> Command:
+        """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
+
+        Raises:
+            ValueError: If the policy does not return two finite numbers.
+        """
+        seen = observe(mean, stated_deviations(covariance), nis, reference, following, self.robot)
+        around = (*sectors, min(max(scan_age, 0.0), MAX_AGE)) if sectors else ()
+        self.observation = np.array((*seen, *around), np.float32)
+        self.action = np.asarray(self._policy(self.observation), np.float32)
+        if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
+            raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
+        forward, turn = self.action.tolist()
+        return limit(command_of(forward, turn, self.robot), self.robot)
+
+    def _read(self, scan: Scan | None) -> Sequence[float]:
+        """Return the sectors of a scan, none for a policy that sees none.
+
+        Raises:
+            ValueError: If it cannot be read, or the policy sees no scan.
+        """
+        if (scan is not None) != (self.layout == ROOM_LAYOUT):
+            needs = "a Scan" if scan is None else "None"
+            raise refusal("scan", f"{needs} for a policy of observation layout {self.layout}", scan)
+        if scan is None:
+            return ()
+        if not isinstance(scan, Scan):
+            raise refusal("scan", f"a turtlebot_gym.rooms.scan.Scan with {', '.join(Scan._fields[:5])}", scan)
+        for name in ("first", "increment", "range_min"):
+            FINITE.check(f"scan.{name}", getattr(scan, name))
+        POSITIVE_OR_INFINITE.check("scan.range_max", scan.range_max)
+        return self.pool(read_scan(scan._replace(ranges=_floats("scan.ranges", scan.ranges, np.float32, "numbers"))))
+
+    def _believe(self, filter: KalmanFilter, pose: Pose | None, twist: Command, dt: float) -> None:
+        """Advance the filter inside by an interval."""
+        if self._begun:
+            filter.dt = dt
+            filter.step(twist, pose)
+        elif pose is None:
+            raise ValueError("pose must be given in the first call, got None.")
+        else:
+            filter.start(pose)
+            self._begun = True
+
+
+def _inside(tuning: FilterTuning, dt: float, integrator: str) -> KalmanFilter:
+    """Return the filter inside."""
+    if more := set(filter_of(tuning).reads) - {"odometry"}:
+        raise ValueError(f"filter must read odometry only, but this one also reads {', '.join(sorted(more))}.")
+    return KalmanFilter(tuning, dt=dt, integrator=integrator)
+
+
+def _pose(name: str, value: Any) -> Pose:
+    x, y, theta = _POSE.check(name, value)
+    return Pose(x, y, wrap(theta))
+
+
+def _variances(covariance: Any) -> Sequence[float]:
+    """Return the variances of x, y and heading from them or from their matrix."""
+    rows = _floats("covariance", covariance, np.float64, _COVARIANCE)
+    if rows.shape not in ((3,), (3, 3)):
+        raise refusal("covariance", _COVARIANCE, covariance)
+    return _VARIANCES.check("covariance", rows.diagonal() if rows.ndim == 2 else rows)
+
+
+def _floats(name: str, value: Any, dtype: Any, rule: str) -> NDArray[Any]:
+    try:
+        return np.asarray(value, dtype)
+    except (TypeError, ValueError) as error:
+        raise refusal(name, rule, value) from error

@@ -1,0 +1,217 @@
+"""A policy on one's own sensors: the environment's actions to the last bit, and a refusal of all that cannot be read."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym import NAV, Episode, make_filter, make_noise, make_parameters
+from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.rooms.lidar import LIDARS
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.tasks import ROOM
+from turtlebot_gym_agents import Deployment, make_policy
+
+TURN = 2.0 * math.pi
+
+
+def scan_of(episode):
+    """Return the newest scan of a room as a driver sends it, with its age, s; nothing on open ground."""
+    if not episode.parameters.room:
+        return None, 0.0
+    lidar = episode.parameters.room.lidar
+    is_blind = np.isinf(episode.scene.beams[2, : lidar.beams])
+    ranges = np.where(is_blind, np.float32(np.nan), episode.scene.ranges[1, : lidar.beams])
+    return Scan(ranges, 0.0, TURN / lidar.beams, lidar.range_min, lidar.range_max), episode.world.room.scan_age
+
+
+def differences(steps, *, policy, yaw=0.0, wrong=0.0, **options):
+    """Return in how many steps observation or action differ from the environment's loop, with the filter inside and outside.
+
+    Args:
+        steps: Number of steps, through as many episodes as they need.
+        policy: The policy's name.
+        yaw: Direction of the LiDAR, rad.
+        wrong: Error of the heading that the deployments receive, rad.
+        options: Options of the environment.
+    """
+    inside = Deployment(policy, lidar_yaw=yaw, filter="matched", noise="rough")
+    outside, drive = Deployment(policy, lidar_yaw=yaw), make_policy(policy)
+    episode, differ = Episode(make_parameters(noise="rough", **options), seed=5), [0, 0]
+    for _ in range(steps):
+        seen = np.array(episode.observe(), np.float32)
+        action = drive(seen)
+        odometry, (mean, P), course = episode.world.senses.odometry, episode.world.estimate.belief, episode.world.course
+        scan, age = scan_of(episode)
+        if episode.world.steps == 0.0:
+            inside.reset()
+        pose = odometry.pose._replace(theta=odometry.pose.theta + wrong) if odometry.measured else None
+        more = {"following": course.following, "scan_age": age}
+        inside.act(pose, None, odometry.twist, scan, course.reference, **more)
+        pose, variances = (mean.x, mean.y, mean.theta + wrong), (P.xx, P.yy, P.tt)
+        outside.act(pose, variances, mean[3:], scan, course.reference, nis=episode.world.estimate.nis, **more)
+        for at, driven in enumerate((inside, outside)):
+            differ[at] += not (np.array_equal(driven.observation, seen) and np.array_equal(driven.action, action))
+        outcome = episode.act(action.tolist())
+        if outcome.terminated or outcome.truncated:
+            episode.reset()
+    return differ
+
+
+# Blind in four directions and mounted askew, as on a TurtleBot 4; with half of its beams, for time.
+SPARSE = replace(LIDARS["a1"], beams=135)
+PLACES = {
+    "rooms": {
+        "policy": "ppo-rooms", "task": replace(ROOM, max_steps=150.0), "world": "dense", "lidar": SPARSE, "yaw": SPARSE.yaw
+    },
+    "open ground": {"policy": "ppo-nav", "task": replace(NAV, max_steps=150.0)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_its_actions_are_those_of_the_environments_loop_to_the_last_bit(place):
+    """Through several episodes, with drop-outs of the odometry and bursts of slip."""
+    assert differences(1000, **PLACES[place]) == [0, 0]
+
+
+def test_a_milliradian_of_heading_would_be_seen():
+    inside, outside = differences(50, wrong=1e-3, **PLACES["rooms"])
+    assert inside > 40
+    assert outside > 40
+
+
+def test_a_command_is_the_limited_action(seeing):
+    command = seeing.act(**GIVEN)
+    forward, turn = (np.clip(seeing.action, -1.0, 1.0) * (0.2108, 2.635)).tolist()
+    assert abs(command.v) + 0.08 * abs(command.omega) <= 0.2097 + 1e-12
+    assert command.v * turn == pytest.approx(command.omega * forward)
+
+
+SCAN = Scan(np.full(360, 2.0, np.float32), 0.0, TURN / 360, 0.1, 3.5)
+GIVEN = {"pose": (0.0, 0.0, 0.0), "covariance": (0.0, 0.0, 0.0), "twist": (0.1, 0.0), "scan": SCAN, "goal": (2.0, 1.0, 0.0)}
+
+
+@pytest.fixture(scope="module")
+def seeing():
+    return Deployment("vfh")
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"pose": (0.0, math.nan, 0.0)}, r"^pose\[1\] must be a number .*, got nan\.$"),
+        ({"pose": None}, "^pose must be given without a filter inside"),
+        ({"pose": (1.0, 2.0)}, "^pose must be 3 numbers"),
+        ({"covariance": None}, "^covariance must be given without a filter inside"),
+        ({"covariance": (-0.1, 0.1, 0.1)}, r"^covariance\[0\] must be a number from 0 to"),
+        ({"covariance": np.eye(6)}, r"^covariance must be 3 variances, or a 3 x 3 matrix"),
+        ({"covariance": "small"}, r"^covariance must be 3 variances, or a 3 x 3 matrix"),
+        ({"twist": (math.inf, 0.0)}, r"^twist\[0\] must be a number"),
+        ({"goal": (0.0, 0.0, "north")}, r"^goal\[2\] must be a number"),
+        ({"nis": math.nan}, "^nis must be a number"),
+        ({"scan": None}, "^scan must be a Scan for a policy of observation layout 2, got None"),
+        ({"scan": np.full(360, 2.0)}, "^scan must be a turtlebot_gym.rooms.scan.Scan with ranges, first, increment"),
+        ({"scan": SCAN._replace(increment=None)}, "^scan.increment must be a number"),
+        ({"scan": SCAN._replace(increment=0.0)}, "^the scan's angle_increment must be finite and not 0"),
+        ({"scan": SCAN._replace(increment=0.1)}, "are more than a whole turn"),
+        ({"scan": SCAN._replace(ranges=np.full(360, np.nan))}, "^none of the scan's 360 beams says anything"),
+        ({"scan": SCAN._replace(ranges=["a", "b"])}, "^scan.ranges must be numbers"),
+        ({"scan_age": 1.5}, "^scan_age must be a number from 0 to 1 s, got 1.5"),
+        ({"scan_age": math.nan}, "^scan_age must be a number from 0 to 1 s"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_line(seeing, changed, message):
+    seeing.act(**GIVEN)
+    with pytest.raises(ValueError, match=message) as refused:
+        seeing.act(**{**GIVEN, **changed})
+    assert "\n" not in str(refused.value)
+
+
+def test_single_beams_without_a_number_are_no_reason_to_refuse(seeing):
+    whole = seeing.act(**GIVEN)
+    ranges = SCAN.ranges.copy()
+    ranges[::10] = np.nan
+    assert seeing.act(**{**GIVEN, "scan": SCAN._replace(ranges=ranges)}) == whole
+
+
+def test_a_clockwise_scan_is_seen_where_it_points(seeing):
+    ranges = SCAN.ranges.copy()
+    ranges[90] = 0.5  # to the left of one that turns counter-clockwise
+    for increment, sector in ((SCAN.increment, 9), (-SCAN.increment, 27)):
+        seeing.act(**{**GIVEN, "scan": SCAN._replace(ranges=ranges, increment=increment)})
+        assert np.flatnonzero(seeing.observation[13:-1] < 0.5).tolist() == [sector]
+
+
+def test_a_matrix_states_the_same_as_its_variances(seeing):
+    seeing.act(**{**GIVEN, "covariance": [[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]})
+    matrix = seeing.observation
+    seeing.act(**{**GIVEN, "covariance": (0.04, 0.09, 0.16)})
+    np.testing.assert_array_equal(seeing.observation, matrix)
+
+
+def test_exact_poses_have_no_deviation_and_no_surprise(seeing):
+    seeing.act(**GIVEN)
+    assert seeing.observation[7:10].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_robot_and_period_are_those_on_the_card():
+    deployment = Deployment("ppo-nav")
+    assert (deployment.robot.max_linear, deployment.period, deployment.layout) == (0.2108, 0.1, 1)
+    with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 10 Hz waffle"):
+        Deployment("ppo-nav", robot="waffle")
+    with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 20 Hz burger"):
+        Deployment("ppo-nav", period=0.05)
+
+
+def test_a_policy_without_sight_refuses_scans():
+    with pytest.raises(ValueError, match=r"^scan must be None for a policy of observation layout 1"):
+        Deployment("bearing").act(**GIVEN)
+
+
+class TestTheFilterInside:
+    GIVEN = {**GIVEN, "covariance": None, "scan": None}
+
+    @pytest.fixture
+    def estimating(self):
+        return Deployment("bearing", filter="matched", noise="documented")
+
+    @pytest.mark.parametrize(
+        ("changed", "message"),
+        [
+            ({"covariance": (0.0, 0.0, 0.0)}, "^covariance must be None and nis 0 with a filter inside"),
+            ({"nis": 1.0}, "^covariance must be None and nis 0 with a filter inside"),
+            ({"dt": 0.0}, "^dt must be a number above 0 and at most 1 s"),
+            ({"dt": math.nan}, "^dt must be a number above 0 and at most 1 s"),
+        ],
+    )
+    def test_it_needs_no_covariance_and_a_known_interval(self, estimating, changed, message):
+        with pytest.raises(ValueError, match=message):
+            estimating.act(**{**self.GIVEN, **changed})
+
+    def test_it_begins_with_a_pose(self, estimating):
+        with pytest.raises(ValueError, match=r"^pose must be given in the first call"):
+            estimating.act(**{**self.GIVEN, "pose": None})
+
+    def test_a_refusal_leaves_it_as_it_was(self, estimating):
+        estimating.act(**self.GIVEN)
+        before = estimating.filter.belief
+        with pytest.raises(ValueError, match="goal"):
+            estimating.act(**{**self.GIVEN, "pose": (0.1, 0.0, 0.0), "goal": None})
+        assert estimating.filter.belief == before
+
+    def test_it_predicts_for_the_time_that_passed(self, estimating):
+        for dt, driven in ((None, 0.0), (0.1, 0.0), (0.3, 0.03)):
+            estimating.act(**{**self.GIVEN, "pose": (0.0, 0.0, 0.0) if dt is None else None}, dt=dt)
+            assert estimating.filter.belief.mean.x == pytest.approx(driven)
+
+    def test_a_reset_forgets_the_pose(self, estimating):
+        estimating.act(**self.GIVEN)
+        estimating.reset()
+        estimating.act(**{**self.GIVEN, "pose": (5.0, 0.0, 0.0)})
+        assert estimating.filter.belief.mean[:3] == (5.0, 0.0, 0.0)
+
+    def test_a_filter_of_another_sensor_is_refused(self):
+        tuning = replace(make_filter("matched", make_noise("wheel")), kind=Gyro(variance=1e-4, bias_deviation=0.01))
+        with pytest.raises(ValueError, match=r"^filter must read odometry only, but this one also reads imu"):
+            Deployment("bearing", filter=tuning)
