@@ -41,6 +41,17 @@ def of_heading(P: Covariance) -> Projection:
     return Projection(State(P.xt, P.yt, P.tt, P.tv, P.tw), P.tt)
 
 
+@kernel
+def of_row(P: Covariance, row: tuple[float, float, float]) -> Projection:
+    """Project on a weighted sum of x, y and heading, ``h = [row 0 0]``."""
+    i, j, k = row
+    column = State(
+        i * P.xx + j * P.xy + k * P.xt, i * P.xy + j * P.yy + k * P.yt, i * P.xt + j * P.yt + k * P.tt,
+        i * P.xv + j * P.yv + k * P.tv, i * P.xw + j * P.yw + k * P.tw,
+    )  # fmt: skip
+    return Projection(column, i * column.x + j * column.y + k * column.theta)
+
+
 @algebra
 def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
     """Reduce P by a scalar measurement: ``P - column column' / S``, with ``inverse`` for 1 / S."""

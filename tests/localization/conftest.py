@@ -1,0 +1,19 @@
+"""Shared by the tests of the localizer."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from localization_rooms import hall, make_room, scan_of
+
+
+@pytest.fixture(scope="session")
+def in_hall():
+    """Return the hall, a pose in it, and its scan."""
+    room, pose = make_room(hall()), (1.7, 2.1, 0.4)
+    return room, pose, scan_of(room, pose)

@@ -1,0 +1,69 @@
+"""Distance fields against brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.rooms.field import REACH, field_of_cells, field_of_hits, sample
+
+SIDE = 0.1
+
+
+@pytest.fixture(params=range(4))
+def occupied(request):
+    rng = np.random.default_rng(request.param)
+    return rng.random(rng.integers(3, 30, 2)) < rng.choice([0.02, 0.2, 0.6])
+
+
+def nearest(marked, what):
+    """Return the distance in cells from each cell to the nearest marked one, by comparing all pairs."""
+    places = np.argwhere(marked)
+    if not len(places):
+        return np.full(what.shape, np.inf)
+    cells = np.argwhere(np.ones_like(what))
+    return np.sqrt(((cells[:, None] - places[None]) ** 2).sum(2).min(1)).reshape(what.shape)
+
+
+def test_cells_are_as_far_from_the_border_as_brute_force_says(occupied):
+    field = np.empty(occupied.shape, np.float32)
+    field_of_cells(occupied, SIDE, field)
+    expected = np.where(occupied, 0.5 - nearest(~occupied, occupied), nearest(occupied, occupied) - 0.5) * SIDE
+    np.testing.assert_allclose(field, np.clip(expected, -REACH, REACH), atol=1e-6)
+
+
+def test_hits_are_as_far_as_brute_force_says(occupied):
+    field = np.empty(occupied.shape, np.float32)
+    field_of_hits(occupied, SIDE, field)
+    np.testing.assert_allclose(field, np.minimum(nearest(occupied, occupied) * SIDE, REACH), atol=1e-6)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.4])
+def test_between_the_centres_a_field_is_bilinear_with_its_own_gradient(yaw):
+    rng = np.random.default_rng(5)
+    field, frame = rng.random((8, 9)).astype(np.float32), np.array([1.0, -2.0, math.cos(yaw), math.sin(yaw), SIDE])
+
+    def at(column, row):
+        """Return the world's coordinates of a place in cells."""
+        x, y = column * SIDE, row * SIDE
+        return frame[0] + math.cos(yaw) * x - math.sin(yaw) * y, frame[1] + math.sin(yaw) * x + math.cos(yaw) * y
+
+    assert sample(field, frame, *at(3.5, 4.5)).distance == pytest.approx(field[4, 3])
+    assert sample(field, frame, *at(4.0, 4.5)).distance == pytest.approx(field[4, 3:5].mean())
+    assert sample(field, frame, *at(4.0, 5.0)).distance == pytest.approx(field[4:6, 3:5].mean())
+    x, y, h = *at(3.8, 4.6), 1e-6
+    known, _, dx, dy = sample(field, frame, x, y)
+    assert known
+    assert dx == pytest.approx((sample(field, frame, x + h, y)[1] - sample(field, frame, x - h, y)[1]) / (2.0 * h), rel=1e-5)
+    assert dy == pytest.approx((sample(field, frame, x, y + h)[1] - sample(field, frame, x, y - h)[1]) / (2.0 * h), rel=1e-5)
+
+
+def test_beside_an_unknown_cell_and_outside_of_the_map_nothing_is_known():
+    field, frame = np.zeros((6, 6), np.float32), np.array([0.0, 0.0, 1.0, 0.0, SIDE])
+    field[2, 2] = np.nan
+    assert not sample(field, frame, 0.24, 0.24).known
+    assert sample(field, frame, 0.42, 0.42).known
+    for x, y in ((-0.1, 0.3), (0.3, 0.7), (0.02, 0.3), (1e9, 0.0)):
+        assert not sample(field, frame, x, y).known

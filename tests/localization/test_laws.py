@@ -1,0 +1,210 @@
+"""Laws of the localizer."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from localization_rooms import corridor, hall, make_room, scan_of
+
+from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.localization.information import Guess, blurred, condition, information
+from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
+from turtlebot_gym.localization.tuning import LOCALIZERS, LocalizerTuning
+from turtlebot_gym.rooms.field import sample
+from turtlebot_gym.values import STOP, Pose
+
+Q, ROBOT = LOCALIZERS["match"], LOCALIZERS["robot"]
+KNOWN, WIDE = (1e-3, 1e-3, 1e-3), (1.0, 1.0, 1.0)
+NO_DRIFT = (0.0, 0.0)
+
+
+def at(pose, scale=0.0):
+    return Guess(*pose, scale)
+
+
+def full(L):
+    """Return the information as a matrix and its gradient."""
+    M = np.zeros((4, 4))
+    M[np.triu_indices(4)] = L[:10]
+    return M + np.triu(M, 1).T, np.array(L[10:14])
+
+
+def informed(room, pose, points, q=Q, R=KNOWN, guess=None):
+    start = locate(Pose(*pose), R, q)
+    return information(room.field, room.frame, points, points.shape[1], guess or at(pose), start.belief, start.scale, q)
+
+
+def found(room, points, start, R=KNOWN, q=Q):
+    return scan(locate(Pose(*start), R, q), room.field, room.frame, points, points.shape[1], q)
+
+
+def off(located, pose):
+    mean = located.belief.mean
+    return math.hypot(mean.x - pose[0], mean.y - pose[1]), abs(math.remainder(mean.theta - pose[2], 2.0 * math.pi))
+
+
+def test_without_noise_a_scan_leaves_no_error_in_pose_and_scale(in_hall):
+    room, pose, points = in_hall
+    q = LocalizerTuning(iterations=30)
+    long = points.copy()
+    long[[0, 1, 4]] *= 1.02
+    located = found(room, long, (pose[0] + 0.05, pose[1] - 0.04, pose[2] + 0.05), WIDE, q)
+    assert max(off(located, pose)) < 2e-3
+    assert abs(located.scale.mean - 0.02) < 2e-3
+
+
+def test_information_is_symmetric_and_never_negative(in_hall):
+    room, pose, points = in_hall
+    L, _ = full(informed(room, pose, points))
+    assert np.linalg.eigvalsh(L)[0] > 0.0
+    M, _ = full(blurred(informed(room, pose, points), 1e-4, 1e-5))
+    C = np.diag([1e-4, 1e-4, 1e-5, 0.0])
+    np.testing.assert_allclose(M, np.linalg.inv(np.linalg.inv(L) + C), rtol=1e-9)
+
+
+def test_a_further_beam_never_lowers_the_information(in_hall):
+    room, pose, points = in_hall
+    before = np.zeros((4, 4))
+    for number in range(1, points.shape[1] + 1):
+        L, _ = full(informed(room, pose, points[:, :number]))
+        assert np.linalg.eigvalsh(L - before)[0] > -1e-9 * np.abs(L).max()
+        before = L
+
+
+def test_jacobians_are_those_of_finite_differences(in_hall):
+    room, pose, points = in_hall
+
+    def residual(point, x, y, theta, scale):
+        length = point[4] * (1.0 / (1.0 + scale) - 1.0)
+        px, py = point[0] + length * point[2], point[1] + length * point[3]
+        c, s = math.cos(theta), math.sin(theta)
+        return sample(room.field, room.frame, x + c * px - s * py, y + s * px + c * py).distance
+
+    guess, checked, h = np.array([pose[0] + 0.013, pose[1] + 0.007, pose[2] + 0.011, 0.0]), 0, 1e-7
+    for point in points.T:
+        _, gradient = full(informed(room, pose, point[:, None].copy(), q=LocalizerTuning(thin=2.0), guess=Guess(*guess)))
+        by_difference = [
+            (residual(point, *(guess + step)) - residual(point, *(guess - step))) / (2.0 * h) for step in h * np.eye(4)
+        ]
+        if abs(gradient).max() == 0.0:
+            continue
+        if np.hypot(*by_difference[:2]) > 0.9:  # away from the border between two nearest surfaces
+            largest = np.argmax(np.abs(by_difference))
+            analytic = gradient / gradient[largest] * by_difference[largest]
+            np.testing.assert_allclose(analytic, by_difference, rtol=2e-3, atol=2e-3)
+            checked += 1
+    assert checked > 20
+
+
+def test_conditioning_is_that_of_matrices(in_hall):
+    room, pose, points = in_hall
+    start = locate(Pose(pose[0] + 0.02, pose[1] - 0.03, pose[2] + 0.01), (4e-3, 2e-3, 1e-3), Q)
+    guess = at((pose[0] + 0.01, pose[1], pose[2]), 0.004)
+    L = information(room.field, room.frame, points, points.shape[1], guess, start.belief, start.scale, Q)
+    belief, scale, nis, freedom = condition(start.belief, start.scale, guess, L)
+    M, gradient = full(L)
+    prior = np.diag([*np.diag(matrix(start.belief.covariance))[:3], start.scale.variance])
+    mean = np.array([*start.belief.mean[:3], start.scale.mean])
+    posterior = np.linalg.inv(np.linalg.inv(prior) + M)
+    expected = mean + posterior @ (M @ (np.array(guess) - mean) - gradient)
+    np.testing.assert_allclose([*belief.mean[:3], scale.mean], expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(matrix(belief.covariance)[:3, :3], posterior[:3, :3], rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose([*scale.column[:3], scale.variance], posterior[3], rtol=1e-6, atol=1e-12)
+    z = np.array(guess) - np.linalg.solve(M, gradient) - mean
+    assert freedom == 3.0
+    assert nis == pytest.approx(z @ np.linalg.solve(prior + np.linalg.inv(M), z), rel=1e-6)
+
+
+def test_a_corridor_without_ends_says_nothing_along_it():
+    room, pose = make_room(corridor()), (10.0, 1.6, 0.3)
+    points = scan_of(room, pose)
+    located = found(room, points, (10.1, 1.57, 0.28), (0.04, 0.01, 0.01))
+    P = located.belief.covariance
+    assert P.xx == pytest.approx(0.04, rel=1e-9)
+    assert located.belief.mean.x == pytest.approx(10.1, abs=1e-9)
+    assert P.yy < 1e-3 > P.tt
+    assert abs(located.belief.mean.y - 1.6) < 2e-3
+
+
+@pytest.mark.parametrize("yaw", [0.5, -2.0])
+def test_a_turned_and_shifted_world_turns_and_shifts_the_estimate(in_hall, yaw):
+    room, pose, points = in_hall
+    c, s, corner = math.cos(yaw), math.sin(yaw), (3.0, -7.0)
+    turned = make_room(hall(), yaw, corner)
+
+    def carried(x, y, theta):
+        return (corner[0] + c * x - s * y, corner[1] + s * x + c * y, math.remainder(theta + yaw, 2.0 * math.pi))
+
+    start = (pose[0] + 0.06, pose[1] - 0.05, pose[2] - 0.04)
+    here, there = found(room, points, start), found(turned, points, carried(*start))
+    assert max(off(there, carried(*here.belief.mean[:3]))) < 1e-9
+    R = np.array([[c, -s], [s, c]])
+    P, P_turned = matrix(here.belief.covariance)[:2, :2], matrix(there.belief.covariance)[:2, :2]
+    np.testing.assert_allclose(P_turned, R @ P @ R.T, rtol=0, atol=1e-12)
+
+
+def test_beams_in_any_order_say_the_same(in_hall):
+    room, pose, points = in_hall
+    start = (pose[0] + 0.03, pose[1], pose[2] + 0.02)
+    mixed = points[:, np.random.default_rng(0).permutation(points.shape[1])].copy()
+    np.testing.assert_allclose(found(room, mixed, start).belief.mean, found(room, points, start).belief.mean, atol=1e-10)
+
+
+def test_standing_still_never_gains_more_than_the_map_knows(in_hall):
+    room, pose, points = in_hall
+    located = locate(Pose(*pose), WIDE, Q)
+    for _ in range(200):
+        located = move(located, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), STOP, NO_DRIFT, Q)
+        located = scan(located, room.field, room.frame, points, points.shape[1], Q)
+    P = located.belief.covariance
+    assert min(P.xx, P.yy) > Q.bias**2
+    assert P.tt > Q.turn_bias**2
+    assert located.taken > 1.0 - 1e-6, "an hour more would change nothing"
+    driven = move(located, Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), STOP, NO_DRIFT, Q)
+    assert driven.taken == 0.0
+
+
+def test_ranges_with_a_scale_that_the_prior_excludes_move_the_pose_instead(in_hall):
+    """The partner of the first law: without the state, the same scan leaves an error."""
+    room, pose, points = in_hall
+    long = points.copy()
+    long[[0, 1, 4]] *= 1.03
+    known = found(room, long, pose, WIDE, LocalizerTuning(scale=0.0))
+    learned = found(room, long, pose, WIDE, LocalizerTuning())
+    assert known.scale == (0.0, 0.0, (0.0,) * 5)
+    assert off(learned, pose)[0] < 0.3 * off(known, pose)[0]
+
+
+@pytest.mark.parametrize("start", [(0.3, 0.0, 0.0), (-0.2, 0.2, 0.0), (0.0, 0.0, 0.3), (0.0, 0.0, -0.3)])
+def test_a_start_that_is_off_comes_right_in_one_scan(in_hall, start):
+    room, pose, points = in_hall
+    located = found(room, points, tuple(a + b for a, b in zip(pose, start, strict=True)), KNOWN, ROBOT)
+    distance, turn = off(located, pose)
+    assert distance < 0.03 > turn
+    assert state_of(located, ROBOT) == TRACKING
+
+
+def test_a_scan_that_no_place_explains_makes_it_unsure_and_in_the_end_lost(in_hall):
+    room, pose, _ = in_hall
+    angles = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+    lengths = 0.4 + 0.9 * np.random.default_rng(1).random(40)
+    nonsense = np.array([lengths * np.cos(angles), lengths * np.sin(angles), np.cos(angles), np.sin(angles), lengths])
+    located, variances, states = locate(Pose(*pose), (1e-4, 1e-4, 1e-4), ROBOT), [], []
+    for _ in range(10):
+        located = scan(located, room.field, room.frame, nonsense, 40, ROBOT)
+        variances.append(located.belief.covariance.xx)
+        states.append(state_of(located, ROBOT))
+    assert states == sorted(states)
+    assert states[0] == UNSURE
+    assert states[-1] == LOST
+    assert variances[-1] > variances[0]
+
+
+def test_too_few_beams_on_known_ground_say_nothing(in_hall):
+    room, pose, points = in_hall
+    before = locate(Pose(*pose), KNOWN, Q)
+    assert scan(before, room.field, room.frame, points[:, :4].copy(), 4, Q) == before
+    unknown = np.full_like(room.field, np.nan)
+    assert scan(before, unknown, room.frame, points, points.shape[1], Q) == before

@@ -1,0 +1,201 @@
+"""What a scan says about a pose: its Fisher information in a distance field, and a belief conditioned on it.
+
+The residual of a beam is the signed distance d of its end from the nearest surface of the map, with the Jacobian
+``J = (gx, gy, g x r, -(g u) rho)`` for x, y, heading and the scale of the ranges: g is the field's gradient, r the end as seen
+from the robot, u the beam's direction, rho its range. Its variance is ``R = (g u)^2 sigma(rho)^2 + grain^2``. The information
+``sum w J'J / R`` is singular along a corridor without ends, and nothing here inverts it.
+
+References:
+    Censi, "On achievable accuracy for range-finder localization", ICRA (2007): the information of a scan.
+    Thrun, Burgard, Fox, *Probabilistic Robotics* (2005), section 6.4: the likelihood field.
+    Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): scalar measurements in turn.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from turtlebot_gym.estimation.scale import Sixth, update_both
+from turtlebot_gym.estimation.update import Projection, of_row
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.rooms.field import sample
+from turtlebot_gym.values import Belief, State
+
+LEAST_PIVOT = 1e-10
+"""Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
+
+
+class Guess(NamedTuple):
+    """A pose, and the share by which ranges are too long."""
+
+    x: float
+    """m"""
+    y: float
+    theta: float
+    """rad, not wrapped"""
+    scale: float
+
+
+class Information(NamedTuple):
+    """Information of a scan at a guess: the symmetric 4 x 4 matrix, row by row from the diagonal on, and the gradient."""
+
+    xx: float
+    """1/m^2"""
+    xy: float
+    xt: float
+    xs: float
+    yy: float
+    yt: float
+    ys: float
+    tt: float
+    ts: float
+    ss: float
+    x: float
+    """Gradient of half the sum of squared residuals, which points away from the best guess; 1/m."""
+    y: float
+    theta: float
+    scale: float
+    fits: float
+    """Share of all beams that end near a surface; what lies in the unknown does not fit."""
+    used: float
+    """Number of beams that end where the map is known."""
+
+
+@kernel
+def information(
+    field: Any, frame: Any, points: Any, number: int, at: Guess, belief: Belief, sixth: Sixth, q: Any
+) -> Information:
+    """Return the information of a scan at a guess.
+
+    The weights are those of Geman and McClure with the width of the innovation, so that a wide belief forgives large residuals.
+
+    Args:
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        points: The scan, see `points.to_points`.
+        number: Number of points.
+        at: Where to linearize.
+        belief: Prior belief, whose covariance widens the weights.
+        sixth: Prior of the ranges' scale.
+        q: A `LocalizerTuning`.
+    """
+    P, c = belief.covariance, sixth.column
+    sine, cosine = sincos(at.theta)
+    stretch, wide, near = 1.0 / (1.0 + at.scale) - 1.0, q.gate * q.gate, q.near * q.near
+    xx = xy = xt = xs = yy = yt = ys = tt = ts = ss = x = y = theta = scale = 0.0
+    fits, used = 0, 0
+    for k in range(number):
+        length, dx, dy = points[LENGTH, k], points[DX, k], points[DY, k]
+        end_x, end_y = points[X, k] + length * stretch * dx, points[Y, k] + length * stretch * dy
+        to_x, to_y = cosine * end_x - sine * end_y, sine * end_x + cosine * end_y
+        known, d, gx, gy = sample(field, frame, at.x + to_x, at.y + to_y)
+        if not known:
+            continue
+        used += 1
+        along = gx * (cosine * dx - sine * dy) + gy * (sine * dx + cosine * dy)
+        if along > q.thin and d > 0.0:  # the end lies behind a wall of one cell: the distance grows along the beam
+            d, gx, gy, along = -d - frame[4], -gx, -gy, -along
+        deviation = max(q.deviation, q.deviation_share * length)
+        R = along * along * deviation * deviation + q.grain * q.grain
+        gt, gs = gy * to_x - gx * to_y, -along * length
+        S = R + gx * gx * P.xx + gy * gy * P.yy + gt * gt * P.tt + gs * gs * sixth.variance + 2.0 * (
+            gx * gy * P.xy + gx * gt * P.xt + gy * gt * P.yt + gs * (gx * c.x + gy * c.y + gt * c.theta)
+        )  # fmt: skip
+        fits += 1 if d * d < max(near, wide * R) else 0
+        weight = 1.0 / (1.0 + d * d / (max(S, R) * wide))
+        weight = weight * weight / R
+        wx, wy, wt, ws = weight * gx, weight * gy, weight * gt, weight * gs
+        xx, xy, xt, xs = xx + wx * gx, xy + wx * gy, xt + wx * gt, xs + wx * gs
+        yy, yt, ys = yy + wy * gy, yt + wy * gt, ys + wy * gs
+        tt, ts, ss = tt + wt * gt, ts + wt * gs, ss + ws * gs
+        x, y, theta, scale = x + wx * d, y + wy * d, theta + wt * d, scale + ws * d
+    share = fits / max(number, 1)
+    return Information(xx, xy, xt, xs, yy, yt, ys, tt, ts, ss, x, y, theta, scale, share, 1.0 * used)
+
+
+@kernel
+def _minus(L: Information, v: tuple[float, float, float, float], by: float, gradient: float) -> Information:
+    """Return ``L - v v' by``, with the gradient reduced by ``v by`` times one of its entries."""
+    a, b, c, d = v
+    i, j, k, m = a * by, b * by, c * by, d * by
+    return Information(
+        L.xx - i * a, L.xy - i * b, L.xt - i * c, L.xs - i * d, L.yy - j * b, L.yt - j * c, L.ys - j * d,
+        L.tt - k * c, L.ts - k * d, L.ss - m * d,
+        L.x - i * gradient, L.y - j * gradient, L.theta - k * gradient, L.scale - m * gradient, L.fits, L.used,
+    )  # fmt: skip
+
+
+@kernel
+def blurred(L: Information, position: float, heading: float) -> Information:
+    """Return the information of a scan whose pose has a further error, common to all its beams.
+
+    ``(L^-1 + C)^-1`` with a diagonal C, by the formula of Sherman and Morrison for one entry after the other: no inverse of L.
+
+    Args:
+        L: The information.
+        position: Variance of the error of x and of y, m^2.
+        heading: Variance of the error of the heading, rad^2.
+    """
+    L = _minus(L, (L.xx, L.xy, L.xt, L.xs), position / (1.0 + position * L.xx), L.x)
+    L = _minus(L, (L.xy, L.yy, L.yt, L.ys), position / (1.0 + position * L.yy), L.y)
+    return _minus(L, (L.xt, L.yt, L.tt, L.ts), heading / (1.0 + heading * L.tt), L.theta)
+
+
+@kernel
+def _absorb(
+    belief: Belief, sixth: Sixth, at: Guess, row: tuple[float, float, float, float], pivot: float, gradient: float, least: float
+) -> tuple[Belief, Sixth, float]:
+    """Condition on ``row (state - at) = -gradient / pivot``, of variance 1 / pivot, unless the pivot is below ``least``."""
+    if not pivot > least:
+        return belief, sixth, 0.0
+    x, y, t, s = row
+    mean, c = belief.mean, sixth.column
+    h = of_row(belief.covariance, (x, y, t))
+    across = x * c.x + y * c.y + t * c.theta + s * sixth.variance
+    p = h.column
+    column = State(p.x + s * c.x, p.y + s * c.y, p.theta + s * c.theta, p.v + s * c.v, p.omega + s * c.omega)
+    variance = x * column.x + y * column.y + t * column.theta + s * across
+    off = x * (mean.x - at.x) + y * (mean.y - at.y) + t * (mean.theta - at.theta) + s * (sixth.mean - at.scale)
+    return update_both(belief, sixth, Projection(column, max(variance, 0.0)), across, -gradient / pivot - off, 1.0 / pivot)
+
+
+@kernel
+def condition(belief: Belief, sixth: Sixth, at: Guess, L: Information) -> tuple[Belief, Sixth, float, float]:
+    """Condition a belief on the information of a scan.
+
+    The factors ``L = U' D U`` with a unit upper triangular U make of it up to four scalar measurements with the rows of U and
+    the variances 1 / D, for the only update equation of the package. A pivot of zero says nothing.
+
+    Args:
+        belief: Prior.
+        sixth: Prior of the ranges' scale.
+        at: Where the scan was linearized.
+        L: Its information.
+
+    Returns:
+        The posteriors, whose heading is not wrapped; the normalized innovation squared, and its degrees of freedom.
+    """
+    nis, freedom = 0.0, 0.0
+    xx, xy, xt, xs, yy, yt, ys, tt, ts, ss, gx, gy, gt, gs, _, _ = L
+    inverse = 1.0 / xx if xx > 0.0 else 0.0
+    y, t, s = xy * inverse, xt * inverse, xs * inverse
+    belief, sixth, part = _absorb(belief, sixth, at, (1.0, y, t, s), xx, gx, 0.0)
+    nis, freedom = nis + part, freedom + (1.0 if xx > 0.0 else 0.0)
+    least_y, least_t, least_s = LEAST_PIVOT * yy, LEAST_PIVOT * tt, LEAST_PIVOT * ss
+    yy, yt, ys, tt, ts, ss = yy - y * xy, yt - y * xt, ys - y * xs, tt - t * xt, ts - t * xs, ss - s * xs
+    gy, gt, gs = gy - y * gx, gt - t * gx, gs - s * gx
+
+    inverse = 1.0 / yy if yy > least_y else 0.0
+    t, s = yt * inverse, ys * inverse
+    belief, sixth, part = _absorb(belief, sixth, at, (0.0, 1.0, t, s), yy, gy, least_y)
+    nis, freedom = nis + part, freedom + (1.0 if yy > least_y else 0.0)
+    tt, ts, ss, gt, gs = tt - t * yt, ts - t * ys, ss - s * ys, gt - t * gy, gs - s * gy
+
+    inverse = 1.0 / tt if tt > least_t else 0.0
+    s = ts * inverse
+    belief, sixth, part = _absorb(belief, sixth, at, (0.0, 0.0, 1.0, s), tt, gt, least_t)
+    nis, freedom = nis + part, freedom + (1.0 if tt > least_t else 0.0)
+    belief, sixth, part = _absorb(belief, sixth, at, (0.0, 0.0, 0.0, 1.0), ss - s * ts, gs - s * gt, least_s)
+    return belief, sixth, nis + part, freedom

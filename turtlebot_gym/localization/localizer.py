@@ -1,0 +1,237 @@
+"""The localizer: a belief that wheels move and scans condition, by kernels that simulations, nodes and recordings share.
+
+The update is an iterated extended Kalman update of pose and range scale by all beams at once, Gauss-Newton with the belief as
+prior. What a scan does not determine, such as the position along a corridor, stays as uncertain as it was.
+
+* What is wrong with the map stays the same while the robot does: a scan's pose has a further error, so that all scans from one
+  place together say no more than the map knows, however long the robot stands there.
+* Noise of the wheels grows while scans surprise: a blocked robot whose wheels turn is found by the next scans.
+* Where few beams fit after the descent from the prediction, or only a surprising pose explains them, starts all around it are
+  tried; where none explains the scan, the belief grows, since it is then worth less than it says.
+
+References:
+    Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", *IEEE Transactions on Automatic Control* 38
+    (1993).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from turtlebot_gym.estimation.ekf import wrapped
+from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.localization.around import likelihood, starts_around
+from turtlebot_gym.localization.information import Guess, blurred, condition, information
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
+
+LEAST_BEAMS = 5
+"""Fewest beams on known ground that a scan needs."""
+SETTLED = 1e-4
+"""Sum of the changes, m and rad, at which the descent ends."""
+FRESH, LEAST_TAKE = 0.5, 1e-9
+"""Share of what the map can still say about a place that one scan says, and its least value: the variance stays finite."""
+STARTS = 4
+"""Starts from which the descent is tried."""
+BETTER_FIT, BETTER_VALUE = 0.1, 1.0
+"""By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
+TRACKING, UNSURE, LOST = 0, 1, 2
+"""States of a localizer, see `state_of`."""
+
+
+class Located(NamedTuple):
+    """State of the localizer."""
+
+    belief: Belief
+    nis: float
+    """Normalized innovation squared of the last scan, per degree of freedom times three, like a pose's."""
+    scale: Sixth
+    """The share by which ranges are too long."""
+    fits: float
+    """Share of the last scan's beams that end near a surface of the map; 1 before the first."""
+    misfits: float
+    """Scans in a row that no place near the belief explains."""
+    taken: float
+    """Share of what the map can say about this place that scans have said already; it falls as the robot moves on."""
+    slack: float
+    """Factor of the wheels' variances."""
+    scans: float
+    """Number of scans."""
+
+
+class Descent(NamedTuple):
+    """Where a descent has ended."""
+
+    belief: Belief
+    scale: Sixth
+    at: Guess
+    nis: float
+    freedom: float
+    fits: float
+    used: float
+
+
+@kernel
+def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
+    """Return the localizer at a pose that is known with the variances R; m^2, m^2, rad^2."""
+    covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
+    belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
+    scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@kernel
+def _spread(P: Covariance, heading: float, way: float, turn: float, drift: tuple[float, float], q: Any) -> Covariance:
+    """Add the noise of a step to a covariance.
+
+    Args:
+        P: The covariance.
+        heading: Direction in which the robot moved, rad.
+        way: How far, m.
+        turn: How much it turned, rad, not negative.
+        drift: Variances of way and turn by time, m^2 and rad^2.
+        q: A `LocalizerTuning`, with the noise by way.
+    """
+    sine, cosine = sincos(heading)
+    step, cross, swerve = q.along_step * way, q.aside_step * way, q.turn_step * turn
+    along = drift[0] + q.along_walk * q.along_walk * way + step * step
+    sideways = q.aside_turn * turn
+    aside = q.aside_walk * q.aside_walk * way + cross * cross + sideways * sideways
+    heading_noise = drift[1] + q.turn_walk * q.turn_walk * way + swerve * swerve
+    return Covariance(
+        P.xx + cosine * cosine * along + sine * sine * aside, P.xy + cosine * sine * (along - aside), P.xt, P.xv, P.xw,
+        P.yy + sine * sine * along + cosine * cosine * aside, P.yt, P.yv, P.yw,
+        P.tt + heading_noise, P.tv, P.tw, P.vv, P.vw, P.ww,
+    )  # fmt: skip
+
+
+@kernel
+def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple[float, float], q: Any) -> Located:
+    """Move the belief as the odometry moved.
+
+    Args:
+        located: The localizer.
+        before: Odometry at the start of the interval.
+        now: Odometry at its end.
+        twist: Executed from now on; for those who read it, the belief's place does not depend on it.
+        drift: Variances of way and turn that the interval adds by time, m^2 and rad^2; noise by way is in the tuning.
+        q: A `LocalizerTuning`.
+    """
+    mean, P = located.belief
+    pose = increment(Pose(mean.x, mean.y, mean.theta), before, now, sincos(mean.theta - before.theta))
+    dx, dy, c = pose.x - mean.x, pose.y - mean.y, located.scale.column
+    # F = [1 0 -dy; 0 1 dx; 0 0 1] for the pose; the twist is replaced.
+    xt, yt = P.xt - dy * P.tt, P.yt + dx * P.tt
+    moved = Covariance(
+        P.xx - dy * (P.xt + xt), P.xy - dy * P.yt + dx * xt, xt, 0.0, 0.0,
+        P.yy + dx * (P.yt + yt), yt, 0.0, 0.0, P.tt, 0.0, 0.0, 0.0, 0.0, 0.0,
+    )  # fmt: skip
+    way, turn, slack = sqrt(dx * dx + dy * dy), abs(wrap(now.theta - before.theta)), located.slack
+    spread = _spread(moved, mean.theta, way, turn, (drift[0] * slack, drift[1] * slack), q)
+    scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
+    belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
+    taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
+    return Located(belief, located.nis, scale, located.fits, located.misfits, taken, slack, located.scans)
+
+
+@kernel
+def _descend(
+    field: Any, frame: Any, points: Any, number: int, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any
+) -> Descent:
+    """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
+
+    Args:
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        points: The scan, see `points.to_points`.
+        number: Number of points.
+        prior: The belief before.
+        scale: Prior of the ranges' scale.
+        at: The start.
+        bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
+        q: A `LocalizerTuning`.
+    """
+    end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(int(q.iterations)):
+        L = information(field, frame, points, number, end.at, prior, scale, q)
+        if L.used < LEAST_BEAMS:
+            return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
+        belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
+        to, was = Guess(belief.mean.x, belief.mean.y, belief.mean.theta, sixth.mean), end.at
+        end = Descent(belief, sixth, to, nis, freedom, L.fits, L.used)
+        change = abs(to.x - was.x) + abs(to.y - was.y) + abs(to.theta - was.theta) + abs(to.scale - was.scale)
+        if change < SETTLED:
+            break
+    return end
+
+
+@kernel
+def _widened(belief: Belief, position: float, heading: float) -> Belief:
+    """Return a belief with further variances of position and heading, m^2 and rad^2."""
+    mean, P = belief
+    return Belief(mean, Covariance(
+        P.xx + position, P.xy, P.xt, P.xv, P.xw, P.yy + position, P.yt, P.yv, P.yw, P.tt + heading, P.tv, P.tw,
+        P.vv, P.vw, P.ww,
+    ))  # fmt: skip
+
+
+@kernel
+def _from_around(
+    field: Any, frame: Any, points: Any, number: int, located: Located, bias: tuple[float, float], first: Descent, q: Any
+) -> Descent:
+    """Return the first descent, or a better one from a start around the prediction."""
+    starts, values = np.empty((STARTS, 3)), np.empty(STARTS)
+    prior = _widened(located.belief, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
+    best, scale = first, located.scale
+    least = first.fits + BETTER_FIT if first.fits < q.doubt else q.doubt
+    value = likelihood(field, frame, points, number, first.at, prior, q) + BETTER_VALUE if first.freedom > 0.0 else -1e300
+    for k in range(starts_around(field, frame, points, number, located.belief, q, starts, values)):
+        start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
+        other = _descend(field, frame, points, number, prior, scale, start, bias, q)
+        if other.freedom > 0.0 and other.fits > least:
+            worth = likelihood(field, frame, points, number, other.at, prior, q)
+            best, value = (other, worth) if worth > value else (best, value)
+    return best
+
+
+@kernel
+def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: Any) -> Located:
+    """Condition the belief on a scan.
+
+    Args:
+        located: The localizer.
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        points: The scan, see `points.to_points`, as seen from the present pose.
+        number: Number of points.
+        q: A `LocalizerTuning`.
+    """
+    prior, scale = located.belief, located.scale
+    start = Guess(prior.mean.x, prior.mean.y, prior.mean.theta, scale.mean)
+    take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
+    bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
+    end = _descend(field, frame, points, number, prior, scale, start, bias, q)
+    surprising = end.nis > q.gate * q.gate * end.freedom
+    if q.doubt > 0.0 and (end.fits < q.doubt or surprising) and number >= LEAST_BEAMS:
+        end = _from_around(field, frame, points, number, located, bias, end, q)
+    if end.freedom == 0.0:  # too few beams on known ground: it says nothing
+        return located
+    bad = 0.7 * q.doubt  # below this share no start has explained the scan
+    loose = q.loosen * q.loosen * max(1.0 - end.fits / bad, 0.0) if bad > 0.0 else 0.0
+    belief = wrapped(_widened(end.belief, loose, 0.25 * loose))
+    surprise = end.nis / end.freedom
+    slack = min(max(q.memory * located.slack + (1.0 - q.memory) * surprise, 1.0), q.widening)
+    misfits = located.misfits + 1.0 if end.fits < bad else 0.0
+    taken = min(located.taken + take, 1.0)
+    return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, located.scans + 1.0)
+
+
+@kernel
+def state_of(located: Located, q: Any) -> int:
+    """Return `TRACKING`; `UNSURE` where the last scan fits badly; `LOST` after too many such scans in a row."""
+    lost, unsure = located.misfits >= q.patience, located.fits < 0.7 * q.doubt
+    return LOST if lost else (UNSURE if unsure else TRACKING)

@@ -1,0 +1,94 @@
+"""A scan's beams as points in the robot's present frame.
+
+A LiDAR measures its beams one after the other while the robot moves. The odometry since then says where each beam began, so the
+points are as if the whole scan had been taken now: that removes the skew, and the age of the scan with it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.values import Pose
+
+X, Y, DX, DY, LENGTH = range(5)
+"""Rows of an array of points, shape (5, n): the end of a beam in the robot's frame, m, the unit vector along it, and its range,
+m."""
+
+
+class Timing(NamedTuple):
+    """When the beams of a scan were measured, and from where on the robot."""
+
+    last: float
+    """Time of the last beam, s."""
+    interval: float
+    """Time between two beams, s; 0 if all were measured at once."""
+    mount: tuple[float, float]
+    """Position of the LiDAR in the robot's frame, m."""
+    range_max: float
+    """Ranges from here on are not measurements, m."""
+
+
+@kernel
+def remember(trail: Any, time: float, pose: Pose) -> None:
+    """Put an odometry pose at the head of a trail, shape (2 or more, 4): time, x, y and heading, newest first; s, m, m, rad."""
+    for at in range(len(trail) - 1, 0, -1):
+        for k in range(4):
+            trail[at, k] = trail[at - 1, k]
+    trail[0, 0], trail[0, 1], trail[0, 2], trail[0, 3] = time, pose.x, pose.y, pose.theta
+
+
+@kernel
+def rest(trail: Any, time: float, pose: Pose) -> None:
+    """Begin a trail at rest."""
+    for at in range(len(trail)):
+        trail[at, 0], trail[at, 1], trail[at, 2], trail[at, 3] = time, pose.x, pose.y, pose.theta
+
+
+@kernel
+def to_points(ranges: Any, beams: Any, first: int, every: int, timing: Timing, trail: Any, points: Any) -> int:
+    """Write the points of every so many beams of a scan, and return their number.
+
+    Beams without a measurement are left out: NaN, infinite, not positive, beyond the range.
+
+    Args:
+        ranges: Shape (B,), m.
+        beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
+        first: Number of the first beam to use.
+        every: Number of beams from one to the next.
+        timing: When and where they were measured.
+        trail: The odometry, see `remember`; a beam older than that counts as measured at its oldest pose.
+        points: Output, shape (5, n), see `X`; further beams are left out.
+    """
+    number, k, used = len(ranges), len(trail) - 2, 0
+    now_x, now_y = trail[0, 1], trail[0, 2]
+    now_sine, now_cosine = sincos(trail[0, 3])
+    for beam in range(first, number, every):
+        length = float(ranges[beam])
+        if not 0.0 < length < timing.range_max or used == points.shape[1]:
+            continue
+        time = timing.last - timing.interval * (number - 1 - beam)
+        while k > 0 and trail[k, 0] < time:
+            k -= 1
+        before, passed = k + 1, trail[k, 0] - trail[k + 1, 0]
+        share = min(max((time - trail[before, 0]) / passed, 0.0), 1.0) if passed > 0.0 else 1.0
+        x = trail[before, 1] + share * (trail[k, 1] - trail[before, 1])
+        y = trail[before, 2] + share * (trail[k, 2] - trail[before, 2])
+        sine, cosine = sincos(trail[before, 3] + share * wrap(trail[k, 3] - trail[before, 3]))
+        dx, dy = cosine * beams[0, beam] - sine * beams[1, beam], sine * beams[0, beam] + cosine * beams[1, beam]
+        end_x = x + timing.mount[0] * cosine - timing.mount[1] * sine + length * dx - now_x
+        end_y = y + timing.mount[0] * sine + timing.mount[1] * cosine + length * dy - now_y
+        points[X, used], points[Y, used] = now_cosine * end_x + now_sine * end_y, now_cosine * end_y - now_sine * end_x
+        points[DX, used], points[DY, used] = now_cosine * dx + now_sine * dy, now_cosine * dy - now_sine * dx
+        points[LENGTH, used] = length
+        used += 1
+    return used
+
+
+def directions(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the cosine and sine of beams' directions, shape (2, B), as `to_points` takes them."""
+    return np.stack((np.cos(angles), np.sin(angles)))

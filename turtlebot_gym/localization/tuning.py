@@ -1,0 +1,87 @@
+"""Assumptions of the localizer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, PROBABILITY, Range, typed
+
+_BEAMS = Range(5, 10_000, whole=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalizerTuning:
+    """Assumptions of the localizer about LiDAR, map and wheels, and when it looks elsewhere."""
+
+    beams: Annotated[int, _BEAMS] = 20
+    """Most beams of a scan that are used, evenly spread; those of the next scan lie between them."""
+    deviation: Annotated[float, NON_NEGATIVE] = 0.005
+    """Standard deviation of a range, m ..."""
+    deviation_share: Annotated[float, NON_NEGATIVE] = 0.0175
+    """... or as a share of the range, if that is more."""
+    scale: Annotated[float, NON_NEGATIVE] = 0.029
+    """Standard deviation of the share by which all ranges may be too long; 0 for a map made with the same LiDAR."""
+    grain: Annotated[float, POSITIVE] = 0.015
+    """Standard deviation of a surface in the map, m, independent from beam to beam."""
+    bias: Annotated[float, NON_NEGATIVE] = 0.012
+    """Standard deviation of a position by what is wrong with the map around it, m."""
+    turn_bias: Annotated[float, NON_NEGATIVE] = 0.004
+    """The same of a heading, rad."""
+    length: Annotated[float, POSITIVE] = 0.5
+    """Distance after which what is wrong with the map is new, m."""
+    angle: Annotated[float, POSITIVE] = 1.0
+    """Turn after which it is new, rad."""
+    gate: Annotated[float, POSITIVE] = 3.0
+    """Standard deviations beyond which a beam counts little."""
+    iterations: Annotated[int, ONE_OR_MORE] = 4
+    """Most Gauss-Newton steps per scan."""
+    thin: Annotated[float, Range(0.0, 2.0)] = 0.3
+    """Cosine between beam and distance's gradient from which an end counts as behind a wall as thin as a cell; 2 for never."""
+    along_walk: Annotated[float, NON_NEGATIVE] = 0.0
+    """Standard deviation of the way, m per root of m: it grows with the root of the distance, whatever the time stamps."""
+    along_step: Annotated[float, NON_NEGATIVE] = 0.0
+    """The same as a share of a step's distance: slip, an early or late stamp."""
+    aside_walk: Annotated[float, NON_NEGATIVE] = 0.0
+    """Standard deviation across the way, m per root of m ..."""
+    aside_step: Annotated[float, NON_NEGATIVE] = 0.0
+    """... as a share of a step's distance ..."""
+    aside_turn: Annotated[float, NON_NEGATIVE] = 0.0
+    """... and per turn, m per rad: a mount that is not known, a turn about another point."""
+    turn_walk: Annotated[float, NON_NEGATIVE] = 0.0
+    """Standard deviation of the heading, rad per root of m ..."""
+    turn_step: Annotated[float, NON_NEGATIVE] = 0.0
+    """... and as a share of a step's turn."""
+    widening: Annotated[float, Range(1.0, 1e4)] = 30.0
+    """Largest factor of the wheels' variances, which grow with the normalized innovations of past scans; 1 for none."""
+    memory: Annotated[float, PROBABILITY] = 0.8
+    """Share of that factor which stays from one scan to the next."""
+    near: Annotated[float, POSITIVE] = 0.15
+    """Distance from a surface up to which a beam fits, m, whatever the belief."""
+    doubt: Annotated[float, PROBABILITY] = 0.0
+    """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
+    reach: Annotated[float, NON_NEGATIVE] = 0.3
+    """Least distance of these starts, m."""
+    swing: Annotated[float, NON_NEGATIVE] = 0.3
+    """Least turn of these starts, rad."""
+    temper: Annotated[float, PROBABILITY] = 0.1
+    """Share of a scan's log likelihood that counts where starts are compared: neighbouring beams see the same surfaces."""
+    loosen: Annotated[float, NON_NEGATIVE] = 0.03
+    """Standard deviation that a scan adds which no start explains, m; half of it in rad."""
+    patience: Annotated[int, ONE_OR_MORE] = 8
+    """Scans in a row that fit badly after which the localizer counts as lost."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+
+
+LOCALIZERS = {
+    "match": LocalizerTuning(),
+    "robot": LocalizerTuning(
+        beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
+        along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
+        widening=1.0, doubt=0.9,
+    ),
+}  # fmt: skip
+"""Localizers by name: for the simulated wheels and LiDARs, and for robots about whose wheels, LiDAR and map nothing is known,
+which was fitted to four public recordings of buildings."""
