@@ -119,15 +119,16 @@ class World:
         self.suspended_until = self.held_until = -math.inf
         self.seen = {}
         """Buttons: [number of the last message, pressed, time of the next message, alive, which of all lives]."""
-        self.lives = 0
+        self.lives, self.swallowing, self.swallowed = 0, 0, {}
+        """Of the buttons: all that ever lived, how many of the next messages are lost, the number of each lost press."""
         parameters = arbiter.Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
-        self.laptop, self.chain_on_laptop, self.losing = 0.0, False, 0
+        self.laptop, self.drift, self.set_at, self.chain_on_laptop, self.losing = 0.0, 0.0, self.t, False, 0
         self.ages = {topic: sent.Ages(self.clock) for topic in ("program", "teleop", "button")}
         self.known, self.least = 0.0, {}
         """The laptop's lead before it was last set. By topic, when it was first heard since then, or since the estimate of
-        leads began, and its least delay."""
+        leads began, and its least delay; apart for messages with and without a header."""
         self.nodes = [Relay(self), Relay(self)]
         self.moving, self.events, self.last_result = 0.1, 0, None
         self.later = []
@@ -192,6 +193,12 @@ class World:
                 self.wait((0.0, 0.0004, 0.003, 0.01, 0.05, 0.2, 0.4)[b])
                 self.speak(which, False)
 
+    def swallow(self, a, b):
+        """Lose what a button says when it is pressed."""
+        self.swallowing = 1 + a % 4
+        self.press(a, b)
+        self.drive(1, 3)
+
     def release(self, a, b):
         for which, button in self.seen.items():
             if button[3]:
@@ -234,9 +241,10 @@ class World:
         self.drive(0, 4)
 
     def set_laptop(self, a, b):
-        """Set the laptop's clock, on which the chain may run."""
-        self.known = max(self.laptop, self.known)
+        """Set the laptop's clock, on which the chain may run, and which may drift."""
+        self.known = max(self.lead(), self.known)
         self.laptop, self.least, self.chain_on_laptop = LAPTOP[a], {}, b > 6
+        self.drift, self.set_at = (0.0, 4.5e-4, -4.5e-4)[b % 3], self.t
         self.wait(0.03)
 
     def person(self, a, b):
@@ -294,8 +302,12 @@ class World:
 
     def system(self, where):
         """Return the system clock of the robot, of a person's computer ("teleop"), or of the chain's."""
-        ahead = self.laptop if where == "teleop" or (where == "chain" and self.chain_on_laptop) else 0.0
+        ahead = self.lead() if where == "teleop" or (where == "chain" and self.chain_on_laptop) else 0.0
         return self.t + self.offset + ahead
+
+    def lead(self):
+        """Return what the laptop is ahead of the robot, s."""
+        return self.laptop + self.drift * (self.t - self.set_at)
 
     def begin(self):
         """Let the leads be estimated anew."""
@@ -341,6 +353,11 @@ class World:
         button = self.seen[which]
         button[0] += 1
         button[1], button[2] = pressed, self.t + 0.1
+        if self.swallowing:
+            self.swallowing -= 1
+            if pressed and button[4] in self.log.spoken:
+                self.swallowed[button[4]] = button[0]
+            return
         message = Message(self.t + 0.0002, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
         message.number, message.button = button[0], button[4]
         if button[4] in self.log.spoken:
@@ -408,10 +425,13 @@ class World:
         steps, ages = self.clock.steps, self.ages[message.topic]
         if ages._steps != steps:
             self.known = 0.0
-            self.least.pop(message.topic, None)
+            self.least = {clock: known for clock, known in self.least.items() if clock[0] != message.topic}
         age = ages.age(steady=now, source=message.source, arrival=arrival, header=message.header)
         if message.topic == "button":
             log.spoken.setdefault(message.button, []).append((seen, message.made, message.value))
+            if message.number > self.swallowed.get(message.button, math.inf):  # the gap in its numbers says so
+                del self.swallowed[message.button]
+                log.presses.append(seen)
             if message.value:
                 log.presses.append(message.pressed if message.pressed > -math.inf else seen)
             self.guard.hear_emergency(message.value, now, sent=now - age.sent, dated=age.dated, number=message.number)
@@ -430,9 +450,10 @@ class World:
 
         In the first second that is only a delay which makes the lead look as if it had not changed.
         """
-        first, least = self.least.get(message.topic, (self.t, math.inf))
+        clock = message.topic, message.header > 0.0  # as far as the guard can know, headers are by a clock of their own
+        first, least = self.least.get(clock, (self.t, math.inf))
         least = min(least, self.t - message.measured)
-        self.least[message.topic] = first, least
+        self.least[clock] = first, least
         ahead = max(0.0, message.ahead)
         if self.t - first < 1.0 and ahead - least > self.known + 0.1 + EPSILON:
             return 0.0

@@ -39,7 +39,7 @@ KINDS = [
     "disable",
     "suspend",
 ]
-KINDS += ["backlog", "surprise", "jump", "button"]
+KINDS += ["backlog", "surprise", "jump", "button", "swallow"]
 KINDS += ["set_laptop", "lose", "odometry", "odometry", "stall", "hang", "hang", "repeat", "person"]
 EVENTS = st.tuples(st.sampled_from(KINDS), st.integers(0, 7), st.integers(0, 9))
 SCHEDULES = st.lists(EVENTS, min_size=4, max_size=16)
@@ -139,6 +139,10 @@ def one_button(original):
     return hear
 
 
+def a_lost_message_is_none(original):
+    return lambda self, why, now: original(self, why, now) if "lost" not in why else None
+
+
 def a_press_that_does_not_latch(original):
     def hear(self, pressed, now, **options):
         before = self.emergency
@@ -235,6 +239,7 @@ DEFECTS = {
     "press: enabled without asking": (Arbiter, "enable", lambda original: enable_without_asking),
     "press: what has waited is not waited for": (EmergencyStop, "spoken_since", lambda original: lambda self, time: True),
     "press: silence is none": (EmergencyStop, "_alive", lambda original: lambda self, now: list(self._buttons)),
+    "press: lost": (EmergencyStop, "_lose", a_lost_message_is_none),
     "press: all buttons are one": (EmergencyStop, "hear", one_button),
     "disabled: not at all": (Arbiter, "enable", disable_nothing),
     "disabled: what was said before counts": (Arbiter, "enable", enable_without_forgetting),
