@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
-from stable_baselines3 import A2C, PPO, SAC
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -192,25 +192,6 @@ def test_other_autoreset_modes_are_refused():
 
 def native(n, **options):
     return Sb3VecEnv(gym.make_vec(NAV, num_envs=n, autoreset_mode=AutoresetMode.SAME_STEP, **options))
-
-
-@pytest.mark.parametrize("algorithm", [PPO, A2C])
-def test_batched_bootstrap_equals_sb3s_own(algorithm):
-    def rollout(bootstrap: bool) -> torch.Tensor:
-        env = native(64, noise="rough")
-        options = {"n_steps": 310, "gamma": 0.97, "seed": 3, "device": "cpu"}
-        model = algorithm("MlpPolicy", env, **options, **({"batch_size": 64 * 310} if algorithm is PPO else {}))
-        if bootstrap:
-            env.bootstrap_with(model)
-        _, callback = model._setup_learn(64 * 310)
-        callback.on_training_start(locals(), globals())
-        assert model.collect_rollouts(model.env, callback, model.rollout_buffer, n_rollout_steps=310)
-        return model.rollout_buffer
-
-    ours, theirs = rollout(True), rollout(False)
-    np.testing.assert_array_equal(ours.observations, theirs.observations)
-    np.testing.assert_allclose(ours.rewards, theirs.rewards, rtol=0, atol=1e-5)
-    np.testing.assert_allclose(ours.advantages, theirs.advantages, rtol=0, atol=1e-4)
 
 
 class Remembers(PPO):

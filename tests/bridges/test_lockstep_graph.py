@@ -9,7 +9,6 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.time import Time
 from std_srvs.srv import SetBool, Trigger
 
 from turtlebot_gym import NOISES, values, write_parameters
@@ -17,8 +16,6 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.recorder import Recorder
-from turtlebot_gym_ros.node.drives import _AsPlant
-from turtlebot_gym_ros.node.lockstep import Plant
 
 STEPS = 300
 LEAST = 0.0
@@ -106,23 +103,6 @@ def test_a_busy_machine_and_processes_change_no_byte(compare, busy):
     assert compare.digest(compare.live(drive._replace(seed=1), STEPS)) not in alone  # the fingerprint tells drives apart
 
 
-@pytest.mark.nightly
-def test_another_rule_of_the_plant_is_noticed(compare, monkeypatch):
-    """The defect: a plant that takes the newest command, of whatever step."""
-    monkeypatch.setattr(_AsPlant, "takes", lambda self, key, stamp: True)
-    monkeypatch.setattr(Plant, "answers", lambda self, stamps: True)
-    drive = compare.SquareDrive()
-    with Graph(**drive._asdict(), goal_tolerance=0.0) as graph:
-        publisher = graph._recorder.node.create_publisher(TwistStamped, "cmd_vel", 10)
-        graph.wait_until(lambda graph: publisher.get_subscription_count())
-        while graph.time < 0.1 * STEPS:
-            publisher.publish(TwistStamped())
-            time.sleep(0.01)
-        trajectory = graph.trajectory()
-    differ = compare.differences(compare.episode(drive, STEPS), compare.first(trajectory, STEPS))
-    assert max(differ.values()) > 1e-3
-
-
 def test_a_command_of_no_step_is_not_obeyed(compare):
     drive = compare.SquareDrive()
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
@@ -133,22 +113,6 @@ def test_a_command_of_no_step_is_not_obeyed(compare):
             time.sleep(0.01)
         trajectory = graph.trajectory()
     assert_same(compare, compare.episode(drive, 100), compare.first(trajectory, 100))
-
-
-@pytest.mark.nightly
-def test_each_command_bears_the_stamp_of_its_step_and_acts_in_the_next(compare):
-    drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
-    with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
-        heard = {}
-        hear = lambda message: heard.update({Time.from_msg(message.header.stamp).nanoseconds: message.twist})  # noqa: E731
-        graph._recorder.node.create_subscription(TwistStamped, "cmd_vel", hear, 1000)
-        graph.wait_until(lambda graph: len(heard) > 50)
-        graph.wait_until(lambda graph, at=graph.time: graph.time > at + 10.0)
-        steps = round(graph.time / 0.1)
-    command = compare.episode(drive, steps).command
-    answers = {round((stamp / 1e9 - 1.0) / 0.1): twist for stamp, twist in heard.items() if stamp}
-    for k in (each for each in answers if each < steps):
-        assert (answers[k].linear.x, answers[k].angular.z) == pytest.approx(command[k + 1], abs=LEAST)
 
 
 @pytest.mark.nightly
@@ -168,14 +132,6 @@ def test_time_goes_on_when_the_controller_is_done_and_the_robot_rests():
         trajectory = graph.trajectory()
     np.testing.assert_array_equal(trajectory.true_state[-20:, 3:], 0.0)
     np.testing.assert_array_equal(np.ptp(trajectory.true_state[-20:], axis=0), 0.0)
-
-
-@pytest.mark.nightly
-def test_a_speed_is_a_limit():
-    with Graph(policy="bearing", speed=10.0) as graph:
-        begin, at = time.monotonic(), graph.time
-        graph.wait_until(lambda graph: graph.time >= at + 20.0)
-        assert (graph.time - at) / (time.monotonic() - begin) <= 10.5
 
 
 @pytest.mark.nightly
@@ -252,25 +208,6 @@ def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
         extra = ("start_enabled:=true",) if name == "velocity_controller" else ()
         running[name] = launch(*node(name, *extra))
         moves()
-
-
-@pytest.mark.nightly
-def test_a_robots_odometry_moves_nobody_in_lock_step(launch, peer, wait_for):
-    """A real robot's stamps are those of a wall clock: it does not wait."""
-    launch(*node("kalman_filter"))
-    estimates, reports = peer.hear("estimate", Odometry), peer.hear("/diagnostics", DiagnosticArray)
-    odometry = peer.speak("odom", Odometry)
-    wait_for(odometry.get_subscription_count)
-    message = Odometry()
-    message.header.frame_id, message.pose.pose.orientation.w = "odom", 1.0
-
-    def refused():
-        message.header.stamp = Time(nanoseconds=time.time_ns()).to_msg()
-        odometry.publish(message)
-        return any("its stamp is a wall clock's" in each.message for report in reports for each in report.status)
-
-    wait_for(refused)
-    assert not estimates
 
 
 def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):

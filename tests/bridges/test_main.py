@@ -31,25 +31,6 @@ def blocks(observation, calls=[]):
         time.sleep(3600.0)
     return ahead(observation)
 """
-NAIVE = """
-import rclpy
-from geometry_msgs.msg import TwistStamped
-rclpy.init()
-node = rclpy.create_node("velocity_controller")
-publisher = node.create_publisher(TwistStamped, "cmd_vel", 10)
-message = TwistStamped()
-message.twist.linear.x = 0.1
-node.create_timer(0.05, lambda: publisher.publish(message))
-try:
-    rclpy.spin(node)
-except BaseException:
-    pass
-finally:
-    try:
-        publisher.publish(TwistStamped())
-    except Exception:
-        pass
-"""
 
 
 def node(name, *parameters):
@@ -154,22 +135,6 @@ def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, worl
     assert set(world.speeds[first:]) == {0.0}
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_node_with_the_handlers_of_rclpy_cannot_be_relied_on_to_say_it(launch, world, number):
-    """They end the context beside the node: which of the two comes first is chance, so it is tried until the node is late."""
-    for _ in range(10):
-        world.commands.clear()
-        process = launch("-c", NAIVE)
-        world.wait_for(lambda: len(world.commands) > 5)
-        process.send_signal(number)
-        process.wait(30)
-        time.sleep(0.3)  # long enough for what will not come
-        if 0.0 not in world.speeds:
-            return
-    pytest.fail("it always said it")
-
-
 def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp_path):
     process = launch(*node("velocity_controller", "policy:=policies:blocks", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
     world.until(lambda: 0.0 in world.speeds)
@@ -187,21 +152,6 @@ def test_a_node_whose_callback_fails_ends_with_an_error(launch, peer, wait_for):
     wait_for(lambda: client.call_async(Trigger.Request()) and process.poll() is not None)
     assert process.returncode == 1
     assert "ZeroDivisionError" in process.stderr.read()
-
-
-@pytest.mark.nightly
-def test_a_controller_that_starts_again_waits_to_be_enabled(launch, world, tmp_path):
-    process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
-    world.until(lambda: len(world.commands) > 3)
-    process.kill()
-    process.wait()
-    world.commands.clear()
-    world.states.clear()
-    launch(*node("velocity_controller", "policy:=policies:ahead"), PYTHONPATH=path(tmp_path))
-    world.until(lambda: world.states and world.states[-1].data == "silent: not enabled")
-    for _ in range(10):
-        world.tick()
-    assert not world.commands
 
 
 def path(folder):

@@ -1,7 +1,6 @@
 """A map as a message: cell by cell, where it lies, said once, and kept for whoever comes late."""
 
 import math
-import signal
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros import Graph, Shell
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
-from turtlebot_gym_ros.graph.bringup import main as bringup
 from turtlebot_gym_ros.node.convert import conversion
 
 WAY = conversion(GridMap)
@@ -143,24 +141,6 @@ def test_only_a_map_is_said(runner, peer, wait_for):
     assert not peer.node.get_publishers_info_by_topic("/map")
 
 
-@pytest.mark.nightly
-def test_the_logger_keeps_the_map_though_it_comes_late(runner, peer, wait_for, launch, hall, tmp_path, read_bag):
-    overrides = {"world": str(hall), "lidar": "ideal"}
-    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
-    maps = peer.hear("map", OccupancyGrid, LATE)
-    wait_for(lambda: maps)
-    folder = tmp_path / "run"
-    process = launch("-m", "turtlebot_gym_ros", "data_logger", "--ros-args", "-p", f"output:={folder}")
-    wait_for(lambda: any(each.node_name == "data_logger" for each in peer.node.get_subscriptions_info_by_topic("/map")))
-    publisher = next(each for each in peer.node.get_publishers_info_by_topic("/map"))
-    assert publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    truths = peer.hear("true_state", Odometry)
-    wait_for(lambda: len(truths) > 20)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30.0)
-    assert read_bag(folder)["/map"] == maps
-
-
 def test_the_graph_hears_the_map_and_drives_on_it(hall, wait_for):
     with Graph(world=str(hall), lidar="ideal", policy="vfh", goal_tolerance=0.0) as graph:
         grid = wait_for(lambda: graph.latest.get("map"))
@@ -168,16 +148,3 @@ def test_the_graph_hears_the_map_and_drives_on_it(hall, wait_for):
         assert graph.trajectory().true_state[:20, 3].any()
     assert grid.origin == Pose(*ORIGIN)
     np.testing.assert_array_equal(grid.cells[::-1], np.vectorize(VALUES.get)(HALL))
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("world", ["map", "dense"])
-@pytest.mark.parametrize("processes", [False, True])
-def test_bringup_drives_in_a_room(hall, tmp_path, capsys, world, processes):
-    figure = tmp_path / "drive.png"
-    argv = ["--world", str(hall) if world == "map" else world, "--seed", "3", "--policy", "vfh", "--duration", "5"]
-    assert bringup([*argv, "--figure", str(figure), *(["--processes"] if processes else [])]) == 0
-    told = capsys.readouterr()
-    assert "least clearance" in told.out
-    assert told.err == ""
-    assert figure.stat().st_size > 20_000

@@ -14,7 +14,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import LaserScan, Range, TimeReference
 from std_msgs.msg import Header, String
-from std_srvs.srv import SetBool
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.scan import Scan
@@ -131,58 +130,6 @@ def test_it_drives_by_a_fresh_scan_and_stops_without(runner, peer, wait_for):
     wait_for(lambda: robot.send() or robot.speed == 0.0)  # estimates go on, scans do not
     wait_for(lambda: robot.send() or robot.says("/scan is older than 0.5 s"))
     robot.drives()  # and drives again by itself
-
-
-@pytest.mark.nightly
-def test_it_stops_for_what_it_sees(runner, peer, wait_for):
-    robot = Robot(runner, peer, wait_for)
-    robot.drives()
-    # It stands, and not because something is late: on a busy machine an estimate may be, for a moment.
-    wait_for(lambda: robot.send(a_scan(length=0.15)) or (abs(robot.speed) < 1e-6 and robot.states[-1].data == "active"))
-
-
-@pytest.mark.nightly
-def test_a_scan_that_cannot_be_stops_it_and_is_named(runner, peer, wait_for):
-    robot = Robot(runner, peer, wait_for)
-    robot.drives()
-    message = conversion(Scan).write(a_scan(), Header())
-    message.ranges = [math.nan] * 360
-    wait_for(lambda: robot.send(message) or robot.speed == 0.0)
-    wait_for(lambda: robot.send(message) or robot.says("none of the scan's 360 beams says anything"))
-    robot.drives()
-
-
-@pytest.mark.nightly
-def test_a_scan_with_an_unexpected_number_of_beams_is_a_fault(runner, peer, wait_for):
-    robot = Robot(runner, peer, wait_for, lidar_beams=360)
-    robot.drives()
-    wait_for(lambda: robot.send(a_scan(269)) or robot.speed == 0.0)
-    wait_for(lambda: robot.send(a_scan(269)) or robot.says("the scan has 269 beams, but lidar_beams says 360"))
-    for _ in range(20):
-        robot.send(a_scan())
-    assert robot.speed == 0.0  # a fault: a person must look at it
-    assert peer.ask("velocity_controller/enable", SetBool, SetBool.Request(data=True)).success
-    robot.drives()
-
-
-@pytest.mark.nightly
-def test_the_age_of_a_scan_is_the_difference_of_stamps(runner, peer, wait_for):
-    robot = Robot(runner, peer, wait_for, period=0.5)
-    wait_for(robot.scans.get_subscription_count)
-
-    def is_seen(at, age):
-        """Return whether a step is made of a scan so much older than the estimate; what was lost is sent again."""
-        now, then = (Header(stamp=Time(nanoseconds=at - round(by * 1e9)).to_msg(), frame_id="odom") for by in (0.0, age))
-        robot.references.publish(conversion(Pose).write(Pose(3.0, 0.0, 0.0), now))
-        robot.scans.publish(conversion(Scan).write(a_scan(), then))
-        time.sleep(0.1)
-        robot.estimates.publish(conversion(Estimate).write(Estimate(BELIEF, 0.0, 0.0), now))
-        time.sleep(0.1)
-        return robot.shell.block.deployment.observation[-1] == np.float32(min(max(age, 0.0), 1.0))
-
-    at = itertools.count(50, 2)
-    for age in (0.25, 0.0, 0.4, 3.0, -0.1):
-        wait_for(lambda age=age: is_seen(next(at) * 10**9 // 4, age))
 
 
 @pytest.mark.nightly

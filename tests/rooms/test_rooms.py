@@ -43,17 +43,6 @@ def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, l
     assert contacts > 0 or world == "office", "nothing was touched: the test saw too little"
 
 
-def test_threads_change_nothing():
-    one, all_of_them = (rooms(300, world="clutter", lidar="lds01", autoreset_mode="SameStep") for _ in range(2))
-    one._batch._parallel = False
-    rng = np.random.default_rng(0)
-    first, other = one.reset(seed=3)[0], all_of_them.reset(seed=3)[0]
-    for _ in range(80):
-        np.testing.assert_array_equal(first, other)
-        actions = rng.uniform([0.0, -0.5], [1.0, 0.5], (300, 2)).astype(np.float32)
-        first, other = one.step(actions)[0], all_of_them.step(actions)[0]
-
-
 def test_it_keeps_gymnasiums_contracts():
     check_env(gym.make(ID, world="clutter", lidar="ideal").unwrapped, skip_render_check=True)
     assert len(check_vector_env(partial(rooms, world="office", lidar="a1"))) == 3
