@@ -202,9 +202,9 @@ NEXT = seen(1.01, 0.0, 0.0, Command(0.1, 0.0))
         (NEXT._replace(twist=Command(50.0, 0.0)), "a twist of 50 m/s and 0 rad/s is more than 2 times the robot's limits"),
         (NEXT._replace(twist=Command(0.0, -90.0)), "a twist of 0 m/s and -90 rad/s"),
         (NEXT._replace(twist=Command(50.0, 0.0), measured=False), "a twist of 50 m/s"),
-        (NEXT._replace(pose=Pose(3.0, 0.0, 0.0)), "a jump of 2.00 m and 0.00 rad is more than the robot can drive in 0.05 s"),
-        (NEXT._replace(pose=Pose(1.0, -0.3, 0.0)), "a jump of 0.30 m"),
-        (NEXT._replace(pose=Pose(1.0, 0.0, 2.0)), "a jump of 0.00 m and 2.00 rad"),
+        (NEXT._replace(pose=Pose(3.0, 0.0, 0.0)), "a jump of 2.0 m and 0.0 rad is more than the robot can have driven"),
+        (NEXT._replace(pose=Pose(1.0, -0.3, 0.0)), "a jump of 0.3 m"),
+        (NEXT._replace(pose=Pose(1.0, 0.0, 2.0)), "a jump of 0.0 m and 2.0 rad"),
     ],
 )
 def test_odometry_that_the_robot_cannot_have_driven_is_counted_and_not_used(message, said):

@@ -72,7 +72,7 @@ class Credible:
                 for most, least, noise in zip((robot.max_linear, robot.max_angular), (JUMP, TURN), self._noise, strict=True)
             )
             if away > far or turned > wide:
-                jump = f"a jump of {away:.2f} m and {turned:.2f} rad is more than the robot can drive in {self._since:.2f} s"
+                jump = f"a jump of {away:.1f} m and {turned:.1f} rad is more than the robot can have driven"
                 return f"{jump}: are there two sources, or was it moved? A reset or a pose on initialpose goes on from here"
         self.begin(odometry.pose)
         return ""
