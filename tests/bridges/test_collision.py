@@ -447,6 +447,13 @@ def test_poses_move_exactly_along_arcs_and_frames_are_inverse():
     np.testing.assert_allclose(out_of((1.0, 0.0, math.pi / 2.0), points((0.5, 0.0, 0.1))), points((1.0, 0.5, 0.1)), atol=1e-12)
 
 
+def test_something_too_near_all_round_lets_nothing_pass():
+    monitor = standing(body=BODY._replace(center_x=-0.03))
+    monitor.hear(wall(1.0)._replace(ranges=[-math.inf] * 360), sent=T)
+    assert {monitor.limit(command, T) for command in (Command(0.2, 0.0), Command(-0.2, 0.0), Command(0.0, 1.0))} == {STOP}
+    assert monitor.state == "stopped: an obstacle is in the stop zone"
+
+
 def test_what_the_robot_moved_since_the_scan_is_taken_off():
     """At 0.1 m/s towards a wall; each moment in doubt counts, so the scan is up to 0.4 s older than when it was sent."""
     limits = LIMITS._replace(error=0.0)

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.beams import beams_of, gaps_of
+from turtlebot_gym.beams import Beams, beams_of, gaps_of
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.frames import Mount
 
@@ -101,9 +101,11 @@ class Scan(NamedTuple):
 class View(NamedTuple):
     """What a scan says, as positions of obstacles and the distance that the footprint's centre must keep from each.
 
-    Shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
+    Of shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
     """
 
+    beams: Beams
+    """The beams of which it was made."""
     seen: NDArray[np.float64]
     """Points that returned something, and the borders of narrow gaps."""
     unknown: NDArray[np.float64]
@@ -160,7 +162,7 @@ def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: flo
         solid(first, last, partial(_edge, body=body, limits=limits, room=room)) for first, last, _, _ in gaps_there[wide]
     ]
     near = (each[:, gaps(each, body.center_x) <= reach] for each in (_joined([seen, *fills]), _joined(borders)))
-    return View(*near)
+    return View(beams, *near)
 
 
 def _joined(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -85,10 +85,7 @@ class Monitor:
         except ValueError as error:
             self._bad = f"a scan was refused: {error}"
             return
-        ranges = np.asarray(scan.ranges, np.float32)
-        valid = np.where((ranges >= scan.range_min) & (ranges <= scan.range_max), ranges, np.inf)
-        directions = scan.angle_min + scan.angle_increment * np.arange(len(ranges)) + self._body.scan.yaw
-        self.watch.hear(valid, directions.astype(np.float64), sent)
+        self.watch.hear(view.beams.ranges, view.beams.directions + self._body.scan.yaw, sent)
         span = self._timing.period + self._timing.reaction
         layers = [out_of(self._pose(sent - span * layer / (LAYERS - 1)), view.seen) for layer in range(LAYERS)]
         self._points = np.concatenate(layers, axis=1)
