@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from turtlebot_gym import ROBOTS
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.tasks import observe
-from turtlebot_gym.validation import Range, rules
+from turtlebot_gym.validation import rules
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import POLICIES, make_policy
@@ -255,28 +254,6 @@ def test_the_safety_layer_takes_most_collisions_from_who_sees_nothing():
 def test_there_is_no_oracle_on_open_ground():
     with pytest.raises(ValueError, match="the oracle needs a room"):
         evaluate("oracle", episodes=2)
-
-
-def test_what_is_tuned_and_the_defaults_that_came_of_it():
-    common = {
-        "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3), "sight": Range(0.25, 3.0, log=True),
-        "gain": Range(1.0, 10.0, log=True), "focus": Range(0.5, 6.0), "caution": Range(0.1, 3.0, log=True),
-    }  # fmt: skip
-    assert dict(POLICIES["vfh"].ranges()) == {"ahead": Range(0.0, 1.0), "last": Range(0.0, 2.0), **common}
-    assert dict(POLICIES["gap"].ranges()) == {"alpha": Range(0.02, 2.0, log=True), "field": Range(0.8, 3.1), **common}
-    assert dict(POLICIES["dwa"].ranges()) == {
-        "heading": Range(0.3, 10.0, log=True), "clear": Range(0.1, 10.0, log=True), "horizon": Range(1.0, 8.0),
-        "aim": Range(0.2, 3.0), "brake": Range(0.15, 1.5), "margin": Range(0.0, 0.15), "lag": Range(0.0, 0.3),
-    }  # fmt: skip
-    common = ("margin", "lag", "sight", "gain", "focus", "caution")
-    usual = {
-        "vfh": {"ahead": 0.1, "last": 0.64, **dict(zip(common, (0.07, 0.01, 0.4, 1.6, 1.7, 0.6), strict=True))},
-        "gap": {"alpha": 0.16, "field": 1.66, **dict(zip(common, (0.0, 0.09, 0.4, 2.5, 1.0, 0.7), strict=True))},
-        "dwa": {"heading": 0.94, "clear": 1.6, "horizon": 4.7, "aim": 1.46, "brake": 0.58, "margin": 0.075, "lag": 0.06},
-    }
-    for name, numbers in usual.items():
-        parameters = inspect.signature(POLICIES[name]).parameters.values()
-        assert {each.name: each.default for each in parameters if each.kind is each.KEYWORD_ONLY} == numbers
 
 
 @pytest.mark.parametrize(("away", "in_the_way"), [(0.28, True), (0.34, True), (0.37, False), (0.6, False)])

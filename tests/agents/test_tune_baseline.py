@@ -11,7 +11,7 @@ from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import best_of, tune_baseline
 from turtlebot_gym_agents.policies import POLICIES, BearingPolicy, make_policy
-from turtlebot_gym_agents.policies.baselines import default_numbers, layout_of_baseline, load_baseline
+from turtlebot_gym_agents.policies.baselines import layout_of_baseline, load_baseline
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
@@ -141,11 +141,6 @@ def test_a_spoilt_file_is_refused_with_the_reason(change, message, tuned):
     tuned.write_text(json.dumps(json.loads(tuned.read_text()) | change))
     with pytest.raises(ValueError, match=message):
         make_policy(str(tuned))
-
-
-def test_defaults_are_those_of_the_constructors():
-    assert default_numbers("rotate-drive-rotate") == {"stop": 0.1, "gain": 6.0, "focus": 0.5, "tolerance": 0.03, "slow": 0.05}
-    assert default_numbers("polar") == {"gamma": 1.0, "k": 2.0, "h": 2.0}
 
 
 def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):

@@ -1,9 +1,6 @@
-"""The numbers of presets and defaults, and the tuning that is matched to a noise: every entry worked out by hand."""
+"""The tuning that is matched to a noise, every entry worked out by hand; names, values and mappings of presets."""
 
 from __future__ import annotations
-
-import math
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -11,95 +8,16 @@ import pytest
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
-    FixNoise,
-    Gated,
     Kalman,
     Noise,
     OdometryNoise,
     ProcessNoise,
     Reward,
     RoomReward,
-    Scale,
 )
-from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter, make_noise, make_robot, matched
-from turtlebot_gym.robots import ROBOTS, Robot
+from turtlebot_gym.presets import NOISES, TUTORIAL_FILTER, make_filter, make_noise, make_robot, matched
+from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import make_parameters
-
-INF = math.inf
-LIMITS = (
-    "max_linear", "max_angular", "wheel_separation", "max_wheel", "max_linear_acceleration", "max_angular_acceleration",
-    "reverse", "radius",
-)  # fmt: skip
-
-
-def test_the_robots_have_the_numbers_of_their_data_sheets_and_one_of_two_limits_has_no_other():
-    numbers = {
-        "burger": (0.2108, 2.635, 0.16, 0.2097, INF, INF, True, 0.105),
-        "waffle": (0.26, 1.82, 0.287, 0.26, INF, INF, True, 0.22),
-        "turtlebot4": (0.306, 1.9, 0.233, 0.306, INF, INF, True, 0.171),
-        "tutorial": (0.22, 2.84, 0.16, INF, INF, INF, True, 0.105),
-    }
-    assert {name: asdict(robot) for name, robot in ROBOTS.items()} == {
-        name: dict(zip(LIMITS, row, strict=True)) for name, row in numbers.items()
-    }
-    bare = (0.5, 2, 0.16, INF, INF, INF, True, 0.09)
-    assert asdict(Robot(max_linear=0.5, max_angular=2)) == dict(zip(LIMITS, bare, strict=True))
-
-
-STILL = {"slip": 0.0, "slip_start": 0.0, "slip_end": 1.0, "scale": 1.0, "turn_scale": 1.0, "veer": 0.0} | {
-    f"alpha{k}": 0.0 for k in range(1, 5)
-}
-EXACT = {
-    "R": (0.0, 0.0, 0.0), "bias": (0.0, 0.0, 0.0), "spike_probability": 0.0, "spike": 0.0, "dropout_probability": 0.0,
-    "quantization": (0.0, 0.0), "wheel": False,
-}  # fmt: skip
-SPIKES = {"spike_probability": 0.02, "spike": 0.3}
-MODELS = {
-    "clean": ({}, {}),
-    "tutorial": ({}, {"R": (0.05, 0.05, 0.1), **SPIKES}),
-    "documented": ({}, {"R": (0.05**2, 0.05**2, 0.1**2), "bias": (0.02, 0.0, 0.0), **SPIKES}),
-    "wheel": ({"alpha1": 0.0029, "alpha2": 0.0064, "alpha3": 0.0062, "alpha4": 0.0049}, {"wheel": True}),
-    "rough": (
-        {"slip": 0.5, "slip_start": 0.01, "slip_end": 0.2},
-        {"R": (0.02**2, 0.02**2, 0.02**2), "dropout_probability": 0.05, **SPIKES},
-    ),
-}
-
-
-def test_the_noises_and_fixes_have_their_numbers_and_the_defaults_are_no_noise():
-    assert (asdict(ProcessNoise()), asdict(OdometryNoise())) == (STILL, EXACT)
-    assert {name: (asdict(noise.process), asdict(noise.odometry)) for name, noise in NOISES.items()} == {
-        name: (STILL | process, EXACT | odometry) for name, (process, odometry) in MODELS.items()
-    }
-    assert list(NOISES) == list(MODELS)
-    # Deviations of x, y and heading; period and delay, s; share that is lost.
-    numbers = {
-        "beacons": ((0.1, 0.1), 0.5, 0.0, 0.0),
-        "late": ((0.1, 0.1), 0.5, 0.3, 0.3),
-        "localization": ((0.05, 0.05, 0.05), 0.5, 0.2, 0.0),
-        "markers": ((0.03, 0.03, 0.03), 0.2, 0.1, 0.5),
-        "motion-capture": ((0.002, 0.002, 0.005), 0.1, 0.0, 0.0),
-    }
-    assert {
-        name: FixNoise(R=tuple(number**2 for number in deviations), period=period, delay=delay, dropout_probability=lost)
-        for name, (deviations, period, delay, lost) in numbers.items()
-    } == FIXES
-
-
-def test_the_defaults_of_a_filter_and_of_the_reward_and_the_tutorials_filter():
-    kalman = {"remember_velocity": False, "wrap_innovation": True, "gate": INF, "max_rejections": 10}
-    expected = {
-        "Q": (0.01, 0.01, 0.02, 0.1, 0.1), "R": (0.05, 0.05, 0.1), "from_origin": False, "P0": (0.1, 0.1, 0.1, 1.0, 1.0),
-        "process": STILL, "kind": kalman,
-    }  # fmt: skip
-    assert asdict(FilterTuning(Q=expected["Q"], R=expected["R"])) == expected
-    tutorial = {"from_origin": True, "kind": kalman | {"remember_velocity": True, "wrap_innovation": False}}
-    assert asdict(TUTORIAL_FILTER) == expected | tutorial
-    assert (Gated(heading_gate=6.0).max_rejections, Scale().scale_deviation) == (10, 0.05)
-    weights = {"progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0}
-    assert asdict(Reward()) == weights
-    assert asdict(RoomReward()) == weights | {"collision": 50.0, "nearness": 0.5, "near": 0.15}
-
 
 # The matched filter. Floors: 5 mm/s and 0.01 rad/s for the twist, (1 mm)^2 and (1 mrad)^2 for the measurement.
 # A spike of 0.3 rad in 2 % of the measurements adds 0.02 * 0.3^2 = 0.0018 rad^2.
@@ -118,7 +36,7 @@ def alphas(process):
     return process.alpha1, process.alpha2, process.alpha3, process.alpha4
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", NOISES)
 def test_the_matched_filter_has_its_numbers(name):
     tuning, (R, expected) = matched(NOISES[name]), MATCHED[name]
     assert list(tuning.Q) == pytest.approx([0.0, 0.0, 0.0, 2.5e-5, 1e-4], rel=1e-12)

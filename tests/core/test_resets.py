@@ -104,7 +104,3 @@ def test_a_limit_that_cuts_a_task_short_causes_a_warning():
     for _ in range(20):
         env.step(np.zeros(2, np.float32))
     env.reset()  # of somebody's own accord: nothing was cut
-
-
-def test_a_task_has_no_limit_of_its_own_unless_it_is_given_one():
-    assert (Task().max_steps, NAV.max_steps, SQUARE.max_steps) == (math.inf, 300.0, 600.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 
 import pytest
 
@@ -19,16 +19,6 @@ CHANGES = {
     "caster_radius": 0.006, "motor_gain": 0.2, "motor_torque": 0.05, "armature": 0.003, "lead": 0.02, "reading": 0.01,
     "step": 0.001,
 }  # fmt: skip
-
-
-def test_the_defaults_are_those_of_the_sources():
-    assert asdict(MujocoBurger()) == {
-        "friction": 1.0, "caster_friction": 0.05, "wheel_radius": 0.033, "wheel_separation": 0.16, "wheel_width": 0.018,
-        "cylinders": False, "base_mass": 0.825735, "base_inertia": (2.2124e-3, 2.1194e-3, 2.0064e-3),
-        "base_center": (-0.032, 0.0, 0.07), "wheel_mass": 0.028499, "wheel_inertia": (1.1176e-5, 2.0713e-5, 1.1192e-5),
-        "lidar_mass": 0.114, "caster_mass": 0.005, "caster_radius": 0.005, "motor_gain": 0.3, "motor_torque": 1.4,
-        "armature": 0.002, "lead": 0.04, "reading": 0.02, "step": 0.002,
-    }  # fmt: skip
 
 
 def rollout(burger):

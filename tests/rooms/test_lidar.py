@@ -172,28 +172,6 @@ def test_a_lidar_turns_and_moves_with_its_robot():
     assert pose == pytest.approx((0.8, 2.1, math.pi / 2.0 + 3.0 - 2.0 * math.pi))
 
 
-def test_the_presets_are_what_the_data_sheets_say():
-    """TurtleBot3: 360 beams, 5 Hz, 0.12 to 3.5 m or 0.16 to 8 m; TurtleBot 4: a scan in 0.130 s, 0.15 to 12 m, turned left."""
-    lds = {"beams": 360, "rate": 5.0, "deviation": 0.005, "deviation_share": 0.0175, "accuracy": 0.05, "quantization": 0.001}
-    assert LIDARS["lds01"] == Lidar(range_min=0.12, range_max=3.5, x=-0.032, stamped_at_end=True, **lds)
-    assert LIDARS["lds02"] == Lidar(range_min=0.16, range_max=8.0, x=-0.032, **lds)
-    assert LIDARS["ideal"] == Lidar(beams=36, rate=10.0, range_min=0.0, range_max=3.5, turning=False, stamped_at_end=True)
-    hokuyo = LIDARS["urg04lx"]  # 240 degrees, 0.36 degrees apart, 10 Hz, 0.02 to 5.6 m, 1 %
-    assert replace(hokuyo, dead=()) == Lidar(
-        beams=1024, rate=10.0, range_min=0.02, range_max=5.6, deviation=0.005, deviation_share=0.005, quantization=0.001
-    )
-    assert hokuyo.dead[0] == pytest.approx((math.radians(120.0), math.radians(120.0)))
-    a1 = LIDARS["a1"]
-    assert replace(a1, dead=(), rate=5.0) == Lidar(
-        beams=269, rate=5.0, range_min=0.15, range_max=12.0, deviation=0.0, deviation_share=0.01, accuracy=0.0,
-        quantization=0.0, dropout=0.0, x=-0.04, y=0.0, yaw=math.pi / 2.0, turning=True, stamped_at_end=False,
-    )  # fmt: skip
-    assert 1.0 / a1.rate == pytest.approx(0.130)
-    posts = [first + 0.5 * width for first, width in a1.dead]
-    assert posts == pytest.approx([math.radians(angle) for angle in (45.0, 135.0, 225.0, 315.0)])
-    assert [width for _, width in a1.dead] == pytest.approx([0.1] * 4)
-
-
 def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_and_never_far():
     lidar = replace(LIDARS["urg04lx"], deviation=0.0, deviation_share=0.0)
     for half_length, half_width, behind in ((3.0, 3.0, NEAR), (3.0, 0.6, 0.6 / math.sin(math.radians(115.0)))):

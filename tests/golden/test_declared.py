@@ -1,0 +1,25 @@
+"""No rule, default or number of a preset has changed that was not meant to; `declared` writes them down."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs the extra [ros]")
+sys.path.insert(0, str(Path(__file__).parent))
+
+import declared
+
+STORED = json.loads((Path(__file__).parent / "declared.json").read_text())
+NOW = declared.snapshot()
+
+
+@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, named in STORED.items() for name in named])
+def test_what_is_declared_is_what_was_stored(kind, name):
+    assert NOW[kind].get(name) == STORED[kind][name]
+
+
+@pytest.mark.parametrize("kind", STORED)
+def test_all_that_is_declared_was_stored(kind):
+    assert NOW[kind].keys() == STORED[kind].keys()
