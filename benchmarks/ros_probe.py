@@ -153,7 +153,7 @@ class Probe:
         message.header.frame_id = "odom"
         message.header.stamp = Time(nanoseconds=self.stamp).to_msg()
         self.stamp += round(PERIOD * 1e9)
-        heading = self._draws.uniform(-0.5, 0.5)
+        heading = self._draws.uniform(-0.1, 0.1)  # what a robot can have turned: the filter refuses jumps
         message.pose.pose.orientation.z, message.pose.pose.orientation.w = sin(0.5 * heading), cos(0.5 * heading)
         if not self.silent:
             self.headings.append(heading)
