@@ -1,0 +1,213 @@
+"""Drive rooms in the live graph by a simulator that speaks like a recorded robot, beside one with perfect messages.
+
+Each room is driven four times in lock-step: by perfect messages and by those of the robot, without and behind a guard with its
+collision monitor. The first contact or arrival by the true pose ends a drive. Differences are paired by room, and their
+intervals hold 95 %. Finished drives are kept under `out/`, so an interrupted run resumes.
+
+The guard's decisions are those of its node, 50 a second, in simulated time, on the robot: between simulator and wheels.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from collections import Counter, deque
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+from unittest.mock import patch
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_agents.evaluation.metrics import Interval, paired_share_difference, share
+from turtlebot_gym_agents.provenance import provenance, settings_of, write_json
+from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.graph.bringup import room_metrics
+from turtlebot_gym_ros.node.block import Aged
+from turtlebot_gym_ros.nodes import load
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.collision import Scan
+
+DOMAIN = 216
+"""First of the ROS domains, one for each worker."""
+FIRST = 1_000_000
+"""Seed of the first room; no policy was tuned on rooms from this one on."""
+LONGEST = 60.0
+"""Time after which a drive ends, s."""
+LOOK = 2.0
+"""Simulated time between two looks at a drive, s."""
+LAST = 10.0
+"""Time before the end of a drive over which its reason is looked for, s."""
+GUARD = 0.02
+"""Period of the guard, s."""
+ARMS = tuple(product((False, True), (False, True)))
+"""Whether the simulator speaks like the robot, and whether the guard's collision monitor is on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Drive rooms by a simulator that speaks like a recorded robot."""
+
+    drives: int = 200
+    """Number of rooms."""
+    world: str = "dense"
+    """The kind of rooms."""
+    policy: str = "ppo-rooms"
+    """The policy."""
+    speaks_as: str = "turtlebot3"
+    """The recorded robot."""
+    workers: int = 2
+    """Number of graphs that run at the same time."""
+    kept: Path = Path("out/as_robot")
+    """Folder for finished drives."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Also write the results here."""
+
+
+class Guarded(TurtlebotSimulator):
+    """A simulated robot with a guard, whose collision monitor has the last word on each command."""
+
+    driven: ClassVar[Guarded]
+    """The robot of the newest graph."""
+
+    def __init__(self, params: TurtlebotSimulator.Params) -> None:
+        super().__init__(params)
+        Guarded.driven = self
+        self._parameters = Parameters(robot=params.robot, collision_monitor=True)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._arbiter, self._steps, self._executed = Arbiter(self._parameters, 0.0), 0, STOP
+        self.verdicts = deque[str](maxlen=round(LAST / self.trigger.period))
+        """What the monitor said last; empty where it let the command pass."""
+
+    def reset(self) -> None:
+        super().reset()
+        self._begin()
+
+    def step(self, dt: float, command: Command | None) -> dict[str, Any]:
+        """Execute what the guard makes of the command over a control interval: the mean of its decisions."""
+        period = self.trigger.period
+        times, executed = (self._steps + np.arange(0.0, 1.0, GUARD / period)) * period, []
+        for at, now in enumerate(times.tolist() if self._steps else ()):
+            if command is not None and at == 0:
+                self._arbiter.hear("program", command, now)
+            self._executed = self._arbiter.step(now) or self._executed
+            executed.append(self._executed)
+        if self._arbiter.monitor:
+            self.verdicts.append(self._arbiter.monitor.state)
+        said = super().step(dt, Command(*np.mean(executed, axis=0).tolist()) if executed else command)
+        self._steps += 1
+        if "scan" in said:
+            scan = said["scan"].value if isinstance(said["scan"], Aged) else said["scan"]
+            mount = self.outputs["scan"].mount
+            frame = mount.frame if mount else ""
+            sent = Scan(scan.ranges, scan.first, scan.increment, scan.range_min, scan.range_max, frame)
+            self._arbiter.hear_scan(sent, self._steps * period)
+        return said
+
+
+def load_guarded(name: str) -> Any:
+    """Return the code of a node: of the simulator, the guarded one's."""
+    return Guarded if name == "turtlebot_simulator" else load(name)
+
+
+def drive(config: Config, speaks: bool, guarded: bool, seed: int) -> dict[str, Any]:
+    """Drive a room to its end, and return how it ended."""
+    options: dict[str, Any] = {"world": config.world, "policy": config.policy, "seed": seed, "goal_tolerance": 0.0}
+    options["speaks_as"] = config.speaks_as if speaks else "none"
+    with patch("turtlebot_gym_ros.graph.graph.load", load_guarded if guarded else load), Graph(**options) as graph:
+        until, ended = 0.0, dict.fromkeys(("goal reached", "collision"), 0.0)
+        while until < LONGEST and not (ended["goal reached"] or ended["collision"]):
+            until += LOOK
+            graph.wait_until(lambda graph, until=until: graph.time >= until, timeout=300.0)
+            trajectory = graph.trajectory()
+            trajectory = trajectory[: np.searchsorted(trajectory.time, LONGEST + 1e-6)]
+            ended = room_metrics(trajectory)
+    verdicts = Counter(Guarded.driven.verdicts) if guarded else Counter[str]()
+    return {"speaks": speaks, "guarded": guarded, "seed": seed, **ended, "verdicts": dict(verdicts)}
+
+
+def enter(numbers: Any) -> None:
+    """Give a worker a ROS domain of its own."""
+    os.environ["ROS_DOMAIN_ID"] = str(DOMAIN + numbers.get())
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+def drives(config: Config) -> Iterator[dict[str, Any]]:
+    """Yield all drives: those of an earlier run of the same commit first."""
+    file = config.kept / f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}.jsonl"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    yield from done
+    there = {(row["speaks"], row["guarded"], row["seed"]) for row in done}
+    tasks = [(*arm, seed) for seed in range(FIRST, FIRST + config.drives) for arm in ARMS if (*arm, seed) not in there]
+    spawn = multiprocessing.get_context("spawn")
+    numbers = spawn.Queue()
+    for number in range(config.workers):
+        numbers.put(number)
+    with ProcessPoolExecutor(config.workers, spawn, enter, (numbers,)) as pool, file.open("a") as kept:
+        futures = [pool.submit(drive, config, *task) for task in tasks]
+        for future in track(as_completed(futures), "drives", total=len(futures), console=Console(stderr=True)):
+            kept.write(json.dumps(future.result()) + "\n")
+            kept.flush()
+            yield future.result()
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the shares of successes and contacts in each arm, and the differences between plain and imitated messages."""
+    by_arm = {
+        arm: sorted((row for row in rows if (row["speaks"], row["guarded"]) == arm), key=lambda row: row["seed"])
+        for arm in ARMS
+    }
+    result: dict[str, Any] = {}
+    for guarded in (False, True):
+        events = {}
+        for speaks in (False, True):
+            arm = by_arm[speaks, guarded]
+            events[speaks] = np.array([row["goal reached"] for row in arm])
+            contacts = np.array([row["collision"] for row in arm])
+            lost = [
+                {key: row[key] for key in ("seed", "collision", "end of the episode", "verdicts")}
+                for row in arm
+                if not row["goal reached"]
+            ]
+            name = f"{'robot' if speaks else 'plain'}, {'monitor' if guarded else 'bare'}"
+            result[name] = {
+                "drives": len(arm),
+                "success": share(events[speaks])._asdict(),
+                "contacts": int(contacts.sum()),
+                "least clearance": min((row["least clearance"] for row in arm), default=None),
+                "lost": lost,
+            }
+        difference = paired_share_difference(events[True], events[False])
+        result[f"difference, {'monitor' if guarded else 'bare'}"] = difference._asdict()
+    return result
+
+
+def main() -> None:
+    """Measure, print, and write JSON."""
+    config = tyro.cli(Config, description=__doc__)
+    result = summary(list(drives(config)))
+    table = Table("messages, guard", "success, %", "contacts", "least clearance, m", title=f"{config.policy} in {config.world}")
+    for name, arm in result.items():
+        interval = Interval(**(arm.get("success") or arm))
+        text = "{:.1f} [{:.1f}, {:.1f}]".format(*(100.0 * value for value in interval[:3]))
+        table.add_row(name, text, *((str(arm["contacts"]), f"{arm['least clearance']:.3f}") if "contacts" in arm else ()))
+    Console().print(table)
+    if config.json is not None:
+        write_json(config.json, result, config=settings_of(config))
+
+
+if __name__ == "__main__":
+    main()
