@@ -162,6 +162,10 @@ bench-calibration: $(READY)  ## whether a calibration's intervals hold the truth
 	$(RUN)python benchmarks/calibration.py --kept $(OUT)/calibration
 	$(RUN)python benchmarks/calibration.py --part recorded --data $(DATA)
 
+bench-as-robot: $(READY)  ## rooms in the live graph by a simulator that speaks like a TurtleBot3, with and without the monitor (an hour; resumes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/as_robot.py --kept $(OUT)/as_robot --json $(OUT)/as_robot.json
+
 bench-cluster: $(READY)  ## Ray: what a unit of work costs with 1 and 2 workers, and what breaks first with 1,000 (5 minutes)
 	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[cluster]'
 	$(RUN)python benchmarks/cluster.py

@@ -16,7 +16,6 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 from unittest.mock import patch
@@ -50,7 +49,7 @@ LAST = 10.0
 """Time before the end of a drive over which its reason is looked for, s."""
 GUARD = 0.02
 """Period of the guard, s."""
-ARMS = tuple(product((False, True), (False, True)))
+ARMS = ((False, False), (True, False), (False, True), (True, True))
 """Whether the simulator speaks like the robot, and whether the guard's collision monitor is on."""
 
 
@@ -127,7 +126,7 @@ def drive(config: Config, speaks: bool, guarded: bool, seed: int) -> dict[str, A
     options: dict[str, Any] = {"world": config.world, "policy": config.policy, "seed": seed, "goal_tolerance": 0.0}
     options["speaks_as"] = config.speaks_as if speaks else "none"
     with patch("turtlebot_gym_ros.graph.graph.load", load_guarded if guarded else load), Graph(**options) as graph:
-        until, ended = 0.0, dict.fromkeys(("goal reached", "collision"), 0.0)
+        until, ended = 0.0, {"goal reached": 0.0, "collision": 0.0}
         while until < LONGEST and not (ended["goal reached"] or ended["collision"]):
             until += LOOK
             graph.wait_until(lambda graph, until=until: graph.time >= until, timeout=300.0)
@@ -150,8 +149,9 @@ def drives(config: Config) -> Iterator[dict[str, Any]]:
     file.parent.mkdir(parents=True, exist_ok=True)
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     yield from done
+    seeds = range(FIRST, FIRST + config.drives)
     there = {(row["speaks"], row["guarded"], row["seed"]) for row in done}
-    tasks = [(*arm, seed) for seed in range(FIRST, FIRST + config.drives) for arm in ARMS if (*arm, seed) not in there]
+    tasks = [(*arm, seed) for arm in ARMS for seed in seeds if (*arm, seed) not in there]
     spawn = multiprocessing.get_context("spawn")
     numbers = spawn.Queue()
     for number in range(config.workers):

@@ -4,6 +4,8 @@ import re
 
 from pages import ROOT, measured, rows_after
 
+from turtlebot_gym.drives.reading import FORMATS
+
 MEASURED = {
     "`tutorial`": "tutorial",
     "`documented`, no bias": "documented without its bias",
@@ -105,3 +107,8 @@ def test_each_row_of_the_hazard_tables_names_a_test_that_exists():
     named = [re.findall(r"test_\w+", row[-1]) for rows in tables for row in rows]
     assert len(named) == 17
     assert all(names and exist.issuperset(names) for names in named)
+
+
+def test_the_table_of_recordings_is_what_the_reader_knows():
+    rows = rows_after("docs/howto/record.md", "## What can be read")
+    assert rows[: len(FORMATS)] == [[form.name, form.files, form.holds] for form in FORMATS]

@@ -3,6 +3,7 @@
 import math
 import shutil
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,6 +59,31 @@ def test_a_bag_is_read_whatever_its_file_is_called(tmp_path, plugin):
         np.testing.assert_allclose(drive.odometry[there], SHORT.odometry[there], atol=1e-9)
         assert drive.remarks == ()
         assert drive.around.label == path.name
+
+
+def test_a_bag_of_ros_1_is_read(tmp_path):
+    rosbag1, noetic = pytest.importorskip("rosbags.rosbag1"), ros.typesys.get_typestore(ros.typesys.Stores.ROS1_NOETIC)
+    heads = iter(range(10**6))
+
+    def of_ros_1(value):
+        """Return a message of ROS 1: its header has a number."""
+        if not hasattr(value, "__msgtype__"):
+            return value
+        parts = {name: of_ros_1(part) for name, part in vars(value).items() if name != "__msgtype__"}
+        numbered = {"seq": next(heads)} if value.__msgtype__ == "std_msgs/msg/Header" else {}
+        return noetic.types[value.__msgtype__](**numbered, **parts)
+
+    with rosbag1.Writer(tmp_path / "drive.bag") as writer:
+        opened = {}
+        for topic, kind, received, message in said_of(SHORT):
+            if topic not in opened:
+                opened[topic] = writer.add_connection(topic, kind, typestore=noetic)
+            writer.write(opened[topic], round(received * 1e9), noetic.serialize_ros1(of_ros_1(message), kind))
+    shutil.copy(tmp_path / "drive.bag", tmp_path / "recording")
+    for name in ("drive.bag", "recording"):
+        drive = read(tmp_path / name)
+        np.testing.assert_allclose(drive.twist, SHORT.twist, atol=1e-12)
+        np.testing.assert_allclose(drive.truth, SHORT.truth, atol=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "truth"), [(TRANSFORM, None), (TF, "/ground_truth:base"), (POINT, None)])
@@ -267,3 +293,17 @@ def test_a_bag_of_odometry_alone_knows_no_more(tmp_path):
     assert len(drive) == 5
     with pytest.raises(ValueError, match="there is no topic '/odom'; there are /clearance"):
         read(write_bag(tmp_path / "none", [each for each in graph_drive() if each[0] != "/odom"]))
+
+
+def test_the_bag_of_a_real_turtlebot3_says_what_is_odd_in_it():
+    folder = Path(__file__).parents[3] / "shared" / "data" / "turtlebot3"
+    if not folder.is_dir():
+        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {folder} is missing")
+    drive = read(folder)
+    assert len(drive) == 1254
+    assert len(drive.scans) >= 548
+    assert drive.scans[0].mount == pytest.approx((-0.032, 0.0, 0.0))
+    assert np.abs(drive.twist[:, 1]).max() < 1.0  # not 143.6 rad/s, as its driver says once
+    ahead, wound_up = drive.remarks
+    assert "the clock of the odometry is 0.779 s ahead of the recorder's" in ahead
+    assert "1 turning rates are more than half a turn to a row, first at 31.747 s" in wound_up

@@ -1,4 +1,4 @@
-"""A ROS 2 bag as a drive, without ROS: `rosbags` decodes the messages."""
+"""A bag of ROS 2 or ROS 1 as a drive, without ROS: `rosbags` decodes the messages."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from turtlebot_gym.drives.clocks import AHEAD, SIMULATED
 from turtlebot_gym.drives.drive import Drive, known
 from turtlebot_gym.drives.messages import ODOMETRY, POSES, TRANSFORMS, TWISTS, TYPES, Listener
 from turtlebot_gym.rooms.worlds import find_lidar
@@ -20,8 +21,10 @@ _TRUTHS = ("ground_truth", "true_state", "truth")
 """Topics that are searched for the truth."""
 _ASKED = ("odom", "true_state", "fix", "twist")
 """Topics whose names `Topics` holds; the others are searched beside that of the odometry, and in the root."""
+_CLOCKED = ("true_state", "fix", "twist", "scan", "estimate")
+"""Topics that may come from another computer."""
 _UNREADABLE = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
-_MAGIC = {b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
+_MAGIC = {b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap", b"#ROSBAG V2.0": ".bag"}
 
 
 def is_bag(path: Path) -> bool:
@@ -29,7 +32,7 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.suffix in _MAGIC.values() or (path.is_file() and _suffix(path) is not None)
 
 
-def read_bag(path: Path, topics: Topics, *, label: str, lidar: str) -> Drive:
+def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
     """Read a bag; see `reading.read`."""
     listener, remarks = Listener(lidar=find_lidar(lidar)), []
     with _opened(path) as reader:
@@ -57,6 +60,7 @@ def read_bag(path: Path, topics: Topics, *, label: str, lidar: str) -> Drive:
         if stream.late and topic not in ("map", "obstacles", "diagnostics"):
             what = f"{path}: topic {name!r}: {len(stream.late)} of {stream.count} messages, first number {stream.late[0]}"
             remarks.append(f"{what}, have a time that does not increase: left out")
+    remarks += [f"{path}: {remark}" for remark in _by_one_clock(listener, roles)]
     time = np.array(listener["odom"].times)
     if len(time) < 2:
         raise ValueError(f"{path}: a drive needs two messages on odom, got {len(time)}; there are {', '.join(sorted(kinds))}.")
@@ -72,6 +76,24 @@ def read_bag(path: Path, topics: Topics, *, label: str, lidar: str) -> Drive:
         around=drive.around._replace(label=label),
         remarks=tuple(remarks),
     )
+
+
+def _by_one_clock(listener: Listener, roles: dict[str, str]) -> list[str]:
+    """Move the times of all topics to the clock of the odometry, in place, and return what is said about clocks."""
+    remarks, odom = [], listener.clocks["odom"]
+    if AHEAD < odom.ahead < SIMULATED:
+        remarks.append(f"the clock of the odometry is {odom.ahead:.3f} s ahead of the recorder's")
+    for name, topic in roles.items():
+        clock = listener.clocks.get(topic, odom)
+        if clock.resets:
+            remarks.append(
+                f"topic {name!r}: the clock was set back {len(clock.resets)} times, first by {clock.resets[0]:.3f} s"
+            )
+        if topic in _CLOCKED and (lead := clock.lead(odom)):
+            listener[topic].times[:] = [time - lead for time in listener[topic].times]
+            how = "ahead of" if lead > 0.0 else "behind"
+            remarks.append(f"topic {name!r}: its clock is {abs(lead):.3f} s {how} that of the odometry: its times are moved")
+    return remarks
 
 
 def _roles(path: Path, kinds: dict[str, str], wanted: Topics) -> tuple[dict[str, str], str]:
@@ -98,7 +120,7 @@ def _roles(path: Path, kinds: dict[str, str], wanted: Topics) -> tuple[dict[str,
             raise ValueError(f"{path}: topic {name!r} is named for two quantities.")
         if name:
             roles[name] = role
-    if truth and kinds[truth] == TRANSFORMS and not child:
+    if truth and kinds[truth] in TRANSFORMS and not child:
         raise ValueError(f"{path}: {truth!r} holds transforms: name the robot's frame, such as {truth}:base_footprint.")
     space = odom.rpartition("/")[0]
     searched = [(name, "true_state") for name in _TRUTHS if not truth] + [(name, name) for name in TYPES if name not in _ASKED]

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.values import Pose
+
 if TYPE_CHECKING:
     from turtlebot_gym.rooms.grid import GridMap
     from turtlebot_gym.rooms.scan import Obstacles, Scan
-    from turtlebot_gym.values import Pose
 
 GAP = 5.0
 """Ratio to the usual interval at which a gap interrupts a drive."""
@@ -39,8 +40,12 @@ class Seen(NamedTuple):
     row: int
     """First row of the drive at which it is the newest scan."""
     lidar: Pose
-    """Pose of the LiDAR's frame in the world."""
+    """Pose of the LiDAR's frame in the world when it was complete."""
     scan: Scan
+    time: float = float("nan")
+    """When its first beam was measured, by the clock of the drive, s; NaN if unknown."""
+    mount: Pose = Pose(0.0, 0.0, 0.0)
+    """Pose of the LiDAR's frame on the robot."""
 
 
 class Surroundings(NamedTuple):

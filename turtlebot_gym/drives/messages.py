@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives.alignment import Stream
+from turtlebot_gym.drives.clocks import Stamps
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.rooms.grid import GridMap
@@ -29,14 +30,14 @@ HELD = 1.0
 _CUBE, _CYLINDER, _LINE_STRIP = 1, 3, 4
 """Types of ``visualization_msgs/msg/Marker`` in a room."""
 
-ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
+ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSES = (
     ODOMETRY,
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/TransformStamped",
     "geometry_msgs/msg/PointStamped",
-    TRANSFORMS,
+    *TRANSFORMS,
 )
 """Types of messages that state a pose, or at least a position."""
 TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist")
@@ -145,6 +146,8 @@ class Listener:
     def __init__(self, *, lidar: Lidar = LIDARS["lds01"], guard: str = "", live: bool = False) -> None:
         self._lidar, self._guard, self._live = lidar, guard, live
         self._streams: dict[str, Stream] = {}
+        self.clocks: dict[str, Stamps] = {}
+        """Clocks of the stamps of a recorded drive, by topic."""
 
     def __getitem__(self, topic: str) -> Stream:
         return self._streams.setdefault(topic, Stream(live=self._live))
@@ -161,6 +164,8 @@ class Listener:
         newer = False
         for stamp, each in _stamped(message, received, child):
             time = stamp if stamp or self._live else received
+            if not self._live:
+                time = self.clocks.setdefault(topic, Stamps()).read(time, received)
             if topic == "diagnostics":
                 newer |= self._hear_reports(each, received)
             elif (value := _READ.get(topic, _motion)(each)) is not None and self[topic].add(time, value):
@@ -219,7 +224,7 @@ class Listener:
             circles=self._walkers(time, around.room),
             around=around,
         )
-        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, after))
+        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start, after))
 
     def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
         """Return the circles of each row where they are others than those of the room."""
@@ -227,9 +232,10 @@ class Listener:
         circles = [rooms.values[at].circles if at >= 0 and room else () for at in rooms.last(time).tolist()]
         return tuple(np.array(() if room and each == room.circles else each).reshape(-1, 3) for each in circles)
 
-    def _scans(self, drive: Drive, after: float) -> tuple[Seen, ...]:
+    def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
         """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
         scans: list[Seen] = []
+        mount = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
         states = np.where(np.isfinite(drive.truth), drive.truth, drive.estimate[:, :3])
         states = np.where(np.isfinite(states), states, drive.odometry)
         for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
@@ -237,5 +243,6 @@ class Listener:
             row = int(np.searchsorted(drive.time, complete - 1e-3))
             if complete - 1e-3 > after and row < len(drive) and np.isfinite(states[row]).all():
                 x, y, theta = states[row].tolist()
-                scans.append(Seen(row, mounted(State(x, y, theta, 0.0, 0.0), self._lidar), scan))
+                place = mounted(State(x, y, theta, 0.0, 0.0), self._lidar)
+                scans.append(Seen(row, place, scan, stamp - start, mount))
         return tuple(scans)

@@ -2,20 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from turtlebot_gym.drives.alignment import headings, interpolated
 from turtlebot_gym.drives.bags import is_bag, read_bag
+from turtlebot_gym.drives.clocks import judged
 from turtlebot_gym.drives.drive import Drive
-from turtlebot_gym.drives.tables import read_poses, read_table
+from turtlebot_gym.drives.logs import is_carmen, is_carmen_arrays, is_mrclam, read_carmen, read_carmen_arrays, read_mrclam
+from turtlebot_gym.drives.tables import is_table, read_poses, read_table
 from turtlebot_gym.topics import Topics
 
 OVERLAP = 1.0
 """Least time that a truth in a file of its own must share with a drive, s."""
+
+
+class Format(NamedTuple):
+    """A form of recordings."""
+
+    name: str
+    files: str
+    """What its files are."""
+    holds: str
+    """What is read of it."""
+    recognizes: Callable[[Path], bool]
+    """Whether a file that exists has this form, by its content."""
+    read: Callable[..., Drive]
+    """Reads a file with the options of `read` that this form has."""
+    options: tuple[str, ...] = ()
+    measures_twist: bool = True
+    """Whether a row's twist is measured over its own interval alone, so that a missing row is a loss."""
+
+
+FORMATS = (
+    Format(
+        "bag", "a folder, `.mcap`, `.db3` (ROS 2), `.bag` (ROS 1)",
+        "odometry, commands, scans, maps; truth and fixes as Odometry, PoseStamped, PoseWithCovarianceStamped, "
+        "TransformStamped, PointStamped or `/tf`", is_bag, read_bag, ("topics", "lidar"),
+    ),
+    Format(
+        "CARMEN log", "text: `ODOM`, `FLASER`, `ROBOTLASER1`, `TRUEPOS`",
+        "odometry, scans, truth if there is one or a mapper has corrected the poses", is_carmen, read_carmen, (), False,
+    ),
+    Format(
+        "CARMEN arrays", "`.npz`: `time`, `odometry`, `ranges_cm`, `reference_row`, `reference`",
+        "odometry, scans, the reference as truth", is_carmen_arrays, read_carmen_arrays, (), False,
+    ),
+    Format(
+        "MRCLAM", "text: `Robot3_Odometry.dat` beside `Robot3_Groundtruth.dat`", "twist and truth", is_mrclam, read_mrclam
+    ),
+    Format(
+        "table", "text with named columns, or `.npz` with an array for each", "twist, measured and true poses",
+        is_table, read_table, ("columns",),
+    ),
+)  # fmt: skip
+"""The forms of recordings that `read` knows, in the order in which they are tried."""
+READABLE = "; ".join(f"{form.name}: {form.files.replace('`', '')}" for form in FORMATS)
+"""All of them in a line."""
 
 
 def read(
@@ -27,13 +74,14 @@ def read(
     label: str | None = None,
     lidar: str = "lds01",
 ) -> Drive:
-    """Read a recorded drive: a ROS 2 bag (sqlite3 or MCAP), a table with named columns, or the recorder's snapshots.
+    """Read a recorded drive in any of `FORMATS`.
 
     Rows whose time or twist is not finite, or whose time does not increase, are left out. A pose that is not finite counts as
-    missing. The drive's remarks count both.
+    missing. Times after a clock was set back are moved on; a topic by another clock than the odometry's is moved to that. The
+    drive's remarks say all of this, and whether rows are missing.
 
     Args:
-        path: A bag's folder or file, a text file, or an ``.npz`` file with an array for each column. The content decides.
+        path: The file, or the folder of a bag. The content decides what it is.
         topics: Topics of a bag.
         columns: Column names of a table other than those in `tables.NAMES`, by quantity, a key of `tables.NAMES`.
         truth: A topic of a bag, with ``:FRAME`` where it holds transforms; or a table of true poses with the columns t, x, y
@@ -47,15 +95,17 @@ def read(
         ImportError: If the file is a bag, and rosbags is not installed.
     """
     path, beside = Path(path), Path(truth) if truth and Path(truth).is_file() else None
-    if is_bag(path):
-        asked = topics or Topics()
-        asked = replace(asked, truth=str(truth)) if truth and beside is None else asked
-        drive = read_bag(path, asked, label=label or path.name, lidar=lidar)
-    elif truth and beside is None:
-        raise ValueError(f"truth must be auto, none, or a file for a table, got {str(truth)!r}.")
-    else:
-        drive = read_table(path, columns or {}, label=label or path.name)
-    return _with_headings(drive if beside is None else _with_truth(drive, beside))
+    form = next((form for form in FORMATS if form.recognizes(path)), None)
+    if form is None:
+        raise ValueError(f"{path}: the file is binary, and not one of these: {READABLE}.")
+    if truth and beside is None and "topics" not in form.options:
+        raise ValueError(f"truth must be auto, none, or a file for a {form.name}, got {str(truth)!r}.")
+    asked = topics or Topics()
+    asked = replace(asked, truth=str(truth)) if truth and beside is None else asked
+    options = {"topics": asked, "columns": columns or {}, "lidar": lidar}
+    drive = form.read(path, label=label or path.name, **{name: options[name] for name in form.options})
+    drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
+    return judged(drive) if form.measures_twist else drive
 
 
 def _with_truth(drive: Drive, path: Path) -> Drive:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Surroundings, known
 
 _STATE = ("x", "y", "theta", "v", "omega")
@@ -41,7 +42,7 @@ LARGEST = 1e15
 """Greatest number in a table; time since 1970 in seconds, or by mistake in nanoseconds, is smaller."""
 MOST = 0.5
 """Least share of good rows between the first and the last one."""
-_BINARY = "the file is binary; a table with named columns, as text or .npz, or a bag, is needed."
+_BINARY = "the file is binary; a table with named columns, as text or .npz, is needed."
 
 
 class _Table(NamedTuple):
@@ -55,7 +56,15 @@ class _Table(NamedTuple):
     """Line number of each row in the file, from 1."""
 
 
-def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
+def is_table(path: Path) -> bool:
+    """Return whether a file may be a table: text, or arrays; a file that cannot be opened is for the reader to refuse."""
+    if not path.is_file() or zipfile.is_zipfile(path):
+        return True
+    with path.open("rb") as file:
+        return b"\0" not in file.read(4096)
+
+
+def read_table(path: Path, *, columns: Mapping[str, str], label: str) -> Drive:
     """Read a table; see `reading.read`."""
     table = _open(path)
     chosen = _choose(path, table.names, columns)
@@ -63,7 +72,9 @@ def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
     rows[~(np.abs(rows) <= LARGEST)] = np.nan
     part = dict(zip(chosen, rows.T, strict=True))
     time, twist = part["time"], np.stack([part[name] for name in _TWIST], axis=1)
-    keep, remarks = _good(path, time, twist, table.lines)
+    time, is_set, remarks = continued(time, str(path))
+    keep, more = _good(path, time, twist, table.lines)
+    remarks += more
     span = np.ptp(np.flatnonzero(keep)) + 1 if keep.any() else len(keep)
     if keep.sum() < max(2, MOST * span):
         why = "; ".join(remarks) or "nothing is wrong with them"
@@ -74,13 +85,13 @@ def read_table(path: Path, columns: Mapping[str, str], *, label: str) -> Drive:
         remarks += _lost(path, measured, twist[keep])
     if true is not None:
         remarks += _holes(f"{path}: true poses", true)
-    more = {name: table.numbers(names)[keep] for name, names in _MORE if all(column in table.names for column in names)}
-    poses: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | more
+    rest = {name: table.numbers(names)[keep] for name, names in _MORE if all(column in table.names for column in names)}
+    poses: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | rest
     return Drive(
         time=time[keep],
         twist=twist[keep],
         **poses,
-        joined=np.concatenate([[False], keep[:-1]])[keep],
+        joined=np.concatenate([[False], keep[:-1]])[keep] & ~is_set[keep],
         around=Surroundings(label),
         remarks=tuple(remarks),
     )
@@ -214,8 +225,7 @@ def _good(
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Return which rows are good, and remarks on the others."""
     finite = np.isfinite(time) & known(twist)
-    newest = np.maximum.accumulate(np.where(finite, time, -np.inf))
-    late = finite & (time <= np.concatenate([[-np.inf], newest[:-1]]))
+    late = finite & ~increasing(np.where(finite, time, np.nan))
     remarks = [
         f"{path}: {bad.sum()} of {len(bad)} rows {what}, first in line {lines[int(np.argmax(bad))]}: left out"
         for bad, what in ((~finite, "without a finite time and twist"), (late, "whose time does not increase"))

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from turtlebot_gym.files import SUFFIXES
-from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, columns_of, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
+from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.outputs import Output
 from turtlebot_gym_agents.provenance import write_json
 
@@ -25,7 +25,7 @@ PARTS = 3
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(Writing):
+class Calibrate(Writing, Recorded):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
@@ -33,21 +33,16 @@ class Calibrate(Writing):
     """
 
     log: tyro.conf.Positional[Path]
-    """A table with named columns, separated by commas, semicolons or blanks; or a ROS 2 bag: its folder, or a .mcap or .db3
-    file."""
+    """A bag of ROS 2 or ROS 1, a log of CARMEN or MRCLAM, or a table with named columns."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag (TOPIC:FRAME
-    where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and theta."""
+    where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and perhaps theta."""
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
     robot: str = "burger"
     """Robot whose speed limits a log must satisfy: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
-    columns: tuple[str, ...] = ()
-    """Names of columns, as QUANTITY=COLUMN: time, v, omega, x, y, theta, true_x, true_y, true_theta."""
-    topics: Topics = field(default_factory=Topics)
-    """Topics of a bag."""
     integrator: str | None = None
     """euler or midpoint; by default the one that explains the motion better."""
     segment: float | None = None
@@ -67,8 +62,7 @@ class Calibrate(Writing):
         from turtlebot_gym_agents.commands.calibration_report import calibration_figure, calibration_tables, comment
         from turtlebot_gym_agents.provenance import provenance
 
-        truth = None if self.truth in ("auto", "none") else self.truth
-        drive = read(self.log, topics=self.topics, columns=columns_of(self.columns), truth=truth)
+        drive = read(self.log, **self.reading())
         check(drive, make_robot(self.robot), str(self.log))
         parts = itertools.count(1)
         try:

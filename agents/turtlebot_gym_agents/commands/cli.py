@@ -31,6 +31,7 @@ from turtlebot_gym_agents.commands.console import (
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
+from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.commands.study import Study, TuneBaseline
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
 from turtlebot_gym_agents.provenance import write_json
@@ -156,7 +157,7 @@ class Video(Writing, Driven):
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Watch(Writing, Driven):
+class Watch(Writing, Recorded, Driven):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [watch].
@@ -167,7 +168,7 @@ class Watch(Writing, Driven):
     seed: int = 0
     """Seed of the episode."""
     drive: tuple[Path, ...] = ()
-    """Recorded drives instead of episodes: bags, snapshots.csv of data_logger, or tables as replay takes them."""
+    """Recorded drives instead of episodes, as calibrate and replay take them, or snapshots.csv of data_logger."""
     html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), Output((".html", ".htm"))] = None
     """Write the view to this file, which opens without a server or a network, instead of serving it."""
     host: str = "localhost"
@@ -182,7 +183,7 @@ class Watch(Writing, Driven):
             from turtlebot_gym_agents.watch.html import write_html
             from turtlebot_gym_agents.watch.server import serve
         if self.drive:
-            drives = [read_recorded(path, lidar=self.lidar or "lds01") for path in self.drive]
+            drives = [read_recorded(path, lidar=self.lidar or "lds01", **self.reading()) for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
             drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]

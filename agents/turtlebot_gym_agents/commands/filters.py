@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import tyro
 
-from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, columns_of, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import flags, own_first
+from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.provenance import write_json
 
 _ESTIMATED = flags("noise", "robot", "dt", "integrator")
@@ -63,7 +63,7 @@ _REPLAYED = flags("filter", noise="documented", integrator="midpoint")
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Replay(Writing, _REPLAYED):
+class Replay(Writing, Recorded, _REPLAYED):
     """Run the filter over recorded drives with known truth.
 
     The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
@@ -71,17 +71,13 @@ class Replay(Writing, _REPLAYED):
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
-    """Recordings with truth: tables with named columns, separated by commas, semicolons or blanks; or ROS 2 bags."""
+    """Recordings with truth: bags, logs of CARMEN or MRCLAM, or tables with named columns."""
     seed: int = 0
     """The first seed of the noise."""
     seeds: int = 20
     """Number of seeds to average over."""
     rate: float = 10.0
     """Measured poses per second."""
-    columns: tuple[str, ...] = ()
-    """Names of columns, as QUANTITY=COLUMN: time, v, omega, true_x, true_y, true_theta."""
-    topics: Topics = field(default_factory=Topics)
-    """Topics of bags."""
     json: JsonFile = None
     """Write configuration and results here."""
     plot: FigureFile = None
@@ -105,8 +101,7 @@ class Replay(Writing, _REPLAYED):
             raise ValueError("At least one FILE must be given.")
         if not self.seeds > 0:
             raise ValueError(f"seeds must be positive, got {self.seeds}.")
-        named = columns_of(self.columns)
-        drives = {path: replayable(read(path, topics=self.topics, columns=named)) for path in self.files}
+        drives = {path: replayable(read(path, **self.reading())) for path in self.files}
         for remark in (remark for drive in drives.values() for remark in drive.remarks):
             print(remark, file=sys.stderr)
         options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}

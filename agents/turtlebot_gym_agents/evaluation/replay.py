@@ -166,6 +166,7 @@ def replay(
         estimate=np.array([belief.mean for belief in beliefs]),
         covariance=np.array([matrix(belief.covariance) for belief in beliefs]),
         command=np.array(commands),
+        scans=tuple(seen._replace(time=seen.time - drive.time[0]) for seen in drive.scans),
     )
 
 

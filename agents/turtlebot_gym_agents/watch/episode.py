@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters, system_of
+from turtlebot_gym.topics import Topics
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.evaluation.replay import replay, replayable
@@ -67,13 +68,25 @@ def record_episode(
     return _episode(rows, p, label=name, grid=grid)
 
 
-def read_recorded(path: str | Path, *, label: str | None = None, lidar: str = "lds01", **options: Any) -> Drive:
+def read_recorded(
+    path: str | Path,
+    *,
+    topics: Topics | None = None,
+    columns: Mapping[str, str] | None = None,
+    truth: str | Path | None = None,
+    label: str | None = None,
+    lidar: str = "lds01",
+    **options: Any,
+) -> Drive:
     """Read a recorded drive; over one of wheels and truth alone, the filter is run.
 
     Args:
         path: A recording, see `turtlebot_gym.drives.read`.
+        topics: As there.
+        columns: As there.
+        truth: As there.
         label: Label in the view; by default the name of the file.
-        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        lidar: As there.
         **options: For a drive in which no pose was measured, passed to `evaluation.replay.replay`.
 
     Raises:
@@ -81,7 +94,7 @@ def read_recorded(path: str | Path, *, label: str | None = None, lidar: str = "l
         ValueError: If the file holds no drive; the message says what is missing.
         ImportError: If the file is a bag and rosbags is missing.
     """
-    drive = read(path, label=label, lidar=lidar)
+    drive = read(path, topics=topics, columns=columns, truth=truth, label=label, lidar=lidar)
     if drive.has_truth and not drive.has_odometry:
         return replay(replayable(drive), **options)
     return drive
@@ -148,7 +161,8 @@ def _scans(rows: Sequence[_Row], drive: Drive, p: Parameters) -> tuple[Seen, ...
         if last is None or not np.array_equal(row.ranges, last):
             last = row.ranges
             scan = Scan(last[: lidar.beams], 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max)
-            scans.append(Seen(at, mounted(State(*drive.true_state[at].tolist()), lidar), scan))
+            place = mounted(State(*drive.true_state[at].tolist()), lidar)
+            scans.append(Seen(at, place, scan, mount=Pose(lidar.x, lidar.y, lidar.yaw)))
     return tuple(scans)
 
 

@@ -1,0 +1,100 @@
+"""Clocks and missing rows: each fault is noticed and handled, and a drive without one is left as it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rosbag_messages as ros
+from drawing import COLUMNS, columns_of, draw, write
+from rosbag_messages import ODOMETRY, POSE, header, make, odometry, pose, write_bag
+
+from turtlebot_gym.calibration import calibrate
+from turtlebot_gym.drives import Drive, read
+from turtlebot_gym.topics import Topics
+
+WHOLE = draw(1500)
+KEPT = np.random.default_rng(1).random(len(WHOLE)) > 0.02
+KEPT[:2] = True
+
+
+def thinned(time):
+    return Drive(time=time, **{name: getattr(WHOLE, name)[KEPT] for name in COLUMNS})
+
+
+@pytest.mark.parametrize("drive", [WHOLE, replace(WHOLE, time=np.cumsum(np.random.default_rng(0).uniform(0.06, 0.14, 1500)))])
+def test_a_drive_without_fault_is_read_as_it_is(tmp_path, drive):
+    found = read(write(tmp_path / "drive.csv", columns_of(drive)))
+    assert found.remarks == ()
+    assert found.joined[1:].all()
+
+
+def test_rows_that_are_missing_with_their_time_are_counted(tmp_path):
+    missing = int((~KEPT).sum())
+    found = read(write(tmp_path / "drive.csv", columns_of(thinned(WHOLE.time[KEPT]))))
+    assert any(f"{missing} rows are missing at" in remark for remark in found.remarks)
+    assert found.joined[1:].all()
+
+
+def test_rows_that_are_missing_without_a_gap_in_time_are_noticed_and_do_not_spoil_the_fit(tmp_path):
+    drive = thinned(WHOLE.time[: KEPT.sum()])
+    found = read(write(tmp_path / "drive.csv", columns_of(drive)))
+    assert any("the truth leaps ahead of the twist" in remark for remark in found.remarks)
+    after = np.flatnonzero(~KEPT) - np.arange((~KEPT).sum())  # the rows that follow a missing one
+    after = after[after < len(drive)]
+    moving = np.abs(drive.twist[after]).max(axis=1) > 0.05
+    assert (~found.joined[after[moving]]).mean() > 0.9
+    before, fitted = (calibrate(each).estimates for each in (drive, found))
+    assert fitted["alpha1"].low < 0.004 < fitted["alpha1"].high
+    assert before["alpha1"].low > 2.0 * 0.004  # as it was without this
+
+
+def test_a_clock_that_is_set_back_goes_on(tmp_path):
+    time = WHOLE.time.copy()
+    time[700:] -= 65.0
+    found = read(write(tmp_path / "drive.csv", columns_of(replace(WHOLE, time=time))))
+    assert len(found) == len(WHOLE)
+    np.testing.assert_allclose(found.time, WHOLE.time, atol=1e-6)
+    assert "the clock was set back 1 times, first by 64.900 s" in found.remarks[0]
+    assert np.flatnonzero(~found.joined).tolist() == [0, 700]
+
+
+def bag(folder, *, ahead=0.0, back=0.0, delay=0.002):
+    """Write a drive whose truth comes from another computer, and whose robot's clock is ahead, and set back on the way."""
+    rng, said = np.random.default_rng(0), []
+    for k, time in enumerate(1e9 + WHOLE.time[:200]):
+        stamp = time + ahead - (back if k >= 100 else 0.0)
+        said.append(
+            ("/odom", ODOMETRY, time + delay + rng.exponential(0.01), odometry(stamp, WHOLE.odometry[k], WHOLE.twist[k]))
+        )
+        said.append(("/ground_truth", POSE, time + 0.003, make(POSE, header(time), pose(*WHOLE.truth[k]))))
+        said.append(("/cmd_vel", ros.TWIST, time + 0.02, ros.twist(*WHOLE.twist[min(k + 1, 199)])))
+    return write_bag(folder, sorted(said, key=lambda each: each[2]))
+
+
+@pytest.mark.parametrize("ahead", [0.775, -0.775])
+def test_a_truth_by_another_clock_is_moved_to_that_of_the_robot(tmp_path, ahead):
+    found = read(bag(tmp_path / "bag", ahead=ahead), topics=Topics(twist="/cmd_vel"))
+    np.testing.assert_allclose(found.truth[1:199], WHOLE.truth[1:199], atol=0.005)  # to 5 ms of driving
+    np.testing.assert_allclose(found.twist[1:], WHOLE.twist[1:200], atol=1e-9)
+    moved = [remark for remark in found.remarks if "of that of the odometry" in remark or "that of the odometry: its" in remark]
+    assert len(moved) == 2  # truth and commands
+    assert all(("behind" if ahead > 0.0 else "ahead of") in remark for remark in moved)
+
+
+def test_a_short_delay_is_no_other_clock(tmp_path):
+    assert read(bag(tmp_path / "bag", delay=0.2)).remarks == ()
+
+
+def test_a_robot_whose_clock_is_set_back_drives_on(tmp_path):
+    found = read(bag(tmp_path / "bag", back=30.0))
+    assert len(found) == 200
+    np.testing.assert_allclose(found.time, WHOLE.time[:200], atol=0.1)
+    assert any("topic '/odom': the clock was set back 1 times" in remark for remark in found.remarks)
+
+
+def test_a_turn_that_a_driver_winds_up_is_taken_from_the_headings(tmp_path):
+    drive = replace(WHOLE, odometry=WHOLE.true_state[:, :3], twist=WHOLE.twist.copy())
+    drive.twist[40, 1] += 2.0 * np.pi / 0.1
+    found = read(write(tmp_path / "drive.csv", columns_of(drive)))
+    assert found.twist[40, 1] == pytest.approx(WHOLE.twist[40, 1], abs=0.3)
+    assert "1 turning rates are more than half a turn to a row" in found.remarks[0]
