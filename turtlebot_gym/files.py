@@ -34,7 +34,7 @@ _WITH_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
 
 def kind_of(kind: type) -> str:
     """Return what messages call a class of parameters: "robot", "noise", "fix" for `FixNoise`."""
-    return kind.__name__.removesuffix("Noise").lower() or "noise"
+    return kind.__name__.removesuffix("Noise").removesuffix("Tuning").lower() or "noise"
 
 
 def is_file(name: object) -> TypeGuard[str | Path]:

@@ -171,7 +171,17 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "plant", *SENSORS}  # by their own fields; two in folders
+    elsewhere = {
+        "robot",
+        "noise",
+        "tuning",
+        "task",
+        "reward",
+        "room",
+        "localizer",
+        "plant",
+        *SENSORS,
+    }  # by their own fields; three in folders
     assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
 
 
@@ -208,6 +218,7 @@ ARGUMENTS = {
     "delay": ({}, {"delay": 1}),
     "fix": ({}, {"fix": "beacons"}),
     "imu": ({"filter": "gyro", "imu": "mpu9250"}, {"filter": "gyro", "imu": "calibrated"}),
+    "localizer": ({"task": "room", "noise": "wheel"}, {"task": "room", "noise": "wheel", "localizer": "match"}),
     "plant": ({}, {"plant": "mujoco"}),
     "system": ({}, {"system": lambda p: system_of(p)._replace(move=slide)}),
     "world": ({"task": "room"}, {"task": "room", "world": "office"}),

@@ -160,8 +160,8 @@ class Batch:
     def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
         """Allocate scenes for parameters, unless the existing ones have the same sizes."""
         scenes = around.make(parameters)
-        if self._plan and self._plan.map:
-            scenes = self._plan.map.share(scenes)
+        if self._plan:
+            scenes = self._plan.share(scenes)
         if not isinstance(self.scenes, tuple) or [part.shape for part in scenes] != [part.shape for part in self.scenes]:
             self.scenes = scenes
             if self._plan:

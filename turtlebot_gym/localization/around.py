@@ -8,6 +8,7 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import Guess
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.rooms.field import at_cell
 from turtlebot_gym.values import Belief
 
 SIDE = 0.14
@@ -37,7 +38,7 @@ def agreement(field: Any, frame: Any, points: Any, number: int, x: float, y: flo
         across = column + forward * points[X, k] - left * points[Y, k]
         up = row + left * points[X, k] + forward * points[Y, k]
         if (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows):
-            d = float(field[int(up), int(across)])
+            d = at_cell(field, int(up), int(across))
             total += 1.0 / (1.0 + d * d * per_square) if d == d else 0.0
     return total / max(number, 1)
 

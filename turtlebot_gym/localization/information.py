@@ -87,8 +87,8 @@ def information(
     xx = xy = xt = xs = yy = yt = ys = tt = ts = ss = x = y = theta = scale = 0.0
     fits, used = 0, 0
     for k in range(number):
-        length, dx, dy = points[LENGTH, k], points[DX, k], points[DY, k]
-        end_x, end_y = points[X, k] + length * stretch * dx, points[Y, k] + length * stretch * dy
+        length, dx, dy = float(points[LENGTH, k]), float(points[DX, k]), float(points[DY, k])
+        end_x, end_y = float(points[X, k]) + length * stretch * dx, float(points[Y, k]) + length * stretch * dy
         to_x, to_y = cosine * end_x - sine * end_y, sine * end_x + cosine * end_y
         known, d, gx, gy = sample(field, frame, at.x + to_x, at.y + to_y)
         if not known:
@@ -96,7 +96,7 @@ def information(
         used += 1
         along = gx * (cosine * dx - sine * dy) + gy * (sine * dx + cosine * dy)
         if along > q.thin and d > 0.0:  # the end lies behind a wall of one cell: the distance grows along the beam
-            d, gx, gy, along = -d - frame[4], -gx, -gy, -along
+            d, gx, gy, along = -d - float(frame[4]), -gx, -gy, -along
         deviation = max(q.deviation, q.deviation_share * length)
         R = along * along * deviation * deviation + q.grain * q.grain
         gt, gs = gy * to_x - gx * to_y, -along * length

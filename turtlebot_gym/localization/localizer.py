@@ -61,6 +61,8 @@ class Located(NamedTuple):
     """Factor of the wheels' variances."""
     scans: float
     """Number of scans."""
+    moves: float
+    """Number of moves."""
 
 
 class Descent(NamedTuple):
@@ -81,7 +83,7 @@ def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
     scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0)
+    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 
 
 @kernel
@@ -135,7 +137,7 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    return Located(belief, located.nis, scale, located.fits, located.misfits, taken, slack, located.scans)
+    return Located(belief, located.nis, scale, located.fits, located.misfits, taken, slack, located.scans, located.moves + 1.0)
 
 
 @kernel
@@ -180,21 +182,32 @@ def _widened(belief: Belief, position: float, heading: float) -> Belief:
 
 
 @kernel
-def _from_around(
-    field: Any, frame: Any, points: Any, number: int, located: Located, bias: tuple[float, float], first: Descent, q: Any
+def _best_descent(
+    field: Any, frame: Any, points: Any, number: int, located: Located, bias: tuple[float, float], q: Any
 ) -> Descent:
-    """Return the first descent, or a better one from a start around the prediction."""
-    starts, values = np.empty((STARTS, 3)), np.empty(STARTS)
-    prior = _widened(located.belief, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
-    best, scale = first, located.scale
-    least = first.fits + BETTER_FIT if first.fits < q.doubt else q.doubt
-    value = likelihood(field, frame, points, number, first.at, prior, q) + BETTER_VALUE if first.freedom > 0.0 else -1e300
-    for k in range(starts_around(field, frame, points, number, located.belief, q, starts, values)):
-        start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        other = _descend(field, frame, points, number, prior, scale, start, bias, q)
-        if other.freedom > 0.0 and other.fits > least:
-            worth = likelihood(field, frame, points, number, other.at, prior, q)
-            best, value = (other, worth) if worth > value else (best, value)
+    """Return the descent from the prediction, or where that is in doubt a better one from a start around it."""
+    near, scale = located.belief, located.scale
+    wide = _widened(near, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
+    start = Guess(near.mean.x, near.mean.y, near.mean.theta, scale.mean)
+    best, value, least = Descent(near, scale, start, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0
+    starts, values, count, k = np.empty((STARTS, 3)), np.empty(STARTS), 0, -1
+    while k < count:  # one place from which the descent is called: machine code for each would take long to compile
+        if k >= 0:
+            start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
+        end = _descend(field, frame, points, number, near if k < 0 else wide, scale, start, bias, q)
+        in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
+        if k < 0:
+            best = end
+        if q.doubt == 0.0 or number < LEAST_BEAMS or not in_doubt:
+            break
+        worth = likelihood(field, frame, points, number, end.at, wide, q) if end.freedom > 0.0 else -1e300
+        if k < 0:
+            least = end.fits + BETTER_FIT if end.fits < q.doubt else q.doubt
+            value = worth + BETTER_VALUE
+            count = starts_around(field, frame, points, number, near, q, starts, values)
+        elif end.fits > least and worth > value:
+            best, value = end, worth
+        k += 1
     return best
 
 
@@ -210,14 +223,9 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
         number: Number of points.
         q: A `LocalizerTuning`.
     """
-    prior, scale = located.belief, located.scale
-    start = Guess(prior.mean.x, prior.mean.y, prior.mean.theta, scale.mean)
     take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
-    end = _descend(field, frame, points, number, prior, scale, start, bias, q)
-    surprising = end.nis > q.gate * q.gate * end.freedom
-    if q.doubt > 0.0 and (end.fits < q.doubt or surprising) and number >= LEAST_BEAMS:
-        end = _from_around(field, frame, points, number, located, bias, end, q)
+    end = _best_descent(field, frame, points, number, located, bias, q)
     if end.freedom == 0.0:  # too few beams on known ground: it says nothing
         return located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan
@@ -227,7 +235,7 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     slack = min(max(q.memory * located.slack + (1.0 - q.memory) * surprise, 1.0), q.widening)
     misfits = located.misfits + 1.0 if end.fits < bad else 0.0
     taken = min(located.taken + take, 1.0)
-    return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, located.scans + 1.0)
+    return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, located.scans + 1.0, located.moves)
 
 
 @kernel

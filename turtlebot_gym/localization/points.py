@@ -27,10 +27,11 @@ class Timing(NamedTuple):
     """Time of the last beam, s."""
     interval: float
     """Time between two beams, s; 0 if all were measured at once."""
-    mount: tuple[float, float]
+    x: float
     """Position of the LiDAR in the robot's frame, m."""
+    y: float
     range_max: float
-    """Ranges from here on are not measurements, m."""
+    """Greatest range that is a measurement, m."""
 
 
 @kernel
@@ -69,7 +70,7 @@ def to_points(ranges: Any, beams: Any, first: int, every: int, timing: Timing, t
     now_sine, now_cosine = sincos(trail[0, 3])
     for beam in range(first, number, every):
         length = float(ranges[beam])
-        if not 0.0 < length < timing.range_max or used == points.shape[1]:
+        if not 0.0 < length <= timing.range_max or used == points.shape[1]:
             continue
         time = timing.last - timing.interval * (number - 1 - beam)
         while k > 0 and trail[k, 0] < time:
@@ -79,9 +80,10 @@ def to_points(ranges: Any, beams: Any, first: int, every: int, timing: Timing, t
         x = trail[before, 1] + share * (trail[k, 1] - trail[before, 1])
         y = trail[before, 2] + share * (trail[k, 2] - trail[before, 2])
         sine, cosine = sincos(trail[before, 3] + share * wrap(trail[k, 3] - trail[before, 3]))
-        dx, dy = cosine * beams[0, beam] - sine * beams[1, beam], sine * beams[0, beam] + cosine * beams[1, beam]
-        end_x = x + timing.mount[0] * cosine - timing.mount[1] * sine + length * dx - now_x
-        end_y = y + timing.mount[0] * sine + timing.mount[1] * cosine + length * dy - now_y
+        along, aside = float(beams[0, beam]), float(beams[1, beam])
+        dx, dy = cosine * along - sine * aside, sine * along + cosine * aside
+        end_x = x + timing.x * cosine - timing.y * sine + length * dx - now_x
+        end_y = y + timing.x * sine + timing.y * cosine + length * dy - now_y
         points[X, used], points[Y, used] = now_cosine * end_x + now_sine * end_y, now_cosine * end_y - now_sine * end_x
         points[DX, used], points[DY, used] = now_cosine * dx + now_sine * dy, now_cosine * dy - now_sine * dx
         points[LENGTH, used] = length

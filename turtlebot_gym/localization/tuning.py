@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
+from turtlebot_gym.presets import resolve
+from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, PROBABILITY, Range, typed
 
 _BEAMS = Range(5, 10_000, whole=True)
@@ -24,9 +29,9 @@ class LocalizerTuning:
     """Standard deviation of the share by which all ranges may be too long; 0 for a map made with the same LiDAR."""
     grain: Annotated[float, POSITIVE] = 0.015
     """Standard deviation of a surface in the map, m, independent from beam to beam."""
-    bias: Annotated[float, NON_NEGATIVE] = 0.012
+    bias: Annotated[float, NON_NEGATIVE] = 0.003
     """Standard deviation of a position by what is wrong with the map around it, m."""
-    turn_bias: Annotated[float, NON_NEGATIVE] = 0.004
+    turn_bias: Annotated[float, NON_NEGATIVE] = 0.001
     """The same of a heading, rad."""
     length: Annotated[float, POSITIVE] = 0.5
     """Distance after which what is wrong with the map is new, m."""
@@ -40,7 +45,7 @@ class LocalizerTuning:
     """Cosine between beam and distance's gradient from which an end counts as behind a wall as thin as a cell; 2 for never."""
     along_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the way, m per root of m: it grows with the root of the distance, whatever the time stamps."""
-    along_step: Annotated[float, NON_NEGATIVE] = 0.0
+    along_step: Annotated[float, NON_NEGATIVE] = 0.2
     """The same as a share of a step's distance: slip, an early or late stamp."""
     aside_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation across the way, m per root of m ..."""
@@ -50,7 +55,7 @@ class LocalizerTuning:
     """... and per turn, m per rad: a mount that is not known, a turn about another point."""
     turn_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the heading, rad per root of m ..."""
-    turn_step: Annotated[float, NON_NEGATIVE] = 0.0
+    turn_step: Annotated[float, NON_NEGATIVE] = 0.15
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 30.0
     """Largest factor of the wheels' variances, which grow with the normalized innovations of past scans; 1 for none."""
@@ -58,7 +63,7 @@ class LocalizerTuning:
     """Share of that factor which stays from one scan to the next."""
     near: Annotated[float, POSITIVE] = 0.15
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
-    doubt: Annotated[float, PROBABILITY] = 0.0
+    doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
     reach: Annotated[float, NON_NEGATIVE] = 0.3
     """Least distance of these starts, m."""
@@ -75,13 +80,33 @@ class LocalizerTuning:
         typed(self)
 
 
-LOCALIZERS = {
-    "match": LocalizerTuning(),
-    "robot": LocalizerTuning(
-        beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
-        along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
-        widening=1.0, doubt=0.9,
-    ),
-}  # fmt: skip
-"""Localizers by name: for the simulated wheels and LiDARs, and for robots about whose wheels, LiDAR and map nothing is known,
-which was fitted to four public recordings of buildings."""
+ROBOT = LocalizerTuning(
+    beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
+    along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
+    widening=1.0, doubt=0.9,
+)  # fmt: skip
+"""Nothing is known about wheels, LiDAR and map; fitted to public recordings of buildings."""
+
+
+def matched(lidar: Lidar) -> LocalizerTuning:
+    """Return the tuning that matches a LiDAR; the share by which its ranges are too long is uniformly distributed."""
+    return LocalizerTuning(
+        deviation=lidar.deviation, deviation_share=lidar.deviation_share, scale=lidar.accuracy / math.sqrt(3.0)
+    )
+
+
+LOCALIZERS = {"match": matched, "robot": lambda lidar: ROBOT}
+"""Tunings by name, as functions of the LiDAR in use."""
+
+
+def make_localizer(tuning: str | Path | Mapping[str, Any] | LocalizerTuning, lidar: Lidar) -> LocalizerTuning:
+    """Return a tuning, given as such, as a mapping of its fields, by a name in `LOCALIZERS`, or by a file.
+
+    Args:
+        tuning: The tuning.
+        lidar: The LiDAR in use.
+
+    Raises:
+        ValueError: If the name is unknown, or the file does not contain one.
+    """
+    return resolve(LocalizerTuning, tuning, {name: make(lidar) for name, make in LOCALIZERS.items()})

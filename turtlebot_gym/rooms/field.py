@@ -82,16 +82,23 @@ def field_of_hits(occupied: Any, side: float, out: Any) -> None:
 
 
 @kernel
+def at_cell(field: Any, row: int, column: int) -> float:
+    """Return a cell's distance in double precision; numba's ``float`` alone would leave it in single."""
+    return 1.0 * float(field[row, column])
+
+
+@kernel
 def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
     """Return a field at a point, bilinear between the cells' centres; unknown beside an unknown cell and outside of the map."""
-    dx, dy, cosine, sine, per_cell = x - frame[0], y - frame[1], frame[2], frame[3], 1.0 / frame[4]
+    dx, dy, cosine, sine = x - float(frame[0]), y - float(frame[1]), float(frame[2]), float(frame[3])
+    per_cell = 1.0 / float(frame[4])
     column, row = (dx * cosine + dy * sine) * per_cell - 0.5, (dy * cosine - dx * sine) * per_cell - 0.5
     rows, columns = field.shape
     inside = (column >= 0.0) & (row >= 0.0) & (column < columns - 1.0) & (row < rows - 1.0)
     j, i = int(column) if inside else 0, int(row) if inside else 0
     a, b = column - j, row - i
-    near, far = float(field[i, j]), float(field[i, j + 1])
-    above, across = float(field[i + 1, j]), float(field[i + 1, j + 1])
+    near, far = at_cell(field, i, j), at_cell(field, i, j + 1)
+    above, across = at_cell(field, i + 1, j), at_cell(field, i + 1, j + 1)
     low, high = near + a * (far - near), above + a * (across - above)
     distance = low + b * (high - low)
     along_row, along_column = ((1.0 - b) * (far - near) + b * (across - above)) * per_cell, (high - low) * per_cell

@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.rooms.cells import LARGEST
+from turtlebot_gym.rooms.field import field_of_cells, field_of_hits
 from turtlebot_gym.rooms.scene import Scene, Walls
 from turtlebot_gym.validation import FINITE, POSITIVE, Numbers
 from turtlebot_gym.values import Pose
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Values of a cell, as in ROS's ``nav_msgs/OccupancyGrid``; values between free and occupied count as unknown."""
+BESIDE = 0.3
+"""Distance from a surface, m, up to which a field counts unknown cells as free: a beam that is a little too long ends there."""
 _AT_ZERO = Pose(0.0, 0.0, 0.0)
 
 
@@ -71,6 +74,20 @@ class GridMap:
     def share(self, scenes: Scene) -> Scene:
         """Return scenes that share the map's arrays."""
         return scenes._replace(squares=self.squares, known=self.known, frame=self.frame)
+
+    def field(self, *, hits: bool = False) -> NDArray[np.float32]:
+        """Return the distances to the map's surfaces, shape (rows, columns), see `rooms.field`; their frame is the map's.
+
+        Args:
+            hits: Whether occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid.
+
+        Returns:
+            The distances, m; NaN in unknown cells that are farther than `BESIDE` from a surface.
+        """
+        field = np.empty(self.cells.shape, np.float32)
+        (field_of_hits if hits else field_of_cells)(self.cells == OCCUPIED, self.resolution, field)
+        field[(self.cells != FREE) & (self.cells != OCCUPIED) & (field > BESIDE)] = np.nan
+        return field
 
 
 _BOTH_WAYS = slice(None), slice(None, None, -1)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from turtlebot_gym.rooms.charting import chart
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.rules import ANYWHERE, GIVEN, RoomRules
 from turtlebot_gym.rooms.scene import Scene, Walls, make_scenes, scene_at
@@ -91,3 +94,14 @@ class FloorPlan:
         for k, (x, y, length, width, heading) in enumerate(self.boxes):
             scene.boxes[k] = x, y, length / 2.0, width / 2.0, math.cos(heading), math.sin(heading)
         return self.map.share(scene) if self.map else scene
+
+    def share(self, scenes: Scene) -> Scene:
+        """Return scenes of many robots that share the map's arrays, and a localizer's map if there is one."""
+        scenes = self.map.share(scenes) if self.map else scenes
+        if scenes.field.size == 0:
+            return scenes
+        if self.map:
+            return scenes._replace(field=self.map.field()[None], field_frame=self.map.frame[None])
+        only = scenes._replace(field=scenes.field[:1].copy(), field_frame=np.zeros((1, 5)))
+        chart(self.put(scene_at(only, 0)), self.rules(), 0)
+        return only

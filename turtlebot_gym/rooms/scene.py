@@ -60,6 +60,13 @@ class Scene(NamedTuple):
     """Shape (rows, columns), uint8, shared: whether a cell of the map is known to be free."""
     frame: Any
     """Shape (5,), shared: the map's lower left corner, cosine and sine of its rows' direction, side of a cell; m."""
+    field: Any
+    """Shape (rows, columns), float32: a localizer's map, distances to its surfaces, see `rooms.field`; m. A given map's is
+    shared, with a leading axis of 1; rows and columns are 0 without a localizer."""
+    field_frame: Any
+    """Shape (5,): its frame, like `frame`."""
+    trail: Any
+    """Shape (K, 4): the odometry of the last steps, see `localization.points.remember`; K is 0 without a localizer."""
 
 
 @kernel
@@ -78,6 +85,9 @@ def scene_at(scenes: Scene, index: int) -> Scene:
         borrowed(scenes.squares),
         borrowed(scenes.known),
         borrowed(scenes.frame),
+        borrowed(scenes.field)[min(index, len(scenes.field) - 1)],
+        borrowed(scenes.field_frame)[min(index, len(scenes.field_frame) - 1)],
+        borrowed(scenes.trail)[index],
     )
 
 
@@ -119,4 +129,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         np.zeros((4, 0, 0), np.int8),
         np.zeros((0, 0), np.uint8),
         np.zeros(5),
+        zeros(0, 0, dtype=np.float32),
+        zeros(5),
+        zeros(0, 4),
     )

@@ -48,7 +48,8 @@ class Episode:
         self._step = step_of(self.system)
         self._given = tuple(waypoints)
         around = self.system.surroundings
-        self.scene: Any = around.at(around.make([parameters]), 0) if around else ()
+        scenes: Any = around.make([parameters]) if around else ()
+        self.scene: Any = around.at(plan.share(scenes) if plan else scenes, 0) if around else ()
         if plan:
             self.scene = plan.put(self.scene)
         self.reset()

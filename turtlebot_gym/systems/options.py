@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.fixes import depth_of
+from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward, RoomReward
@@ -77,6 +78,10 @@ class Options:
     lidar: str | Mapping[str, Any] | Lidar | None = None
     """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a
     mapping of its fields."""
+    localizer: str | Path | Mapping[str, Any] | LocalizerTuning | None = None
+    """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
+    of your own (FILE.yaml); in Python also a `turtlebot_gym.localization.tuning.LocalizerTuning` or a mapping of its fields.
+    None for none."""
     arrival: str | None = None
     """Pose that decides on arrival: truth (the default), or belief, the pose that the policy observes, as on a robot; in Python
     None leaves it to a Task."""
@@ -179,6 +184,7 @@ class Options:
                 room=room,
                 fix=fix,
                 imu=imu,
+                localizer=self._localizer(noise, room),
                 plant=self._plant(robot, dt),
             ),
             waypoints,
@@ -194,6 +200,19 @@ class Options:
         if not self.in_room and isinstance(given, RoomReward):
             raise refusal("reward", "a Reward on open ground, where there is nothing to collide with", given)
         return made(kind, given, "reward")
+
+    def _localizer(self, noise: Noise, room: Any) -> LocalizerTuning | tuple[()]:
+        """Return the localizer, which needs a room, and wheels that it moves with."""
+        if self.localizer is None:
+            return ()
+        if not room:
+            raise ValueError("localizer needs the map of a room: choose one with world=..., such as world='office'.")
+        if not noise.odometry.wheel:
+            raise ValueError("localizer moves with wheel odometry: choose such a noise, such as noise='wheel'.")
+        for name in ("fix", "imu"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"localizer and {name} exclude each other: leave out one of them.")
+        return make_localizer(self.localizer, room.lidar)
 
     def _room(self, dt: float) -> tuple[Any, FloorPlan | None]:
         """Return the parameters of the room, empty on open ground, and its plan if it is given."""

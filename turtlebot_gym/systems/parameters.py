@@ -48,6 +48,8 @@ class Parameters(NamedTuple):
     """External pose sensor, a `FixNoise`; an empty tuple if there is none."""
     imu: Any = ()
     """Gyro, a `systems.imu.ImuNoise`; an empty tuple if there is none."""
+    localizer: Any = ()
+    """Localizer in the room, a `localization.tuning.LocalizerTuning`; an empty tuple if there is none."""
     plant: Any = ()
     """Plant: an empty tuple for the unicycle, a `turtlebot_gym.plants.MujocoBurger` for MuJoCo."""
 

@@ -25,6 +25,7 @@ from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU
+from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
@@ -180,6 +181,7 @@ def system_of(parameters: Parameters) -> System:
     filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
+    system = localizing(system) if parameters.localizer else system
     for name in SENSORS:
         if getattr(parameters, name):
             system = system.with_sensor(_SENSORS[name](parameters))

@@ -1,0 +1,81 @@
+"""A robot that localizes itself: the same compiled and in plain Python, and much nearer to the truth than its wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from localization_rooms import hall, make_room
+
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.systems import Episode, Options
+from turtlebot_gym.values import Pose
+
+HALL = FloorPlan(walls=(0.0, 0.0, 2.5, 2.0), boxes=((0.5, 0.5, 1.0, 0.3, 0.4),), start=Pose(-1.5, -1.0, 0.3))
+
+
+def errors(batch, steps, drives):
+    """Drive with random commands, and return the errors of the position, m, shape (steps, N)."""
+    rng, off = np.random.default_rng(0), []
+    batch.seeds[:] = np.arange(drives)
+    batch.reset(np.ones(drives, np.bool_), *batch.empty())
+    for step in range(steps):
+        if step % 10 == 0:
+            actions = rng.uniform([0.0, -0.5], [0.6, 0.5], (drives, 2)).astype(np.float32)
+        batch.step(actions)
+        off.append(difference(batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state"))[:, :2])
+    return np.hypot(*np.moveaxis(off, 2, 0))
+
+
+@pytest.mark.parametrize(
+    ("world", "lidar"),
+    [("office", "lds01"), ("crowd", "a1"), (HALL, "urg04lx"), ({"unmapped": 0.5, "map_error": 0.1}, "ideal")],
+)
+def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, in_step):
+    p, waypoints, plan, _ = Options(world=world, lidar=lidar, noise="wheel", localizer="match").setup()
+    batch = Batch(35, p, waypoints, plan=plan)
+    plain = {i: Episode(p, waypoints, seed=i, plan=plan) for i in (0, 33)}
+    for _ in in_step(batch, plain, [0.0, -0.5], [1.2, 0.5], 40):
+        pass
+    for i, episode in plain.items():
+        assert episode.world.estimate.scans > 10
+        scene = batch.system.surroundings.at(batch.scenes, i)
+        np.testing.assert_array_equal(scene.field, episode.scene.field)
+        np.testing.assert_array_equal(scene.trail, episode.scene.trail)
+
+
+def test_scans_keep_the_error_of_the_wheels_from_growing():
+    off = {}
+    for localizer in (None, "match"):
+        p, waypoints, _, _ = Options(world="office", noise="wheel", localizer=localizer).setup()
+        off[localizer] = errors(Batch(8, p, waypoints), 600, 8)
+    assert np.median(off["match"][-300:]) < min(0.02, 0.25 * np.median(off[None][-300:]))
+
+
+def test_all_robots_share_the_field_of_a_map():
+    grid = GridMap(cells=np.where(hall(), OCCUPIED, FREE), resolution=0.05, origin=(1.0, 2.0, 0.3))
+    plan = FloorPlan(walls=grid.walls(), map=grid, max_distance=3.0)
+    p, waypoints, plan, _ = Options(world=plan, noise="wheel", localizer="match").setup()
+    batch = Batch(3, p, waypoints, plan=plan)
+    batch.reset(np.ones(3, np.bool_), *batch.empty())
+    batch.step(np.zeros((3, 2), np.float32))
+    assert batch.scenes.field.shape[0] == 1
+    np.testing.assert_array_equal(batch.system.surroundings.at(batch.scenes, 2).field, make_room(hall()).field)
+    assert errors(batch, 20, 3).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"localizer": "match", "noise": "wheel"}, "localizer needs the map of a room: choose one with world="),
+        ({"localizer": "match", "world": "office"}, "localizer moves with wheel odometry: choose such a noise"),
+        ({"localizer": "match", "world": "office", "noise": "wheel", "fix": "beacons"}, "localizer and fix exclude each other"),
+        ({"localizer": "amcl", "world": "office", "noise": "wheel"}, "localizer must be one of 'match', 'robot'"),
+        ({"localizer": {"grain": 0.0}, "world": "office", "noise": "wheel"}, r"LocalizerTuning\.grain must be"),
+    ],
+)
+def test_what_does_not_suit_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        Options(**options).setup()
