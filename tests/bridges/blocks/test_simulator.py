@@ -7,7 +7,6 @@ import pytest
 
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import NOISES
-from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
@@ -49,45 +48,6 @@ def test_it_is_at_rest_until_commanded_and_then_holds_the_last_command():
     plant.step(0.1, Command(0.1, 0.0))
     for k in range(10):  # the shell gives it the last command, however old
         assert plant.step(0.1, Command(0.1, 0.0))["truth"].x == pytest.approx(0.01 * (k + 1), abs=1e-12)
-
-
-def test_a_sensor_that_loses_nothing_measures_in_every_step():
-    plant = simulator(noise="clean")
-    assert all(plant.step(0.1, None)["odometry"].measured for _ in range(100))
-
-
-def test_where_a_measurement_is_lost_the_pose_is_the_last_one_and_the_twist_is_new():
-    """5 % are lost: none of 300 with a probability of 2e-7."""
-    plant, before, lost = simulator(noise="rough", seed=2), None, 0
-    for k in range(300):
-        odometry = plant.step(0.1, Command(0.1, 0.001 * k))["odometry"]
-        assert odometry.twist == ((0.0, 0.0) if k == 0 else (0.1, pytest.approx(0.001 * k)))
-        assert odometry.measured or odometry.pose == before
-        lost, before = lost + (not odometry.measured), odometry.pose
-    assert lost > 0
-
-
-def test_its_wheels_respect_the_robots_limits():
-    plant, robot = simulator(noise="clean"), ROBOTS["burger"]
-    plant.step(0.1, None)
-    twist = plant.step(0.1, Command(10.0, 10.0))["odometry"].twist
-    assert abs(twist.v) + abs(twist.omega) * robot.wheel_separation / 2.0 <= robot.max_wheel * (1.0 + 1e-12)
-    assert twist.v == pytest.approx(twist.omega)
-
-
-def test_episodes_differ_and_can_be_had_again():
-    first, again = simulator(seed=3), simulator(seed=3)
-    one = [first.step(0.1, None)["odometry"] for _ in range(3)]
-    assert one == [again.step(0.1, None)["odometry"] for _ in range(3)]
-    first.reset()
-    assert first.step(0.1, None)["odometry"] != one[0]
-
-
-def test_it_starts_where_the_navigation_task_draws_it():
-    p = make_parameters(NAV)
-    start = Episode(p, seed=5).world.body.true_state
-    assert simulator(seed=5, random_start=True).step(0.1, None)["truth"] == start
-    assert Pose(*start[:3]) != Pose(0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("noise", ["rough", "wheel"])
