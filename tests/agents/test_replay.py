@@ -14,13 +14,13 @@ from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.replay import (
+    _segments,
     dead_reckoning,
     drift,
     replay,
     replay_figure,
     replay_seeds,
     replayable,
-    segments,
 )
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drives"))
@@ -154,7 +154,7 @@ def test_drift_is_the_error_per_segment():
     time = np.linspace(0.0, 29.9, 1496)
     truth = np.stack([0.2 * time * np.cos(0.8), 0.2 * time * np.sin(0.8), np.full_like(time, 0.8)], axis=1)
     drive = Drive(time=time, twist=np.tile([0.204, 0.0], (1496, 1)), true_state=truth)
-    first, last = segments(truth, 1.0)
+    first, last = _segments(truth, 1.0)
     assert len(first) == 5
     position, heading = drift(dead_reckoning(drive), truth, first, last)
     np.testing.assert_allclose(position, 0.02, rtol=0.01)
@@ -176,10 +176,10 @@ def test_bad_arguments_are_named(options, word):
 @pytest.mark.parametrize("name", RECORDED)
 def test_real_wheels_drift_as_stated(name):
     drive = recorded(name)
-    position, _ = drift(dead_reckoning(drive), drive.truth, *segments(drive.truth, 1.0))
+    position, _ = drift(dead_reckoning(drive), drive.truth, *_segments(drive.truth, 1.0))
     assert round(position.mean(), 3) == PER_METRE[name]
     late = replace(drive, twist=np.roll(drive.twist, 1, axis=0))  # the other reading of the rows
-    wrong, _ = drift(dead_reckoning(late), drive.truth, *segments(drive.truth, 1.0))
+    wrong, _ = drift(dead_reckoning(late), drive.truth, *_segments(drive.truth, 1.0))
     assert wrong.mean() > 1.5 * position.mean()
 
 

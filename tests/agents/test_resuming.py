@@ -19,7 +19,7 @@ from stable_baselines3 import PPO, SAC
 
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.model import make_model, replay_path
+from turtlebot_gym_agents.training.model import _replay_path, make_model
 from turtlebot_gym_agents.training.train import train
 
 torch.set_num_threads(1)
@@ -113,10 +113,10 @@ def test_off_policy_checkpoints_have_their_replay_buffer(tmp_path):
     restored, expected = (each.get_parameters() for each in (model, saved))
     assert all(torch.equal(restored["policy"][name], weight) for name, weight in expected["policy"].items())
     assert str(restored["critic.optimizer"]) == str(expected["critic.optimizer"])
-    with np.load(replay_path(checkpoint)) as content:
+    with np.load(_replay_path(checkpoint)) as content:
         np.testing.assert_array_equal(model.replay_buffer.observations[:8], content["observations"])
     assert train(replace(config, steps=640), tmp_path / "run", resume=True, progress=False).steps == 640
-    replay_path(checkpoint).unlink()
+    _replay_path(checkpoint).unlink()
     with pytest.raises(ValueError, match="is missing, without which the run cannot be resumed"):
         train(replace(config, steps=700), tmp_path / "run", resume=True, progress=False)
 

@@ -18,7 +18,7 @@ from turtlebot_gym.calibration.coordinates import PARAMETERS
 from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.commands.learning import _search_table, _training_table
-from turtlebot_gym_agents.commands.study import table as study_table
+from turtlebot_gym_agents.commands.study import _table as study_table
 from turtlebot_gym_agents.commands.tables import _groups, _Need, _widths, fitted
 from turtlebot_gym_agents.evaluation.metrics import Interval
 

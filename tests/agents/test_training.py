@@ -18,11 +18,11 @@ from turtlebot_gym_agents.training.callbacks import (
     CheckpointCallback,
     EvaluationCallback,
     ProgressCallback,
-    figures,
+    _figures,
     policy_of,
 )
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.model import choose_device, make_model
+from turtlebot_gym_agents.training.model import _choose_device, make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import train
 
@@ -56,12 +56,12 @@ def test_learns_and_the_best_is_what_its_figures_and_its_log_say(short):
     config, result, folder = short
     # 400 episodes each. If both succeeded equally often, 0.2 apart would be over 5 standard deviations: 1 in 10^6.
     judges, policy = config.make(400), BundlePolicy(folder / "policy.onnx")
-    before = figures(judges, policy_of(make_model(config, config.make_training())), seed=EVALUATION_SEED + 400)
-    after = figures(judges, policy, seed=EVALUATION_SEED + 400)
+    before = _figures(judges, policy_of(make_model(config, config.make_training())), seed=EVALUATION_SEED + 400)
+    after = _figures(judges, policy, seed=EVALUATION_SEED + 400)
     assert after["success"] > before["success"] + 0.2
     assert after["return"] > before["return"]
     assert result.steps >= 50_000
-    best = figures(config.make(config.episodes), policy)
+    best = _figures(config.make(config.episodes), policy)
     assert best["success"] == result.best["success"]
     assert best["return"] == pytest.approx(result.best["return"], rel=1e-3)  # rounding may end an episode a step later
     (run,) = (folder / "tensorboard").iterdir()
@@ -132,10 +132,10 @@ def test_refuses_what_is_out_of_range(name, tmp_path):
 
 def test_auto_takes_a_gpu_for_off_policy_algorithms_only(monkeypatch, tmp_path):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert [choose_device("auto", algo) for algo in ("ppo", "a2c", "sac", "td3", "ddpg")] == ["cpu"] * 2 + ["cuda"] * 3
-    assert (choose_device("cuda", "ppo"), choose_device("cpu", "sac")) == ("cuda", "cpu")
+    assert [_choose_device("auto", algo) for algo in ("ppo", "a2c", "sac", "td3", "ddpg")] == ["cpu"] * 2 + ["cuda"] * 3
+    assert (_choose_device("cuda", "ppo"), _choose_device("cpu", "sac")) == ("cuda", "cpu")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert {choose_device(device, algo) for device in ("cpu", "auto") for algo in ("ppo", "sac")} == {"cpu"}
+    assert {_choose_device(device, algo) for device in ("cpu", "auto") for algo in ("ppo", "sac")} == {"cpu"}
     with pytest.raises(ValueError, match=r"^device 'cuda' is not available: torch .* finds no GPU; use --device cpu\.$"):
         train(TrainingConfig(device="cuda"), tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()

@@ -169,15 +169,6 @@ def test_fixes_draw_numbers_of_their_own():
     assert odometry("markers") == odometry(None)
 
 
-def test_a_seeds_fixes_stay_what_they_are():
-    """As they were drawn when this was written: who compares with earlier drives needs the same again."""
-    came, _ = fixes_of(make_parameters(ENDLESS, noise="clean", fix="localization"), (0.0, 0.0), 12, 7)
-    assert [(step, fix.pose) for step, fix in came] == [
-        (7, (0.0323678750579755, -0.011094305260724892, 0.053066210655037)),
-        (12, (0.04905246252690396, -0.04692115875743451, 0.05482974503723214)),
-    ]
-
-
 def naive(system):
     """Return a system whose late fixes are taken for ones of now."""
     late = system.sensors[-1]

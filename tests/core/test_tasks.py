@@ -68,13 +68,6 @@ def test_the_remaining_distance_is_counted_past_a_completed_waypoint():
     assert remaining(robot, reference, following, True) == pytest.approx(5.0 - 3.0)
 
 
-def test_starts_and_goals_of_a_seed_stay_what_they_are():
-    key = episode_key(0, 0)
-    start = start_pose(key, NAV)
-    assert start == pytest.approx((1.0276587377302349, -0.45520104886963964, 2.472382222860634), abs=1e-12)
-    assert draw_goal(key, start, NAV) == pytest.approx((1.6204953831620514, 1.1028859433718026, -2.3374442318659665), abs=1e-12)
-
-
 def test_names_give_the_tasks_with_what_was_asked_for():
     square = [(2, 0, 0), (2, 2, math.pi / 2), (0, 2, -math.pi), (0, 0, -math.pi / 2)]
     task, waypoints = Options(task="square").course()

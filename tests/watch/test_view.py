@@ -21,7 +21,7 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.watch.html import _to_html, write_html
-from turtlebot_gym_agents.watch.maps import _extent, picture
+from turtlebot_gym_agents.watch.maps import _extent, _picture
 from turtlebot_gym_agents.watch.server import Server
 from turtlebot_gym_agents.watch.view import fill
 
@@ -116,15 +116,15 @@ def test_the_view_holds_the_room_and_the_paths():
 def test_a_map_becomes_a_picture_with_all_of_its_walls():
     cells = np.zeros((2, 3), np.int8)
     cells[0, 2], cells[1, 0] = 100, -1
-    shown, place = picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, 0.0)))
+    shown, place = _picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, 0.0)))
     np.testing.assert_array_equal(shown, [[0, 0, 2], [1, 0, 0]])
     assert place == pytest.approx((1.0, 2.0, 1.5, 1.0))
-    turned, place = picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
+    turned, place = _picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
     np.testing.assert_array_equal(turned, [[1, 0], [0, 0], [0, 2]])  # rows go up, and columns to the left
     assert place == pytest.approx((0.0, 2.0, 1.0, 1.5))
     large = np.zeros((10, 4000), np.int8)
     large[:, 1001] = 100  # a thin wall
-    shown, _ = picture(GridMap(cells=large, resolution=0.05))
+    shown, _ = _picture(GridMap(cells=large, resolution=0.05))
     assert shown.shape[1] <= 800
     assert (shown == 2).any(axis=1).all()
 

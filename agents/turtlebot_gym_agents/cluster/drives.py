@@ -62,7 +62,7 @@ class DriveUnit:
             )
             episodes, trajectory, p = drive(envs, placed(self.policy, places), self.seed, allow_mismatch=self.allow_mismatch)
             envs.close()
-        arrays = dict(columns(episodes))
+        arrays = dict(_columns(episodes))
         if self.trajectory:
             arrays |= {f"trajectory.{name}": getattr(trajectory, name) for name in ROWS}
         return Result({"limit": p.task.max_steps * p.dt, "max_linear": p.robot.max_linear}, arrays, {}, {})
@@ -140,7 +140,7 @@ def evaluate_all(
     return evaluations
 
 
-def columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
+def _columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
     """Yield the numbers of episodes by name; those in `Errors` as "field.name"."""
     for name, value in episodes._asdict().items():
         if isinstance(value, Errors):

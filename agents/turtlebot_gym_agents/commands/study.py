@@ -46,7 +46,7 @@ class Study(Placement, Writing):
         memory = Training.memory if grid.trainings else DriveUnit.memory
         with self.place(memory=memory, store=self.out / "units") as place, progress(1) as advance_to:
             rows = study(grid, **place, progress=lambda done, total: advance_to(done, total))
-        drawn = table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")
+        drawn = _table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")
         print_tables(drawn, keys=1 + [column.header for column in drawn.columns].index("policy"))
         if self.json is not None:
             write_json(
@@ -104,7 +104,7 @@ class TuneBaseline(Writing, Setting):
             write_json(self.json, {"tries": [asdict(attempt) for attempt in tries]}, config=self.asked())
 
 
-def table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
+def _table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
     """Return a table of a study's results: a row for each policy and training in each cell."""
     from rich.table import Table
 

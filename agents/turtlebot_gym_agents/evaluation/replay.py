@@ -68,7 +68,7 @@ def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.
     return np.array(poses)
 
 
-def segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the first and last rows of consecutive segments of a drive that have a given length along the true path.
 
     Args:
@@ -222,7 +222,7 @@ def replay_seeds(
         progress()
     truth = np.repeat(drive.truth[:, None], len(trajectories), axis=1)
     wheels = dead_reckoning(drive)
-    position, heading = drift(wheels, drive.truth, *segments(drive.truth, 1.0))
+    position, heading = drift(wheels, drive.truth, *_segments(drive.truth, 1.0))
     return Replayed(
         errors(np.stack([replayed.odometry for replayed in trajectories], axis=1), truth),
         errors(wheels, drive.truth),

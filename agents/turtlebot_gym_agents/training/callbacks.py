@@ -52,7 +52,7 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     return act
 
 
-def figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) -> dict[str, float]:
+def _figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) -> dict[str, float]:
     """Return success rate, mean return and mean length in steps, over one episode of each environment.
 
     Args:
@@ -186,7 +186,7 @@ class EvaluationCallback(BaseCallback):
         return reached
 
     def _evaluate(self) -> dict[str, float]:
-        return {"steps": float(self.model.num_timesteps), **figures(self._envs, policy_of(self.model), seed=self._seed)}
+        return {"steps": float(self.model.num_timesteps), **_figures(self._envs, policy_of(self.model), seed=self._seed)}
 
 
 class RecordCallback(BaseCallback):

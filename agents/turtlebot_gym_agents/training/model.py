@@ -45,7 +45,7 @@ _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
-def choose_device(device: str, algo: str) -> str:
+def _choose_device(device: str, algo: str) -> str:
     """Return "cpu" or "cuda".
 
     Args:
@@ -96,7 +96,7 @@ def make_model(
         config.hyper["policy"],
         adapter,
         seed=config.seed,
-        device=choose_device(config.device, config.algo),
+        device=_choose_device(config.device, config.algo),
         tensorboard_log=None if tensorboard is None else str(tensorboard),
         **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
     )
@@ -146,7 +146,7 @@ def save_checkpoint(model: BaseAlgorithm, path: Path) -> None:
     """Save a model with its replay buffer, if it has one, so that `make_model` continues from them."""
     if isinstance(model, OffPolicyAlgorithm):
         assert isinstance(model.replay_buffer, ReplayBuffer)
-        _write_buffer(model.replay_buffer, replay_path(path))
+        _write_buffer(model.replay_buffer, _replay_path(path))
     save_model(model, path)
 
 
@@ -166,7 +166,7 @@ def _restore(model: BaseAlgorithm, path: Path) -> None:
     vars(model).update(counters)
     if isinstance(model, OffPolicyAlgorithm):
         assert isinstance(model.replay_buffer, ReplayBuffer)
-        _load_buffer(model.replay_buffer, replay_path(path))
+        _load_buffer(model.replay_buffer, _replay_path(path))
 
 
 @contextmanager
@@ -199,7 +199,7 @@ def _read(path: Path, model: BaseAlgorithm) -> tuple[dict[str, int], Any, Any]:
     return counters, parameters, variables or {}
 
 
-def replay_path(checkpoint: Path) -> Path:
+def _replay_path(checkpoint: Path) -> Path:
     """Return the path of a checkpoint's replay buffer, a ``.npz`` file."""
     return checkpoint.with_suffix(".replay.npz")
 

@@ -29,7 +29,7 @@ NEAR = 0.03
 """Share of `rooms.lidar.SIGHT` added to a range before its logarithm: a robot's radius."""
 
 
-def spread_ranges(observations: torch.Tensor) -> torch.Tensor:
+def _spread_ranges(observations: torch.Tensor) -> torch.Tensor:
     """Return observations (..., n) with the ranges of a room as logarithms."""
     if observations.shape[-1] != SIZES[ROOM_LAYOUT]:
         return observations
@@ -55,11 +55,11 @@ class NormalizedObservation(BaseFeaturesExtractor):
         self.register_buffer("std", torch.tensor(std, dtype=torch.float32))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        return torch.clamp((spread_ranges(observations) - self.mean) / self.std, -CLIP, CLIP)
+        return torch.clamp((_spread_ranges(observations) - self.mean) / self.std, -CLIP, CLIP)
 
 
 def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> tuple[list[float], list[float]]:
-    """Return mean and standard deviation of the observations of a policy's episodes, after `spread_ranges`.
+    """Return mean and standard deviation of the observations of a policy's episodes, after `_spread_ranges`.
 
     Args:
         envs: Vector environment that resets by itself.
@@ -76,7 +76,7 @@ def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> 
         actions = np.where(random.random((len(actions), 1)) < 0.5, stray, actions).astype(np.float32)
         observations, *_ = envs.step(actions)
         seen.append(observations)
-    rows = spread_ranges(torch.from_numpy(np.concatenate(seen))).numpy().astype(np.float64)
+    rows = _spread_ranges(torch.from_numpy(np.concatenate(seen))).numpy().astype(np.float64)
     std = rows.std(axis=0)
     # Constant entries (the deviations of the truth are 0) keep their scale: scaled up, they would dominate wherever they vary.
     return rows.mean(axis=0).tolist(), np.where(std < CONSTANT, 1.0, std).tolist()

@@ -91,7 +91,7 @@ def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.fl
     return low - short, high + short
 
 
-def picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
+def _picture(grid: GridMap) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
     """Return a map as an axis-aligned picture: 0 free or outside, 1 unknown, 2 occupied; the first row is the lowest.
 
     Returns:
@@ -125,7 +125,7 @@ def _draw_room(figure: Figure, drive: Drive, theme: Theme) -> None:
     """Draw what stands still; circles are left to the client, since they may walk."""
     room, grid = drive.around.room, drive.around.grid
     if grid is not None:
-        shown, (x, y, width, height) = picture(grid)
+        shown, (x, y, width, height) = _picture(grid)
         for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):
             mapper = LinearColorMapper(palette=["#00000000", ink.light], low=0, high=1)
             theme.entries.append([mapper, "palette", ["#00000000", ink.light], ["#00000000", ink.dark]])

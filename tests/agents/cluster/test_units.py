@@ -11,7 +11,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import units as module
 from turtlebot_gym_agents.cluster.attachments import attach, placed, unpacked
-from turtlebot_gym_agents.cluster.drives import DriveUnit, columns, drives, evaluate_all, evaluation
+from turtlebot_gym_agents.cluster.drives import DriveUnit, _columns, drives, evaluate_all, evaluation
 from turtlebot_gym_agents.cluster.trainings import Training
 from turtlebot_gym_agents.cluster.units import key, run
 from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
@@ -25,7 +25,7 @@ NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "S
 def text(evaluation):
     """Return an evaluation as it is written, every digit of every number."""
     summary = plain({"config": evaluation.config, "summary": evaluation.summary()})
-    numbers = {name: values.tobytes().hex() for name, values in columns(evaluation.episodes)}
+    numbers = {name: values.tobytes().hex() for name, values in _columns(evaluation.episodes)}
     return json.dumps({**summary, "episodes": numbers, "path": evaluation.trajectory.true_state.tobytes().hex()})
 
 

@@ -12,7 +12,7 @@ from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import STOP, Odometry, Pose
 from turtlebot_gym_ros.blocks import CalibrationDrive, TurtlebotSimulator
-from turtlebot_gym_ros.blocks.calibration_drive import LEVELS, script
+from turtlebot_gym_ros.blocks.calibration_drive import LEVELS, _script
 
 DT = 0.1
 
@@ -66,7 +66,7 @@ def test_a_round_shows_all_speeds_and_rates_both_ways_arcs_and_stops():
 
 
 def test_a_round_ends_where_it_began():
-    legs = list(script(ROBOTS["burger"], speed=0.2, turning=1.5, reach=1.0))
+    legs = list(_script(ROBOTS["burger"], speed=0.2, turning=1.5, reach=1.0))
     x = y = theta = 0.0
     for (v, omega), duration in legs:
         if omega:
@@ -128,7 +128,7 @@ def test_it_turns_to_the_centre_before_it_drives_there(pose, v, omega):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_commands_are_within_the_robots_limits(robot):
-    for command, duration in script(ROBOTS[robot], speed=9.0, turning=9.0, reach=1.0):
+    for command, duration in _script(ROBOTS[robot], speed=9.0, turning=9.0, reach=1.0):
         assert command == limit(command, ROBOTS[robot])
         assert 0.0 < duration < 60.0
 

@@ -39,7 +39,7 @@ class _Leg(NamedTuple):
     """s"""
 
 
-def script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[_Leg]:
+def _script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[_Leg]:
     """Yield one round of the drive, which would end where it began if the robot executed commands exactly.
 
     For each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
@@ -106,7 +106,7 @@ class CalibrationDrive:
     def __init__(self, params: Params) -> None:
         self._p, self._robot = params, make_robot(params.robot)
         reach = min(REACH * params.radius, LONGEST)
-        self._legs = tuple(script(self._robot, speed=params.speed, turning=params.turning, reach=reach))
+        self._legs = tuple(_script(self._robot, speed=params.speed, turning=params.turning, reach=reach))
         self._center: Pose | None = None
         self.reset()
 
