@@ -11,6 +11,7 @@ from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, RoomReward, Scale, Slip
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER
@@ -24,7 +25,7 @@ from turtlebot_gym_agents.policies.baselines import POLICIES, default_numbers
 
 CLASSES = (
     Robot, Noise, ProcessNoise, OdometryNoise, FixNoise, ImuNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Reward,
-    RoomReward, Task, RoomRules, Lidar, MujocoBurger,
+    RoomReward, Task, RoomRules, Lidar, LocalizerTuning, MujocoBurger,
 )  # fmt: skip
 PRESETS = {
     "robots": ROBOTS, "noises": NOISES, "fixes": FIXES, "gyros": IMUS, "lidars": LIDARS, "rooms": ROOMS, "tasks": TASKS,
