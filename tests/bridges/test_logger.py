@@ -346,8 +346,6 @@ def test_snapshots(start, peer, matched, wait_for, tmp_path):
 @pytest.mark.parametrize(
     ("argument", "message"),
     [
-        ("storage:=bag", "storage must be one of sqlite3, mcap, got 'bag'"),
-        ("snapshot_period:=-1", "snapshot_period must be a number from 0 to 3600 s, got -1.0"),
         ("outpt:=x", "data_logger has no parameter 'outpt': did you mean output?"),
         ("output:=.", "parameter 'output' must name a new folder, but '/"),
         ("output:=/dev/null/run", "[Errno 20] Not a directory: '/dev/null/run'"),
