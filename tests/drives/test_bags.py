@@ -265,6 +265,21 @@ def test_the_bag_of_a_graph_holds_all_that_was_said(tmp_path, namespace, plugin)
     np.testing.assert_array_equal(seen.scan.ranges, [1.0, 2.0, np.inf, np.nan])  # a missing beam is not a free one
 
 
+@pytest.mark.parametrize(("frame", "mount"), [("laser", (-0.05, 0.02, 1.5)), ("other", (-0.032, 0.0, 0.0))])
+def test_the_mount_of_the_lidar_is_that_of_tf_static_if_it_states_it(tmp_path, frame, mount):
+    tree = make(TF, [ros.transform(0.0, (-0.05, 0.02, 1.5), "laser")])
+    tree.transforms[0].header.frame_id = "base"
+    said = [("/tf_static", TF, 10.9, tree), *graph_drive()]
+    for topic, _, _, message in said:
+        if topic == "/scan":
+            message.header.frame_id = frame
+    drive = read(write_bag(tmp_path / "bag", said))
+    (seen,) = drive.scans
+    assert seen.mount == pytest.approx(mount)
+    assert seen.lidar == pytest.approx((0.2 + mount[0], *mount[1:]))
+    assert any("by /tf_static and not by its preset" in remark for remark in drive.remarks) == (frame == "laser")
+
+
 def test_a_value_holds_for_a_second(tmp_path):
     said = [("/odom", ODOMETRY, 10.0 + t, odometry(10.0 + t, (0.0, 0.0, 0.0))) for t in (0.0, 0.5, 1.1)]
     said.append(("/estimate", ODOMETRY, 10.0, odometry(10.0, (3.0, 0.0, 0.0))))

@@ -57,10 +57,11 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
         stream = listener[topic]
         if not stream and topic in _ASKED:
             raise ValueError(f"{path}: topic {name!r} has no messages{f' about {child!r}' if child else ''}.")
-        if stream.late and topic not in ("map", "obstacles", "diagnostics"):
+        if stream.late and topic not in ("map", "obstacles", "diagnostics", "tf_static"):
             what = f"{path}: topic {name!r}: {len(stream.late)} of {stream.count} messages, first number {stream.late[0]}"
             remarks.append(f"{what}, have a time that does not increase: left out")
-    remarks += [f"{path}: {remark}" for remark in _by_one_clock(listener, roles)]
+    mounting = [remark] if listener["scan"] and (remark := listener.mount()[1]) else []
+    remarks += [f"{path}: {remark}" for remark in (*_by_one_clock(listener, roles), *mounting)]
     time = np.array(listener["odom"].times)
     if len(time) < 2:
         raise ValueError(f"{path}: a drive needs two messages on odom, got {len(time)}; there are {', '.join(sorted(kinds))}.")

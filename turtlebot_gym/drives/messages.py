@@ -18,6 +18,7 @@ from turtlebot_gym.drives.alignment import Stream
 from turtlebot_gym.drives.clocks import Stamps
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.models.angles import yaw_of_rotation
+from turtlebot_gym.mounts import StaticFrames, differ
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan
@@ -51,6 +52,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "nis": ("diagnostic_msgs/msg/DiagnosticArray",),
     "clearance": ("sensor_msgs/msg/Range",),
     "scan": ("sensor_msgs/msg/LaserScan",),
+    "tf_static": TRANSFORMS,
     "obstacles": ("visualization_msgs/msg/MarkerArray",),
     "map": ("nav_msgs/msg/OccupancyGrid",),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray",),
@@ -148,6 +150,7 @@ class Listener:
         self._streams: dict[str, Stream] = {}
         self.clocks: dict[str, Stamps] = {}
         """Clocks of the stamps of a recorded drive, by topic."""
+        self._fixed, self._frames = StaticFrames(), {"odom": "", "scan": ""}
 
     def __getitem__(self, topic: str) -> Stream:
         return self._streams.setdefault(topic, Stream(live=self._live))
@@ -162,6 +165,11 @@ class Listener:
             child: Of transforms, the frame whose pose counts; by default any.
         """
         newer = False
+        if topic == "tf_static":
+            self._fixed.hear(message)
+            return True
+        if topic in self._frames:
+            self._frames[topic] = message.child_frame_id if topic == "odom" else message.header.frame_id
         for stamp, each in _stamped(message, received, child):
             time = stamp if stamp or self._live else received
             if not self._live:
@@ -232,10 +240,26 @@ class Listener:
         circles = [rooms.values[at].circles if at >= 0 and room else () for at in rooms.last(time).tolist()]
         return tuple(np.array(() if room and each == room.circles else each).reshape(-1, 3) for each in circles)
 
+    def mount(self) -> tuple[Pose, str]:
+        """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""
+        given = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
+        try:
+            stated = self._fixed.mount(self._frames["odom"], self._frames["scan"])
+        except ValueError as error:
+            return given, f"{error}: the mount of the LiDAR's preset is taken"
+        if stated is None or not differ(stated, given):
+            return stated or given, ""
+        x, y, theta = stated
+        return (
+            stated,
+            f"the LiDAR is at x {x:.3f} m, y {y:.3f} m, turned by {theta:.3f} rad, by /tf_static and not by its preset",
+        )
+
     def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
         """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
         scans: list[Seen] = []
-        mount = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
+        mount, _ = self.mount()
+        lidar = replace(self._lidar, x=mount.x, y=mount.y, yaw=mount.theta)
         states = np.where(np.isfinite(drive.truth), drive.truth, drive.estimate[:, :3])
         states = np.where(np.isfinite(states), states, drive.odometry)
         for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
@@ -243,6 +267,6 @@ class Listener:
             row = int(np.searchsorted(drive.time, complete - 1e-3))
             if complete - 1e-3 > after and row < len(drive) and np.isfinite(states[row]).all():
                 x, y, theta = states[row].tolist()
-                place = mounted(State(x, y, theta, 0.0, 0.0), self._lidar)
+                place = mounted(State(x, y, theta, 0.0, 0.0), lidar)
                 scans.append(Seen(row, place, scan, stamp - start, mount))
         return tuple(scans)
