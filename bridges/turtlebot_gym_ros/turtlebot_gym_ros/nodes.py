@@ -70,6 +70,9 @@ NODES = {
         "graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer", is_block=False
     ),
     "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
+    "field_test": Entry(
+        "field.program:main", "guides a person through the first afternoon with a robot", "field test", is_block=False
+    ),
     "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}

@@ -1,0 +1,173 @@
+"""Guide a person with a robot through the first afternoon, and write a report of it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import signal
+import sys
+import textwrap
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from turtlebot_gym import __version__, make_robot
+from turtlebot_gym.files import load
+from turtlebot_gym.validation import POSITIVE
+from turtlebot_gym_ros.base.process import Runner, refuse
+from turtlebot_gym_ros.blocks.simulator import SPEECHES
+from turtlebot_gym_ros.field.findings import REFUSED, Finding, passed
+from turtlebot_gym_ros.field.processes import processes
+from turtlebot_gym_ros.field.rehearsal import Rehearsed, button, guards, simulated
+from turtlebot_gym_ros.field.report import MARKS, page, shown
+from turtlebot_gym_ros.field.session import Listener
+from turtlebot_gym_ros.field.steps import Field, Person, walk
+
+WORDS = """It says before each motion what the robot will do, and waits for your word. Nothing moves before guard, standby and
+emergency stop are alive and a press has stopped the guard. Ctrl-C stops the robot, and the report is written all the same."""
+
+
+NUMBERS = (
+    ("seconds", 5.0, "time to listen before anything moves, s"),
+    ("distance", 1.0, "straight to measure, m"),
+    ("turn", 360.0, "turn to measure, degrees"),
+    ("side", 1.0, "side of the square, m"),
+    ("duration", 120.0, "length of the calibration drive, s"),
+    ("tape", 0.005, "half of the 95 %% interval of a distance, m"),
+    ("protractor", 2.0, "half of the 95 %% interval of a turn, degrees"),
+)
+"""Options that are numbers, with their defaults: fields of `Field`."""
+
+
+class Console:
+    """A person at the terminal.
+
+    Args:
+        answers: Numbers by key, instead of questions.
+        agrees: Whether to agree to everything without asking.
+    """
+
+    def __init__(self, answers: Mapping[str, Any], *, agrees: bool) -> None:
+        self._answers, self._agrees = answers, agrees
+
+    def confirm(self, key: str, text: str) -> bool:
+        """Ask, unless it is answered."""
+        given = self._answers.get(key)
+        if isinstance(given, bool) or self._agrees:
+            print(f"{text}.")
+            return given if isinstance(given, bool) else True
+        return input(f"{text}. Yes? [y/N] ").strip().lower() in ("y", "yes")
+
+    def number(self, key: str, text: str) -> float | None:
+        """Ask until the answer is a number or empty, unless it is answered."""
+        if key in self._answers or self._agrees:
+            return self._answers.get(key)
+        while answer := input(f"{text}: ").strip():
+            try:
+                return POSITIVE.check("answer", float(answer))
+            except ValueError as error:
+                print(error)
+        return None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="field_test", description=f"Guide you through the first afternoon with a robot, and write a report. {WORDS}"
+    )
+    parser.add_argument("--robot", default="burger", help="burger (default), waffle, turtlebot4, or FILE.yaml")
+    parser.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default field-test-TIME)")
+    parser.add_argument("--with-guard", action="store_true", help="start guard and standby here: run this on the robot then")
+    parser.add_argument("--twist", action="store_true", help="with --with-guard: the robot hears Twist, not TwistStamped")
+    parser.add_argument("--simulate", choices=list(SPEECHES), help="rehearse with a simulated robot that speaks like this one")
+    parser.add_argument("--noise", default="wheel", help="with --simulate: noise of the robot, a preset or FILE.yaml")
+    parser.add_argument("--yes", action="store_true", help="agree to every motion without being asked")
+    parser.add_argument("--answers", type=Path, help="YAML or JSON file: a_straight, a_turn and square, as measured")
+    for name, default, text in NUMBERS:
+        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default {default:g})")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the test, write the report, and return 0 if nothing was refused, else 1."""
+    options = _parser().parse_args(argv)
+    folder = options.out or Path(time.strftime("field-test-%Y-%m-%dT%H-%M-%S"))
+    numbers = {name: getattr(options, name) for name, *_ in NUMBERS}
+    try:
+        make_robot(options.robot)
+        answers: Any = load(options.answers) if options.answers else {}
+        if not isinstance(answers, Mapping):
+            raise ValueError(f"{options.answers} must hold answers by name.")
+        for name, number in numbers.items():
+            POSITIVE.check(f"--{name}", number)
+        folder.mkdir(parents=True)
+    except (ValueError, OSError) as error:
+        return refuse(error)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    seen: list[Finding] = []
+    print(textwrap.fill(WORDS, 100))
+    with ExitStack() as ending:
+        field: Field | None = None
+        try:
+            field = _field(ending, options, folder, answers, numbers)
+            walk(field, seen, told=_tell)
+        except KeyboardInterrupt:
+            seen.append(Finding("the end", REFUSED, "It was interrupted: the robot was stopped."))
+        except (RuntimeError, OSError, ValueError) as error:
+            seen.append(Finding("the end", REFUSED, f"It ended with an error: {' '.join(str(error).split())}"))
+        finally:
+            _write(folder, seen, field, options)
+    print(f"report: {folder / 'report.html'}")
+    return 0 if passed(seen) else 1
+
+
+def _field(
+    ending: ExitStack, options: argparse.Namespace, folder: Path, answers: Mapping[str, Any], numbers: Mapping[str, Any]
+) -> Field:
+    """Start what listens, and what is asked for: guard and standby, a simulated robot and its person."""
+    nodes = guards(options.robot, stamped=not options.twist) if options.with_guard or options.simulate else []
+    if options.simulate:
+        nodes += simulated(options.simulate, options.robot, folder, noise=options.noise)
+    ending.enter_context(processes(nodes))
+    runner = Runner(["--ros-args", "--log-level", "error"], local=bool(options.simulate))
+    ending.callback(runner.close)
+    listener = Listener(runner)
+    person: Person = Console(answers, agrees=options.yes)
+    if options.simulate:
+        person = Rehearsed(runner, ending.enter_context(button()))
+    runner.start()
+    field = Field(listener=listener, person=person, robot=options.robot, folder=folder, **numbers)
+    ending.push(field.recording)
+    return field
+
+
+def _tell(finding: Finding) -> None:
+    """Print a finding as it comes."""
+    texts = ((each.name, *shown(each)) for each in finding.figures)
+    figures = ", ".join(f"{name} {value}" + (f" ({interval})" if interval else "") for name, value, interval in texts)
+    lines = [f"{MARKS[finding.verdict]} {finding.name}: {finding.text} {figures}".rstrip()]
+    lines += [f"  {finding.advice}"] if finding.advice else []
+    print("\n".join(lines), flush=True)
+
+
+def _write(folder: Path, seen: Sequence[Finding], field: Field | None, options: argparse.Namespace) -> None:
+    """Write the report and its findings as JSON, with a bag that is complete."""
+    if field:
+        field.recording.close()
+    robot = f"simulated, speaks like a recorded {options.simulate}" if options.simulate else options.robot
+    about = {
+        "Robot": robot,
+        "Time": time.strftime("%Y-%m-%d %H:%M"),
+        "turtlebot-gym": f"{__version__}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "Beside this page": ", ".join(sorted(each.name for each in folder.iterdir())) or "nothing",
+    }
+    pictures = {"paths": field.paths, "scan": field.scan} if field else {}
+    (folder / "report.html").write_text(page(seen, about=about, **pictures), encoding="utf-8")
+    content = [{**each._asdict(), "figures": [figure._asdict() for figure in each.figures]} for each in seen]
+    (folder / "findings.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

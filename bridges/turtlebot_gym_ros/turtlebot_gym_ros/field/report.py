@@ -1,0 +1,130 @@
+"""The report of a field test: one page that needs no network, light or dark, for a wide screen and a phone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
+
+MARKS = {FINE: "✓", WARNING: "!", REFUSED: "✗", SKIPPED: "?"}
+"""Sign of each verdict, so that it does not rest on a colour alone."""
+_STYLE = """
+:root { color-scheme: light dark; --ground: #fff; --panel: #f6f8fa; --text: #24292f; --soft: #57606a; --edge: #d0d7de;
+  --fine: #007a5a; --warning: #8a5a00; --refused: #b8400e; --skipped: #57606a; --line: #0072b2; --other: #d55e00; }
+@media (prefers-color-scheme: dark) { :root { --ground: #16191d; --panel: #1f2429; --text: #d7dce2; --soft: #9aa4af;
+  --edge: #343a42; --fine: #1fbf92; --warning: #e69f00; --refused: #f0813a; --skipped: #9aa4af; --line: #4aa8e0;
+  --other: #f0813a; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 1100px; padding: 16px; background: var(--ground); color: var(--text);
+  font: 15px/1.45 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; overflow-wrap: break-word; }
+h1 { font-size: 22px; margin: 0 0 4px; } h2 { font-size: 17px; margin: 0; }
+p { margin: 4px 0; } .soft { color: var(--soft); font-size: 14px; }
+.verdict { font-size: 17px; font-weight: 600; margin: 10px 0; }
+main { display: grid; gap: 12px; grid-template-columns: repeat(auto-fill, minmax(min(100%, 330px), 1fr)); margin-top: 14px; }
+section { background: var(--panel); border: 1px solid var(--edge); border-left: 5px solid var(--tone); border-radius: 6px;
+  padding: 10px 12px; min-width: 0; }
+section > header { display: flex; justify-content: space-between; gap: 8px; align-items: baseline; }
+.tone { color: var(--tone); font-weight: 600; white-space: nowrap; }
+table { border-collapse: collapse; width: 100%; margin-top: 6px; font-size: 14px; font-variant-numeric: tabular-nums; }
+td { padding: 2px 0; border-top: 1px solid var(--edge); vertical-align: top; }
+td:last-child { text-align: right; padding-left: 10px; } td span { white-space: nowrap; }
+.interval { color: var(--soft); margin-left: 6px; }
+.advice { border-top: 1px solid var(--edge); margin-top: 6px; padding-top: 6px; }
+.wide { grid-column: 1 / -1; --tone: var(--edge); } svg { display: block; width: 100%; max-height: 420px; }
+svg text { fill: var(--soft); font: 12px system-ui, sans-serif; }
+""" + "".join(f".{verdict} {{ --tone: var(--{verdict}); }}\n" for verdict in MARKS)
+
+
+def shown(figure: Figure) -> tuple[str, str]:
+    """Return a figure and its interval as text; an empty text for none."""
+    unit = f" {figure.unit.replace('^2', '²')}" if figure.unit else ""
+    interval = f"{_number(figure.low)} to {_number(figure.high)}" if math.isfinite(figure.low + figure.high) else ""
+    return f"{_number(figure.value)}{unit}", interval
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if float(value).is_integer() and abs(value) < 1e6 else f"{value:.4g}"
+
+
+def page(
+    findings: Sequence[Finding],
+    *,
+    about: Mapping[str, str],
+    paths: Mapping[str, NDArray[np.float64]] | None = None,
+    scan: NDArray[np.float64] | None = None,
+) -> str:
+    """Return the report.
+
+    Args:
+        findings: The findings, in order.
+        about: Lines of the head: robot, time, computer, where the bag is.
+        paths: Driven paths by name, shape (n, 2) each, m.
+        scan: End points of the beams of a scan, shape (n, 2), m.
+    """
+    counts = {verdict: sum(each.verdict == verdict for each in findings) for verdict in MARKS}
+    summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
+    worst = REFUSED if counts[REFUSED] else WARNING if counts[WARNING] else FINE
+    head = "".join(f"<p class='soft'>{escape(name)}: {escape(text)}</p>" for name, text in about.items())
+    drawings = [_drawing("Paths", paths)] if paths else []
+    drawings += [_drawing("A scan, the robot looks to the right", {"returns": scan}, dots=True)] if scan is not None else []
+    sections = "\n".join([*map(_section, findings), *drawings])
+    return (
+        "<!DOCTYPE html>\n<html lang='en'>\n<head><meta charset='utf-8'>"
+        "<meta name='viewport' content='width=device-width, initial-scale=1'><title>Field test</title>"
+        f"<style>{_STYLE}</style></head>\n<body>\n<h1>Field test</h1>\n{head}\n"
+        f"<p class='verdict {worst}'><span class='tone'>{MARKS[worst]}</span> {escape(summary or 'nothing was found')}</p>\n"
+        f"<main>\n{sections}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _section(finding: Finding) -> str:
+    rows = "".join(map(_row, finding.figures))
+    table = f"<table>{rows}</table>" if rows else ""
+    advice = f"<p class='advice'>{escape(finding.advice)}</p>" if finding.advice else ""
+    return (
+        f"<section class='{finding.verdict}'><header><h2>{escape(finding.name)}</h2>"
+        f"<span class='tone'>{MARKS[finding.verdict]} {finding.verdict}</span></header>"
+        f"<p>{escape(finding.text)}</p>{table}{advice}</section>"
+    )
+
+
+def _row(figure: Figure) -> str:
+    value, interval = map(escape, shown(figure))
+    interval = f"<span class='interval'>{interval}</span>" if interval else ""
+    return f"<tr><td>{escape(figure.name)}</td><td><span>{value}</span>{interval}</td></tr>"
+
+
+def _drawing(title: str, lines: Mapping[str, NDArray[np.float64]], *, dots: bool = False) -> str:
+    """Return a picture of lines, or of dots around the robot, true to scale."""
+    points = np.concatenate([np.zeros((1, 2)), *lines.values()])
+    (left, low), (right, high) = points.min(0) - 0.2, points.max(0) + 0.2
+    scale = 400.0 / max(right - left, high - low)
+
+    def at(rows: Iterable[Sequence[float]]) -> list[str]:
+        return [f"{(x - left) * scale:.1f},{(high - y) * scale:.1f}" for x, y in rows]
+
+    inks, shapes, words = ("var(--line)", "var(--other)", "var(--fine)"), [], []
+    for number, (name, rows) in enumerate(lines.items()):
+        ink = inks[number % len(inks)]
+        if dots:
+            shapes += [f"<circle cx='{x}' cy='{y}' r='2' fill='{ink}'/>" for x, y in (each.split(",") for each in at(rows))]
+        else:
+            dash = f" stroke-dasharray='{3 * number} {2 * number}'" if number else ""
+            shapes.append(f"<polyline points='{' '.join(at(rows))}' fill='none' stroke='{ink}' stroke-width='2'{dash}/>")
+        words.append(f"<span style='color:{ink}'>{'●' if dots else '―' if not number else '┄'}</span> {escape(name)}")
+    (home,) = at([(0.0, 0.0)])
+    x, y = home.split(",")
+    shapes.append(f"<circle cx='{x}' cy='{y}' r='5' fill='none' stroke='var(--text)' stroke-width='2'/>")
+    metre = f"M 8 {(high - low) * scale - 8:.1f} h {scale:.1f}"
+    shapes.append(f"<path d='{metre}' stroke='var(--text)' stroke-width='2'/>")
+    shapes.append(f"<text x='8' y='{(high - low) * scale - 14:.1f}'>1 m</text>")
+    size = f"0 0 {(right - left) * scale:.1f} {(high - low) * scale:.1f}"
+    return (
+        f"<section class='wide'><h2>{escape(title)}</h2><p class='soft'>{' &nbsp; '.join(words)} &nbsp; ○ start</p>"
+        f"<svg viewBox='{size}' role='img' aria-label='{escape(title)}'>{''.join(shapes)}</svg></section>"
+    )

@@ -1,0 +1,342 @@
+"""The steps of a field test, in order: each returns its findings. Steps that move the robot wait for a person's word."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym import Noise, write_parameters
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.presets import WHEEL
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.field import findings
+from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
+from turtlebot_gym_ros.field.measured import MeasuredDrive
+from turtlebot_gym_ros.field.processes import processes
+from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Listener, Part, drive, wait_for
+from turtlebot_gym_ros.node.geometry import read_pose
+
+NOISE = "noise.yaml"
+"""Name of the noise file."""
+STARTING = 15.0
+"""Longest wait for the first messages, s."""
+
+
+class Person(Protocol):
+    """Whoever is with the robot."""
+
+    def confirm(self, key: str, text: str) -> bool:
+        """Return whether the person agrees; nothing moves before that."""
+        ...
+
+    def number(self, key: str, text: str) -> float | None:
+        """Return a number that the person has measured; None if there is none."""
+        ...
+
+
+@dataclass(kw_only=True)
+class Field:
+    """What the steps share."""
+
+    listener: Listener
+    person: Person
+    robot: str
+    folder: Path
+    """Folder of the report; the bag and the noise file are beside it."""
+    seconds: float = 5.0
+    """Time to listen, s."""
+    distance: float = 1.0
+    """Straight to measure, m."""
+    turn: float = 360.0
+    """Turn to measure, degrees."""
+    side: float = 1.0
+    """Side of the square, m."""
+    duration: float = 120.0
+    """Length of the calibration drive, s."""
+    tape: float = 0.005
+    """Half of the 95 % interval of a measured distance, m."""
+    protractor: float = 2.0
+    """Half of the 95 % interval of a measured turn, degrees."""
+    stamped: bool = True
+    """Whether velocities are stamped, as the robot hears them."""
+    measured: dict[str, Figure] = field(default_factory=dict)
+    """Measured over odometry, by what was driven."""
+    paths: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Driven paths, shape (n, 2), m."""
+    scan: NDArray[np.float64] | None = None
+    """End points of a scan's beams, shape (n, 2), m."""
+    begun: int = 0
+    """Number of odometry messages before the last drive."""
+    recording: ExitStack = field(default_factory=ExitStack)
+    """Closing it finishes the bag."""
+
+
+def hear(at: Field) -> list[Finding]:
+    """Listen to odometry, scans and clocks, without any motion."""
+    listener = at.listener
+    wait_for(lambda: all(len(listener.heard[topic]) for topic in ("odom", "scan", "emergency_stop")), STARTING)
+    time.sleep(at.seconds)
+    odometry, scans = listener.topic("odom"), listener.topic("scan")
+    up = "Start the robot's bring-up; on another computer, set ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET."
+    seen = [findings.judge_topic(odometry, "nav_msgs/msg/Odometry", needed=True, advice=up)]
+    without = "Without a LiDAR there are no policies for rooms and no collision monitor."
+    seen.append(findings.judge_topic(scans, "sensor_msgs/msg/LaserScan", needed=False, advice=without))
+    seen += [findings.judge_clock(each.name, each.arrivals, each.stamps) for each in (odometry, scans)]
+    messages = [each.message for each in list(listener.heard["odom"])]
+    if messages:
+        variances = [[message.pose.covariance[n] for n in (0, 7, 35)] for message in messages]
+        twists = [[message.twist.twist.linear.x, message.twist.twist.angular.z] for message in messages]
+        seen.append(findings.judge_odometry(variances, twists))
+    sent = [_scan(each.message) for each in list(listener.heard["scan"])]
+    seen.append(findings.judge_scans(sent))
+    if sent and seen[-1].verdict != REFUSED:
+        at.scan = _ends(sent[-1])
+    return seen
+
+
+def meet_the_wheels(at: Field) -> list[Finding]:
+    """Find out what the wheels hear, who keeps them, and who else speaks to them."""
+    topic = at.listener.topic("cmd_vel")
+    robot = replace_ends(topic, findings.OURS)
+    at.stamped = "geometry_msgs/msg/Twist" not in {end.kind for end in robot.subscribers}
+    at.listener.hear("cmd_vel_in", VELOCITIES[f"geometry_msgs/msg/Twist{'Stamped' * at.stamped}"])
+    return [findings.judge_wheels(robot, kinds=list(VELOCITIES)), findings.judge_guard(topic)]
+
+
+def replace_ends(topic: findings.Topic, ours: Sequence[str]) -> findings.Topic:
+    """Return a topic without the subscriptions of our own nodes: the standby hears what the guard sends."""
+    return topic._replace(subscribers=tuple(end for end in topic.subscribers if end.node not in ours))
+
+
+def find_the_button(at: Field) -> list[Finding]:
+    """Look whether an emergency stop is alive."""
+    pressed = at.listener.said("emergency_stop", True)
+    return [findings.judge_button(at.listener.topic("emergency_stop"), pressed=pressed)]
+
+
+def try_the_button(at: Field) -> list[Finding]:
+    """Have a person press the emergency stop, and time the guard; nothing moves."""
+    listener, enabled = at.listener, "cmd_vel_guard/enabled"
+    if not wait_for(lambda: not listener.enable("cmd_vel_guard", True)):
+        return [Finding("a press", REFUSED, f"The guard refuses: {listener.enable('cmd_vel_guard', True)}.")]
+    wait_for(lambda: listener.said(enabled, True))
+    since = len(listener.heard["emergency_stop"])
+    if not at.person.confirm("press", "Press the emergency stop now, hold it for a second, and release it"):
+        return [Finding("a press", SKIPPED, "Nobody pressed the emergency stop.")]
+    stopped = wait_for(lambda: listener.said(enabled, False), 30.0)
+    pressed = [each.arrival for each in listener.heard["emergency_stop"][since:] if each.message.data]
+    wait_for(lambda: listener.said("emergency_stop", False), 30.0)
+    told = listener.heard[enabled][-1].arrival
+    return [findings.judge_press(max(told - pressed[0], 0.0) if stopped and pressed else None)]
+
+
+def record(at: Field) -> list[Finding]:
+    """Start the recorder: everything from here on is in the bag."""
+    folder = at.folder / "bag"
+    at.recording.enter_context(processes([("data_logger", {"output": str(folder)})]))
+    if not wait_for(lambda: "data_logger" in at.listener.node.get_node_names(), STARTING):
+        return [Finding("recording", WARNING, "The recorder does not run.", (), "python -m turtlebot_gym_ros data_logger")]
+    return [Finding("recording", FINE, f"Everything that is sent is recorded in {folder.name}/, beside this page.")]
+
+
+def drive_straight(at: Field) -> list[Finding]:
+    """Drive a straight, and have it measured."""
+    ask = f"How far did it drive? Measure in m, or leave it empty (odometry's target: {at.distance:g} m)"
+    return _measured(at, "a straight", "m", at.distance, turns=False, uncertainty=at.tape, ask=ask)
+
+
+def turn_round(at: Field) -> list[Finding]:
+    """Turn on the spot, and have it measured."""
+    ask = f"By how much did it turn in all? In degrees, or leave it empty (odometry's target: {at.turn:g})"
+    return _measured(at, "a turn", "degrees", at.turn, turns=True, uncertainty=at.protractor, ask=ask)
+
+
+def _measured(at: Field, name: str, unit: str, amount: float, *, turns: bool, uncertainty: float, ask: str) -> list[Finding]:
+    scale = math.pi / 180.0 if turns else 1.0
+    speed = {"speed": 0.8} if turns else {}
+    part = Part(MeasuredDrive, "field_drive", {"robot": at.robot, "turns": turns, "amount": amount * scale, **speed}, COMMANDS)
+    if why := _drive(at, [part], timeout=60.0 + 20.0 * amount * scale):
+        return [Finding(name, REFUSED, f"The drive ended early: {why}.")]
+    poses = _poses(at, at.begun)
+    turned = sum(wrap(after.theta - before.theta) for before, after in pairwise(poses))
+    by_odometry = turned / scale if turns else math.hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
+    measured = at.person.number(name.replace(" ", "_"), ask)
+    judged = findings.judge_measure(name, unit, by_odometry=by_odometry, measured=measured, uncertainty=uncertainty)
+    if judged.verdict in (FINE, WARNING):
+        at.measured[name] = judged.figures[-1]
+    return [judged]
+
+
+def drive_for_calibration(at: Field) -> list[Finding]:
+    """Drive the calibration's script."""
+    parameters = {"robot": at.robot, "duration": at.duration, "radius": 1.0}
+    part = Part(CalibrationDrive, "field_calibration", parameters, COMMANDS)
+    if why := _drive(at, [part], timeout=at.duration + 60.0):
+        return [Finding("calibration drive", REFUSED, f"It ended early: {why}.")]
+    return [Finding("calibration drive", FINE, "It was driven to its end.", (Figure("length", at.duration, "s"),))]
+
+
+def drive_a_square(at: Field) -> list[Finding]:
+    """Drive a square with filter, policy and guard, and time it."""
+    own = {name: f"field_test/{name}" for name in ("estimate", "nis", "reference", "next_reference", "goal_pose")}
+    side, begun = at.side, time.monotonic()
+    corners = [[side, 0.0, 0.0], [side, side, 0.5 * math.pi], [0.0, side, -math.pi], [0.0, 0.0, -0.5 * math.pi]]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "square.csv"
+        path.write_text("\n".join(",".join(map(str, corner)) for corner in corners))
+        course = {"waypoints": str(path), "relative": True, "radius": 0.15}
+        parts = [
+            Part(KalmanFilter, "field_filter", {"robot": at.robot, "noise": "wheel"}, own),
+            Part(WaypointGenerator, "field_waypoints", course, own),
+            Part(VelocityController, "field_controller", {"robot": at.robot, "policy": "bearing"}, {**own, **COMMANDS}),
+        ]
+        why = _drive(at, parts, timeout=60.0 + 60.0 * side)
+    poses = _poses(at, at.begun)
+    at.paths["odometry"] = _relative(poses)
+    at.paths["the square"] = np.array([[0.0, 0.0], *([x, y] for x, y, _ in corners)])
+    if why:
+        return [Finding("a square", REFUSED, f"The drive ended early: {why}.")]
+    figures = [Figure("time", time.monotonic() - begun, "s")]
+    figures.append(Figure("from the start, by odometry", math.dist(poses[-1][:2], poses[0][:2]), "m"))
+    if (off := at.person.number("square", "How far is it from the mark at the start? In m, or leave it empty")) is not None:
+        figures.append(Figure("from the start, measured", off, "m", max(off - at.tape, 0.0), off + at.tape))
+    return [Finding("a square", FINE, "It came round, through the guard.", tuple(figures))]
+
+
+def time_the_chain(at: Field) -> list[Finding]:
+    """Time odometry to the command that rests on it, which has its stamp."""
+    came = {each.stamp: each.arrival for each in at.listener.heard["odom"]}
+    commands = at.listener.heard.get("cmd_vel_in", [])
+    ages = [each.arrival - came[each.stamp] for each in commands if each.stamp and each.stamp in came]
+    return [findings.judge_latency(ages)]
+
+
+def calibrate(at: Field) -> list[Finding]:
+    """Fit a noise model to the bag; without a truth, use what was measured."""
+    at.recording.close()
+    noise, seen = _by_tape(at)
+    try:
+        from turtlebot_gym.calibration import calibrate as fit
+        from turtlebot_gym.drives import read
+
+        fitted = fit(read(at.folder / "bag"), kind="wheel")
+    except (ValueError, OSError, ImportError) as error:
+        seen.append(Finding("calibration", SKIPPED, f"{' '.join(str(error).split())}".rstrip(".") + "."))
+    else:
+        figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in fitted.estimates.items())
+        remarks = "; ".join(fitted.remarks)
+        seen.append(Finding("calibration", FINE, "Fitted to the recorded truth.", figures, remarks))
+        noise = fitted.noise
+    if noise:
+        write_parameters(noise, at.folder / NOISE, comment="By a field test: --noise takes it.")
+        last = seen[-1] if seen[-1].verdict == FINE else seen[0]
+        seen[seen.index(last)] = last._replace(text=f"{last.text} {NOISE}, beside this page, holds them.")
+    return seen
+
+
+def _by_tape(at: Field) -> tuple[Noise | None, list[Finding]]:
+    """Return the preset ``wheel`` with the scales that were measured, if any were."""
+    if not at.measured:
+        return None, []
+    exact = Figure("", 1.0, "", 1.0, 1.0)
+    straight = at.measured.get("a straight", exact)
+    turn = findings.ratio(at.measured.get("a turn", straight), straight)
+    noise = replace(WHEEL, process=replace(WHEEL.process, scale=straight.value, turn_scale=turn.value))
+    figures = (straight._replace(name="scale"), turn._replace(name="turn_scale"))
+    return noise, [Finding("by tape", FINE, "The wheels' scales, for the preset `wheel`.", figures)]
+
+
+def _drive(at: Field, parts: Sequence[Part], *, timeout: float) -> str:
+    """Drive, and again where it ended early and the person agrees; return why it was not done, or an empty text."""
+    for last in (False, False, True):
+        at.begun = max(len(at.listener.heard["odom"]) - 1, 0)
+        why = drive(at.listener, parts, stamped=at.stamped, timeout=timeout)
+        if not why or last or not at.person.confirm("again", f"The drive ended early: {why}. Put it back, and try again"):
+            break
+    return why
+
+
+class Step(NamedTuple):
+    """A step of the test."""
+
+    name: str
+    run: Callable[[Field], list[Finding]]
+    asks: str = ""
+    """What the person must agree to before the robot moves; empty for a step without motion."""
+    needs_robot: bool = True
+    """Whether it is left out where something essential was refused."""
+
+
+STEPS = (
+    Step("listening", hear, needs_robot=False),
+    Step("wheels", meet_the_wheels, needs_robot=False),
+    Step("emergency stop", find_the_button, needs_robot=False),
+    Step("a press", try_the_button),
+    Step("recording", record),
+    Step("a straight", drive_straight, "The robot will drive {distance:g} m straight ahead. Mark its place"),
+    Step("a turn", turn_round, "The robot will turn by {turn:g} degrees on the spot. Mark its heading"),
+    Step("calibration drive", drive_for_calibration, "The robot will drive for {duration:g} s within 1 m of its place"),
+    Step("a square", drive_a_square, "The robot will drive a square of {side:g} m, ahead and to the left. Mark its place"),
+    Step("latency", time_the_chain),
+    Step("calibration", calibrate),
+)
+"""The steps in order."""
+ESSENTIAL = ("/odom", "odometry", "wheels", "guard", "emergency stop", "a press")
+"""Findings without which nothing moves, beside the clocks."""
+
+
+def walk(at: Field, seen: list[Finding], told: Callable[[Finding], Any] = lambda finding: None) -> None:
+    """Take all steps, and add their findings to ``seen`` as they come; on an interruption they stay there."""
+    for step in STEPS:
+        if step.needs_robot and (missing := _missing(seen)):
+            new = [Finding(step.name, SKIPPED, f"Left out without: {', '.join(missing)}.")]
+        elif step.asks and not at.person.confirm(step.name.replace(" ", "_"), step.asks.format(**vars(at))):
+            new = [Finding(step.name, SKIPPED, "The person did not agree.")]
+        else:
+            new = step.run(at)
+        for finding in new:
+            seen.append(finding)
+            told(finding)
+
+
+def _missing(seen: Sequence[Finding]) -> list[str]:
+    """Return the essential findings that are not as they must be."""
+    verdicts = {finding.name: finding.verdict for finding in seen}
+    clocks = [name for name in verdicts if name.startswith("clock of") and name.endswith("odom")]
+    names = [name for name in (*ESSENTIAL, *clocks) if name in verdicts]
+    return [name for name in names if verdicts[name] not in (FINE, WARNING)]
+
+
+def _poses(at: Field, first: int) -> list[Pose]:
+    return [read_pose(each.message.pose.pose) for each in at.listener.heard["odom"][first:]]
+
+
+def _relative(poses: Sequence[Pose]) -> NDArray[np.float64]:
+    """Return a path in the frame of its first pose."""
+    places = np.array([complex(pose.x, pose.y) for pose in poses])
+    places = (places - places[0]) * np.exp(-1j * poses[0].theta)
+    return np.stack([places.real, places.imag], axis=1)
+
+
+def _scan(message: Any) -> Scan:
+    ranges = np.asarray(message.ranges, np.float32)
+    return Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max)
+
+
+def _ends(scan: Scan) -> NDArray[np.float64]:
+    """Return where a scan's beams end, in the LiDAR's frame."""
+    there = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
+    angles = scan.first + scan.increment * np.flatnonzero(there)
+    return (scan.ranges[there] * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float64)
