@@ -71,7 +71,7 @@ def test_config_has_every_parameter(runner, config, name):
 
 
 def test_config_names_all_nodes_of_the_graph():
-    assert {name for path in CONFIGS for name in configured(path)} == {*NODES} - {"bringup", "watch", "status"}
+    assert {name for path in CONFIGS for name in configured(path)} == {*NODES} - {"bringup", "watch", "status", "field_test"}
 
 
 def test_on_a_robot_nothing_moves_before_it_is_enabled():

@@ -141,7 +141,7 @@ def judge_clock(name: str, arrivals: ArrayLike, stamps: ArrayLike) -> Finding:
 
 
 def judge_odometry(variances: ArrayLike, twists: ArrayLike) -> Finding:
-    """Judge what odometry says of itself.
+    """Judge what odometry says about itself.
 
     Args:
         variances: Variances of x, y and heading, shape (n, 3).

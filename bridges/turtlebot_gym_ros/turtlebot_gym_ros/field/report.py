@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,32 +13,8 @@ from numpy.typing import NDArray
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 
 MARKS = {FINE: "✓", WARNING: "!", REFUSED: "✗", SKIPPED: "?"}
-"""Sign of each verdict, so that it does not rest on a colour alone."""
-_STYLE = """
-:root { color-scheme: light dark; --ground: #fff; --panel: #f6f8fa; --text: #24292f; --soft: #57606a; --edge: #d0d7de;
-  --fine: #007a5a; --warning: #8a5a00; --refused: #b8400e; --skipped: #57606a; --line: #0072b2; --other: #d55e00; }
-@media (prefers-color-scheme: dark) { :root { --ground: #16191d; --panel: #1f2429; --text: #d7dce2; --soft: #9aa4af;
-  --edge: #343a42; --fine: #1fbf92; --warning: #e69f00; --refused: #f0813a; --skipped: #9aa4af; --line: #4aa8e0;
-  --other: #f0813a; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 1100px; padding: 16px; background: var(--ground); color: var(--text);
-  font: 15px/1.45 system-ui, -apple-system, "Segoe UI", "DejaVu Sans", sans-serif; overflow-wrap: break-word; }
-h1 { font-size: 22px; margin: 0 0 4px; } h2 { font-size: 17px; margin: 0; }
-p { margin: 4px 0; } .soft { color: var(--soft); font-size: 14px; }
-.verdict { font-size: 17px; font-weight: 600; margin: 10px 0; }
-main { display: grid; gap: 12px; grid-template-columns: repeat(auto-fill, minmax(min(100%, 330px), 1fr)); margin-top: 14px; }
-section { background: var(--panel); border: 1px solid var(--edge); border-left: 5px solid var(--tone); border-radius: 6px;
-  padding: 10px 12px; min-width: 0; }
-section > header { display: flex; justify-content: space-between; gap: 8px; align-items: baseline; }
-.tone { color: var(--tone); font-weight: 600; white-space: nowrap; }
-table { border-collapse: collapse; width: 100%; margin-top: 6px; font-size: 14px; font-variant-numeric: tabular-nums; }
-td { padding: 2px 0; border-top: 1px solid var(--edge); vertical-align: top; }
-td:last-child { text-align: right; padding-left: 10px; } td span { white-space: nowrap; }
-.interval { color: var(--soft); margin-left: 6px; }
-.advice { border-top: 1px solid var(--edge); margin-top: 6px; padding-top: 6px; }
-.wide { grid-column: 1 / -1; --tone: var(--edge); } svg { display: block; width: 100%; max-height: 420px; }
-svg text { fill: var(--soft); font: 12px system-ui, sans-serif; }
-""" + "".join(f".{verdict} {{ --tone: var(--{verdict}); }}\n" for verdict in MARKS)
+"""Sign of each verdict, so that it does not rest on a hue alone."""
+_STYLE = Path(__file__).with_name("report.css").read_text(encoding="utf-8")
 
 
 def shown(figure: Figure) -> tuple[str, str]:
@@ -116,7 +93,7 @@ def _drawing(title: str, lines: Mapping[str, NDArray[np.float64]], *, dots: bool
         else:
             dash = f" stroke-dasharray='{3 * number} {2 * number}'" if number else ""
             shapes.append(f"<polyline points='{' '.join(at(rows))}' fill='none' stroke='{ink}' stroke-width='2'{dash}/>")
-        words.append(f"<span style='color:{ink}'>{'●' if dots else '―' if not number else '┄'}</span> {escape(name)}")
+        words.append(f"<i class='ink{number}'>{'●' if dots else '―' if not number else '┄'}</i> {escape(name)}")
     (home,) = at([(0.0, 0.0)])
     x, y = home.split(",")
     shapes.append(f"<circle cx='{x}' cy='{y}' r='5' fill='none' stroke='var(--text)' stroke-width='2'/>")
