@@ -30,6 +30,6 @@ with mkdocs_gen_files.open("reference/commands.md", "w") as page:
     for name in COMMANDS:
         print(f"## turtlebot-gym {name}\n\n```text\n{help_of(turtlebot_gym, name)}\n```\n", file=page)
     print(f"## python -m turtlebot_gym_ros\n\n```text\n{help_of(turtlebot_gym_ros)}\n```\n", file=page)
-    for name in ("bringup", "watch", "status"):
+    for name in ("bringup", "field_test", "watch", "status"):
         text = help_of(turtlebot_gym_ros, name)
         print(f"## python -m turtlebot_gym_ros {name}\n\n```text\n{text}\n```\n", file=page)

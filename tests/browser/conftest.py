@@ -2,5 +2,9 @@
 
 import importlib.util
 
-NEEDS = {"test_watch.py": ("bokeh", "playwright"), "test_site.py": ("mkdocs", "math_core", "playwright")}
+NEEDS = {
+    "test_field.py": ("playwright", "rclpy"),
+    "test_site.py": ("mkdocs", "math_core", "playwright"),
+    "test_watch.py": ("bokeh", "playwright"),
+}
 collect_ignore = [name for name, modules in NEEDS.items() if not all(map(importlib.util.find_spec, modules))]

@@ -18,7 +18,7 @@ HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ..
 velocity_controller starts disabled: watch the robot, and call its service ~/enable. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them only with collision_monitor:=true.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
-bringup, watch and status have their own options: see their --help. --version prints the version."""
+bringup, field_test, watch and status have their own options: see their --help. --version prints the version."""
 
 
 WHOLE = 'pip install "turtlebot-gym[gym]"'

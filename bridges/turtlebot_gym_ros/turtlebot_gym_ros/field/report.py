@@ -48,7 +48,7 @@ def page(
     worst = REFUSED if counts[REFUSED] else WARNING if counts[WARNING] else FINE
     head = "".join(f"<p class='soft'>{escape(name)}: {escape(text)}</p>" for name, text in about.items())
     drawings = [_drawing("Paths", paths)] if paths else []
-    drawings += [_drawing("A scan, the robot looks to the right", {"returns": scan}, dots=True)] if scan is not None else []
+    drawings += [_drawing("A scan, in the LiDAR's frame", {"returns": scan}, dots=True)] if scan is not None else []
     sections = "\n".join([*map(_section, findings), *drawings])
     return (
         "<!DOCTYPE html>\n<html lang='en'>\n<head><meta charset='utf-8'>"
@@ -102,6 +102,6 @@ def _drawing(title: str, lines: Mapping[str, NDArray[np.float64]], *, dots: bool
     shapes.append(f"<text x='8' y='{(high - low) * scale - 14:.1f}'>1 m</text>")
     size = f"0 0 {(right - left) * scale:.1f} {(high - low) * scale:.1f}"
     return (
-        f"<section class='wide'><h2>{escape(title)}</h2><p class='soft'>{' &nbsp; '.join(words)} &nbsp; ○ start</p>"
+        f"<section class='wide'><h2>{escape(title)}</h2><p class='soft'>{' &nbsp; '.join(words)} &nbsp; ○ {'LiDAR' if dots else 'start'}</p>"
         f"<svg viewBox='{size}' role='img' aria-label='{escape(title)}'>{''.join(shapes)}</svg></section>"
     )

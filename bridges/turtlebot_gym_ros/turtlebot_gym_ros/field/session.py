@@ -165,6 +165,7 @@ def drive(listener: Listener, parts: Sequence[Part], *, stamped: bool, timeout: 
                     return f"{node} is not enabled: {reasons[0]}"
             why = _follow(lambda: switch.safety.state, lambda: listener.said("cmd_vel_guard/enabled", True), timeout)
         finally:
+            switch.stop("the field test ends the drive", disable=True)
             listener.enable("cmd_vel_guard", False)
     time.sleep(REST)
     return why
