@@ -101,7 +101,8 @@ def _drawing(title: str, lines: Mapping[str, NDArray[np.float64]], *, dots: bool
     shapes.append(f"<path d='{metre}' stroke='var(--text)' stroke-width='2'/>")
     shapes.append(f"<text x='8' y='{(high - low) * scale - 14:.1f}'>1 m</text>")
     size = f"0 0 {(right - left) * scale:.1f} {(high - low) * scale:.1f}"
+    words.append(f"○ {'LiDAR' if dots else 'start'}")
     return (
-        f"<section class='wide'><h2>{escape(title)}</h2><p class='soft'>{' &nbsp; '.join(words)} &nbsp; ○ {'LiDAR' if dots else 'start'}</p>"
+        f"<section class='wide'><h2>{escape(title)}</h2><p class='soft'>{' &nbsp; '.join(words)}</p>"
         f"<svg viewBox='{size}' role='img' aria-label='{escape(title)}'>{''.join(shapes)}</svg></section>"
     )
