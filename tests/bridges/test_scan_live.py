@@ -13,13 +13,12 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import LaserScan, Range, TimeReference
-from std_msgs.msg import Header, String
+from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph, Shell
-from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.graph.bringup import main as bringup
 from turtlebot_gym_ros.graph.bringup import room_metrics
@@ -85,25 +84,21 @@ CONTACT = 9
 class Robot:
     """A live controller that sees, and the test as everything else."""
 
-    def __init__(self, runner, peer, wait_for, **parameters):
-        self.peer, self.wait_for = peer, wait_for
-        overrides = {"policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0, **parameters}
-        self.shell = Shell(VelocityController, VelocityController.Params, context=runner.context, overrides=overrides)
-        runner.add(self.shell)
+    def __init__(self, runner, peer, wait_for):
+        self.wait_for = wait_for
+        overrides = {"policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0}
+        runner.add(Shell(VelocityController, VelocityController.Params, context=runner.context, overrides=overrides))
         self.estimates, self.references = peer.speak("estimate", Odometry), peer.speak("reference", PoseStamped)
         self.scans = peer.speak("scan", LaserScan, SENSOR)  # best effort, as drivers publish
         self.commands, self.reports = peer.hear("cmd_vel", TwistStamped), peer.hear("/diagnostics", DiagnosticArray)
-        self.states = peer.hear("velocity_controller/state", String, LATCHED)
         wait_for(lambda: all(each.get_subscription_count() for each in (self.estimates, self.references)))
 
     def send(self, scan=None):
-        """Send all that it hears, stamped now; a scan is a message, a value or nothing."""
+        """Send all that it hears, stamped now."""
         header = Header(stamp=Time(nanoseconds=time.time_ns()).to_msg(), frame_id="odom")
         self.references.publish(conversion(Pose).write(Pose(3.0, 0.0, 0.0), header))
         if scan is not None:
-            message = conversion(Scan).write(scan, header) if isinstance(scan, Scan) else scan
-            message.header = header
-            self.scans.publish(message)
+            self.scans.publish(conversion(Scan).write(scan, header))
         self.estimates.publish(conversion(Estimate).write(Estimate(BELIEF, 0.0, 0.0), header))
         time.sleep(0.05)
 
