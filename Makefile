@@ -149,6 +149,9 @@ bench-barn: $(READY)  ## baselines and the oracle in the 200 worlds of the BARN 
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/barn.py $(DATA)/barn/worlds.npz --json $(OUT)/barn.json
 
+bench-buildings: $(READY)  ## the localizer on recordings of two real buildings, under fourteen conditions (2 minutes)
+	$(RUN)python benchmarks/buildings.py --data $(DATA)
+
 bench-estimation: $(READY)  ## filters beside the bound that no filter can pass, 20,000 drives in each setting (3 minutes)
 	$(RUN)python benchmarks/estimation.py
 

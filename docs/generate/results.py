@@ -7,6 +7,7 @@ from pathlib import Path
 import mkdocs_gen_files
 
 sys.path.insert(0, "benchmarks")
+import buildings_text
 import speed_text
 from robustness_text import conditions, summary
 from turtlebot_gym_agents.policies.named import SAFETY
@@ -88,6 +89,7 @@ with mkdocs_gen_files.open("results.md", "a") as page:
     for policy, cells in barn["mean"].items():
         shares = " | ".join(percent(cells[name]) for name in ("success", "collision", "timeout"))
         print(f"| {policy} | {shares} | {cells['barn']['value']:.3f} |", file=page)
+    print(buildings_text.section(json.loads(Path("benchmarks/buildings.json").read_text(encoding="utf-8"))), file=page)
     print("\n## The live graph\n", file=page)
     live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
     print(f"`make bench-ros`, on {live['cores']} cores; one process per node, over real DDS.\n", file=page)

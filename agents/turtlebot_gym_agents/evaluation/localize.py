@@ -1,0 +1,136 @@
+"""Drive a recording through the localizer: odometry and scans row by row, in a known map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.localization.localizer import locate, move, scan, state_of
+from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.localization.tuning import LocalizerTuning
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.values import Command, Pose
+
+TRAIL = 64
+"""Number of odometry poses that reach back to the first beam of a scan."""
+FAR = 20.0
+"""Greatest range that is used, m: the end of a longer beam moves by its heading's error more than a map's cells are wide."""
+STILL, UNTURNED = 0.02, 0.01
+"""Way and turn since the last scan up to which a scan says nothing new, m and rad: it is left out."""
+
+
+class Recorded(NamedTuple):
+    """What a localizer sees of a recording of T rows and S scans."""
+
+    time: NDArray[np.float64]
+    """Shape (T,), s; only the beams of a scan that were measured one after the other need it."""
+    odometry: NDArray[np.float64]
+    """Shape (T, 3); m, m, rad."""
+    rows: NDArray[np.int64]
+    """Row at which each scan arrives, shape (S,), ascending."""
+    last: NDArray[np.float64]
+    """Time of each scan's last beam, shape (S,), s."""
+    ranges: NDArray[np.float32]
+    """Shape (S, B), m; what is no measurement is NaN, infinite or not in (0, `range_max`]."""
+    angles: NDArray[np.float64]
+    """Directions of the beams in the robot's frame, shape (B,), rad."""
+    interval: float = 0.0
+    """Time between two beams, s; 0 if all were measured at once."""
+    mount: tuple[float, float] = (0.0, 0.0)
+    """Position of the LiDAR on the robot, m."""
+    range_max: float = FAR
+    """Greatest range that is used, m."""
+
+
+class Course(NamedTuple):
+    """Beliefs at each row of a recording."""
+
+    poses: NDArray[np.float64]
+    """Shape (T, 3); m, m, rad."""
+    covariances: NDArray[np.float64]
+    """Shape (T, 3, 3)."""
+    fits: NDArray[np.float64]
+    """Share of the beams of the newest scan that fit, shape (T,)."""
+    states: NDArray[np.int64]
+    """`localizer.TRACKING`, `UNSURE` or `LOST`, shape (T,)."""
+    scans: int
+    """Number of scans used."""
+
+
+def _follow(
+    time: Any, odometry: Any, rows: Any, last: Any, ranges: Any, beams: Any, timing: Any, field: Any, frame: Any, q: Any,
+    located: Any, first: int, course: Any, states: Any,
+) -> Any:  # fmt: skip
+    """Write the belief at each row from ``first`` on, shape (T, 11): pose, covariance, share of fitting beams."""
+    trail, points = np.empty((TRAIL, 4)), np.empty((5, int(q.beams)))
+    every = max(-(-ranges.shape[1] // int(q.beams)), 1)
+    now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
+    rest(trail, time[first], now)
+    at, way, turn = int(np.searchsorted(rows, first)), 1.0, 0.0
+    for row in range(first, len(odometry)):
+        if row > first:
+            before, now = now, Pose(odometry[row, 0], odometry[row, 1], odometry[row, 2])
+            located = move(located, before, now, Command(0.0, 0.0), (0.0, 0.0), q)
+            remember(trail, time[row], now)
+            way += np.hypot(now.x - before.x, now.y - before.y)
+            turn += abs(wrap(now.theta - before.theta))
+        while at < len(rows) and rows[at] <= row:
+            if way > STILL or turn > UNTURNED:
+                when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
+                number = to_points(ranges[at], beams, int(located.scans) % every, every, when, trail, points)
+                located = scan(located, field, frame, points, number, q)
+                way = turn = 0.0
+            at += 1
+        mean, P = located.belief
+        course[row, 0], course[row, 1], course[row, 2] = mean.x, mean.y, mean.theta
+        course[row, 3], course[row, 4], course[row, 5] = P.xx, P.xy, P.xt
+        course[row, 6], course[row, 7], course[row, 8] = P.yy, P.yt, P.tt
+        course[row, 9] = located.fits
+        states[row] = state_of(located, q)
+    return located
+
+
+@cache
+def _follower() -> Callable[..., Any]:
+    return compiled(_follow, "localizer of recordings")
+
+
+def localize(
+    recorded: Recorded,
+    field: NDArray[np.float32],
+    frame: NDArray[np.float64],
+    tuning: LocalizerTuning,
+    start: Pose,
+    R: tuple[float, float, float] = (0.01, 0.01, 0.001),
+    first: int = 0,
+) -> Course:
+    """Return the beliefs of a localizer that sees a recording.
+
+    Args:
+        recorded: The recording.
+        field: Distances to the surfaces of the map, see `rooms.field`.
+        frame: Their frame.
+        tuning: The localizer.
+        start: The pose at the first row.
+        R: Variances of that pose; m^2, m^2, rad^2.
+        first: The first row; those before are NaN.
+    """
+    rows, time, last = recorded.rows.astype(np.int64), recorded.time, recorded.last
+    if recorded.interval == 0.0:  # no time is needed, so stamps that run backwards do no harm: rows count instead
+        time, last = np.arange(len(recorded.odometry), dtype=np.float64), rows.astype(np.float64)
+    q: Any = as_tuple(tuning)
+    course, states = np.full((len(time), 10), np.nan), np.zeros(len(time), np.int64)
+    timing = Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max)
+    located = _follower()(
+        time, recorded.odometry, rows, last, recorded.ranges, directions(recorded.angles), timing, field, frame, q,
+        locate(start, R, q), first, course, states,
+    )  # fmt: skip
+    a, b, c, d, e, f = course[:, 3:9].T
+    covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
+    return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans))

@@ -1,0 +1,86 @@
+"""The localizer on a stretch of a recorded building, if the recording is there, and what must change nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+from turtlebot_gym.drives.drive import heading_error, position_error
+from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.localization.tuning import ROBOT
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.evaluation.localize import localize
+
+buildings = pytest.importorskip("buildings")
+
+RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz"
+FRAMES, ROWS = 60, 300
+pytestmark = [
+    pytest.mark.skipif(not RECORDING.exists(), reason="needs the recordings"),
+    pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python"),
+]
+
+
+@pytest.fixture(scope="module")
+def stretch():
+    """The first key frames of a building, the drive over them, and their map."""
+    whole = buildings.load(RECORDING)
+    part = whole._replace(rows=whole.rows[:FRAMES], reference=whole.reference[:FRAMES])
+    drive = buildings.driven(part, buildings.CONDITIONS[0])
+    end = int(drive.rows[-1]) + 1
+    recorded = drive.recorded
+    cut = recorded._replace(**{name: getattr(recorded, name)[:end] for name in ("time", "odometry", "rows", "last", "ranges")})
+    return drive._replace(recorded=cut), buildings.chart(part, 0.05)
+
+
+def follow(stretch, start, recorded=None):
+    drive, chart = stretch
+    return localize(recorded or drive.recorded, chart.field, chart.frame, ROBOT, start)
+
+
+def test_the_belief_stays_with_the_reference(stretch):
+    drive, _ = stretch
+    course = follow(stretch, Pose(*drive.reference[0]))
+    figures = buildings.figures(course, drive, slice(None), 0.0)
+    assert figures["median"] < 0.045
+    assert figures["worst"] < 0.3
+    assert figures["declared_lost"] == 0.0
+    wheels = follow(stretch, Pose(*drive.reference[0]), drive.recorded._replace(rows=np.zeros(0, np.int64)))
+    assert buildings.figures(wheels, drive, slice(None), 0.0)["median"] > 0.2  # it is the scans that do it
+
+
+def test_time_stamps_of_complete_scans_change_nothing(stretch):
+    drive, _ = stretch
+    start, recorded = Pose(*drive.reference[0]), drive.recorded
+    course, shuffled = follow(stretch, start), np.random.default_rng(0).permutation(recorded.time)
+    for stamps in (shuffled, -recorded.time):
+        other = follow(stretch, start, recorded._replace(time=stamps, last=stamps))
+        np.testing.assert_array_equal(other.poses, course.poses)
+        np.testing.assert_array_equal(other.covariances, course.covariances)
+
+
+def after_one_scan(stretch, off):
+    """Return the errors of position and heading of starts at places all along the way, each off by the same."""
+    drive, chart = stretch
+    errors = []
+    for row, true in zip(drive.rows[::6].tolist(), drive.reference[::6], strict=True):
+        pose = localize(drive.recorded, chart.field, chart.frame, ROBOT, Pose(*(true + off)), first=row).poses[row]
+        errors.append((position_error(pose, true), heading_error(pose, true)))
+    return np.array(errors).T
+
+
+@pytest.mark.parametrize("turn", [0.3, -0.3])
+def test_a_start_that_is_turned_comes_right_in_one_scan(stretch, turn):
+    position, heading = after_one_scan(stretch, (0.0, 0.0, turn))
+    assert position.max() < 0.1
+    assert heading.max() < 0.03
+
+
+@pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3)])
+def test_a_start_that_is_shifted_comes_right_in_one_scan_unless_along_a_corridor(stretch, shift):
+    position, heading = after_one_scan(stretch, (*shift, 0.0))
+    assert np.median(position) < 0.1
+    assert position.max() < 0.3  # along a corridor a scan says little
+    assert heading.max() < 0.03
