@@ -14,9 +14,9 @@ from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, 
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, RoomReward, Scale, Slip
 from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER
+from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.lidar import DRIVERS, LIDARS, Lidar
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.tasks import TASKS
@@ -29,7 +29,8 @@ CLASSES = (
 )  # fmt: skip
 PRESETS = {
     "robots": ROBOTS, "noises": NOISES, "fixes": FIXES, "gyros": IMUS, "lidars": LIDARS, "rooms": ROOMS, "tasks": TASKS,
-    "filters": {"tutorial": TUTORIAL_FILTER},
+    "drivers": DRIVERS,
+    "filters": {"tutorial": TUTORIAL_FILTER, "gyro": make_filter("gyro", NOISES["clean"], imu=IMUS["mpu9250"])},
 }  # fmt: skip
 
 
@@ -63,7 +64,7 @@ def snapshot() -> dict[str, Any]:
     }
     classes = {kind.__name__: of_class(kind) for kind in CLASSES}
     everything = {"classes": classes, "presets": PRESETS, "nodes": of_nodes(), "policies": policies}
-    return json.loads(json.dumps(everything, default=asdict))
+    return json.loads(json.dumps(everything, default=asdict), parse_constant=str)
 
 
 if __name__ == "__main__":
