@@ -20,7 +20,7 @@ from turtlebot_gym_ros.field import findings, program, steps
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, End, Figure, Finding, Topic
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.report import page
-from turtlebot_gym_ros.field.session import Listener, _follow
+from turtlebot_gym_ros.field.session import Heard, Listener, _follow
 from turtlebot_gym_ros.field.steps import Field, Step, walk
 
 ODOMETRY, STAMPED, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
@@ -161,6 +161,52 @@ class TestTheButton:
     def test_a_press_must_stop_the_guard(self):
         assert findings.judge_press(0.02).verdict == FINE
         assert findings.judge_press(None).verdict == REFUSED
+
+
+class Told:
+    """A guard and a button that have said things at times, and the person who makes them say it."""
+
+    def __init__(self, button, guard, refuses=""):
+        self.said_then = {"emergency_stop": button, "cmd_vel_guard/enabled": guard}
+        self.refuses = refuses
+        self.heard = {"emergency_stop": [Heard(0.0, 0.0, Bool())], "cmd_vel_guard/enabled": [Heard(0.0, 0.0, Bool(data=True))]}
+
+    def enable(self, node, enabled):
+        return self.refuses
+
+    def said(self, topic, value):
+        return self.heard[topic][-1].message.data == value
+
+    def number(self, key, text):
+        return None
+
+    def confirm(self, key, text):
+        for topic, said in self.said_then.items():
+            self.heard[topic] += [Heard(at, 0.0, Bool(data=data)) for at, data in said]
+        return True
+
+
+class TestAPress:
+    @pytest.mark.parametrize(
+        ("button", "guard", "delay"),
+        [
+            ([(1.0, False), (1.1, True), (2.0, False)], [(1.12, False)], 0.02),
+            ([(1.0, False), (3.0, False)], [(1.5, False)], 0.5),  # its program was ended, and started again
+            ([(1.0, False), (1.1, True), (2.0, False)], [], None),
+        ],
+    )
+    def test_it_is_timed_from_the_button_to_the_guards_word(self, monkeypatch, tmp_path, button, guard, delay):
+        monkeypatch.setattr(steps, "PRESSING", 0.05)
+        told = Told(button, guard)
+        (finding,) = steps.try_the_button(Field(listener=cast(Listener, told), person=told, robot="burger", folder=tmp_path))
+        assert finding.verdict == (REFUSED if delay is None else FINE)
+        assert [each.value for each in finding.figures] == ([] if delay is None else [pytest.approx(delay)])
+
+    def test_a_guard_that_cannot_be_enabled_is_refused(self, monkeypatch, tmp_path):
+        monkeypatch.setattr(steps, "wait_for", lambda condition, timeout=0.0: condition())
+        told = Told([], [], refuses="cmd_vel_guard does not run")
+        (finding,) = steps.try_the_button(Field(listener=cast(Listener, told), person=told, robot="burger", folder=tmp_path))
+        assert (finding.verdict, finding.text) == (REFUSED, "The guard refuses: cmd_vel_guard does not run.")
 
 
 class TestMeasures:
@@ -340,7 +386,7 @@ class TestAnswers:
         assert program.main(["--out", str(tmp_path)]) == 2
 
 
-QUICK = ["--seconds", "1", "--distance", "0.3", "--turn", "40", "--side", "0.2", "--duration", "2"]
+QUICK = ["--seconds", "1", "--distance", "0.3", "--turn", "40", "--side", "0.2", "--duration", "0"]
 
 
 def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_path):
@@ -357,6 +403,8 @@ def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_pat
     scale = {each["name"]: each["value"] for each in found["by tape"]["figures"]}["scale"]
     assert scale == pytest.approx(0.9, abs=0.01)
     assert read_parameters(Noise, out / "noise.yaml").process.scale < 0.97
+    assert found["a square"]["verdict"] == FINE
+    assert found["calibration drive"]["text"] == "Left out: --duration is 0."
     assert {each.name for each in out.iterdir()} >= {"bag", "report.html", "noise.yaml"}
 
 

@@ -247,7 +247,7 @@ def judge_button(topic: Topic, *, pressed: bool) -> Finding:
 
 
 def judge_press(delay: float | None) -> Finding:
-    """Judge a press of the emergency stop by the time until the guard said that it stopped, s; None if it never did."""
+    """Judge a press of the emergency stop by the time until the guard said that it stopped, s; None if it did not."""
     if delay is None:
         text = "The guard did not stop when the emergency stop was pressed, or nobody pressed it."
         return Finding("a press", REFUSED, text, (), "Do not drive. Does it publish on the guard's emergency_stop?")
@@ -268,7 +268,7 @@ def judge_measure(name: str, unit: str, *, by_odometry: float, measured: float |
     said = Figure("by odometry", by_odometry, unit)
     if measured is None:
         return Finding(name, SKIPPED, "Nobody measured it.", (said,))
-    if abs(by_odometry) < 10.0 * uncertainty:
+    if abs(by_odometry) <= 10.0 * uncertainty:
         text = f"By odometry the robot moved by {by_odometry:.3g} {unit}: too little to compare."
         return Finding(name, REFUSED, text, (said,), "Did the wheels turn? Does the guard let commands pass?")
     share, off = measured / by_odometry, uncertainty / abs(by_odometry)

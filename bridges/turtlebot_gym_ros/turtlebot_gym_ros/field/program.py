@@ -16,7 +16,7 @@ from typing import Any
 
 from turtlebot_gym import __version__, make_robot
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import POSITIVE
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
 from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.field.findings import REFUSED, Finding, passed
@@ -34,7 +34,7 @@ NUMBERS = (
     ("seconds", 5.0, "time to listen before anything moves, s"),
     ("distance", 1.0, "straight to measure, m"),
     ("turn", 360.0, "turn to measure, degrees"),
-    ("side", 1.0, "side of the square, m"),
+    ("side", 1.0, "side of the square, m; like the other drives, 0 leaves it out"),
     ("duration", 120.0, "length of the calibration drive, s"),
     ("tape", 0.005, "half of the 95 %% interval of a distance, m"),
     ("protractor", 2.0, "half of the 95 %% interval of a turn, degrees"),
@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not isinstance(answers, Mapping):
             raise ValueError(f"{options.answers} must hold answers by name.")
         for name, number in numbers.items():
-            POSITIVE.check(f"--{name}", number)
+            NON_NEGATIVE.check(f"--{name}", number)
         folder.mkdir(parents=True)
     except (ValueError, OSError) as error:
         return refuse(error)

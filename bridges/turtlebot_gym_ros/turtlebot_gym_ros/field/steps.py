@@ -30,8 +30,8 @@ from turtlebot_gym_ros.node.geometry import read_pose
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
-STARTING = 15.0
-"""Longest wait for the first messages, s."""
+STARTING, PRESSING = 15.0, 30.0
+"""Longest wait for the first messages, and for a press of the emergency stop, s."""
 
 
 class Person(Protocol):
@@ -132,14 +132,18 @@ def try_the_button(at: Field) -> list[Finding]:
     if not wait_for(lambda: not listener.enable("cmd_vel_guard", True)):
         return [Finding("a press", REFUSED, f"The guard refuses: {listener.enable('cmd_vel_guard', True)}.")]
     wait_for(lambda: listener.said(enabled, True))
-    since = len(listener.heard["emergency_stop"])
-    if not at.person.confirm("press", "Press the emergency stop now, hold it for a second, and release it"):
+    first = len(listener.heard["emergency_stop"])
+    if not at.person.confirm(
+        "press", "Press the emergency stop for a second and release it, or end its program and start it again"
+    ):
         return [Finding("a press", SKIPPED, "Nobody pressed the emergency stop.")]
-    stopped = wait_for(lambda: listener.said(enabled, False), 30.0)
-    pressed = [each.arrival for each in listener.heard["emergency_stop"][since:] if each.message.data]
-    wait_for(lambda: listener.said("emergency_stop", False), 30.0)
+    if not wait_for(lambda: listener.said(enabled, False), PRESSING):
+        return [findings.judge_press(None)]
     told = listener.heard[enabled][-1].arrival
-    return [findings.judge_press(max(told - pressed[0], 0.0) if stopped and pressed else None)]
+    heard = [each for each in listener.heard["emergency_stop"][first:] if each.arrival <= told]
+    pressed = [each.arrival for each in heard if each.message.data] or [each.arrival for each in heard[-1:]]  # or its silence
+    wait_for(lambda: listener.said("emergency_stop", False), PRESSING)
+    return [findings.judge_press(told - pressed[0] if pressed else None)]
 
 
 def record(at: Field) -> list[Finding]:
@@ -275,6 +279,8 @@ class Step(NamedTuple):
     run: Callable[[Field], list[Finding]]
     asks: str = ""
     """What the person must agree to before the robot moves; empty for a step without motion."""
+    amount: str = ""
+    """Field that says how much to drive; with 0 the step is left out."""
     needs_robot: bool = True
     """Whether it is left out where something essential was refused."""
 
@@ -285,10 +291,10 @@ STEPS = (
     Step("emergency stop", find_the_button, needs_robot=False),
     Step("a press", try_the_button),
     Step("recording", record),
-    Step("a straight", drive_straight, "The robot will drive {distance:g} m straight ahead. Mark its place"),
-    Step("a turn", turn_round, "The robot will turn by {turn:g} degrees on the spot. Mark its heading"),
-    Step("calibration drive", drive_for_calibration, "The robot will drive for {duration:g} s within 1 m of its place"),
-    Step("a square", drive_a_square, "The robot will drive a square of {side:g} m, ahead and to the left. Mark its place"),
+    Step("a straight", drive_straight, "The robot will drive {distance:g} m straight ahead. Mark its place", "distance"),
+    Step("a turn", turn_round, "The robot will turn by {turn:g} degrees on the spot. Mark its heading", "turn"),
+    Step("calibration drive", drive_for_calibration, "The robot will drive for {duration:g} s, within 1 m", "duration"),
+    Step("a square", drive_a_square, "The robot will drive a square of {side:g} m to the left. Mark its place", "side"),
     Step("latency", time_the_chain),
     Step("calibration", calibrate),
 )
@@ -300,7 +306,9 @@ ESSENTIAL = ("/odom", "odometry", "wheels", "guard", "emergency stop", "a press"
 def walk(at: Field, seen: list[Finding], told: Callable[[Finding], Any] = lambda finding: None) -> None:
     """Take all steps, and add their findings to ``seen`` as they come; on an interruption they stay there."""
     for step in STEPS:
-        if step.needs_robot and (missing := _missing(seen)):
+        if step.amount and not getattr(at, step.amount):
+            new = [Finding(step.name, SKIPPED, f"Left out: --{step.amount} is 0.")]
+        elif step.needs_robot and (missing := _missing(seen)):
             new = [Finding(step.name, SKIPPED, f"Left out without: {', '.join(missing)}.")]
         elif step.asks and not at.person.confirm(step.name.replace(" ", "_"), step.asks.format(**vars(at))):
             new = [Finding(step.name, SKIPPED, "The person did not agree.")]
