@@ -59,6 +59,8 @@ class Config:
 
     drives: int = 200
     """Number of rooms."""
+    guarded: int = 200
+    """Number of rooms that are driven behind the guard, too."""
     world: str = "dense"
     """The kind of rooms."""
     policy: str = "ppo-rooms"
@@ -149,13 +151,14 @@ def drives(config: Config) -> Iterator[dict[str, Any]]:
     file.parent.mkdir(parents=True, exist_ok=True)
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     yield from done
-    seeds = range(FIRST, FIRST + config.drives)
+    number = {False: config.drives, True: config.guarded}
     there = {(row["speaks"], row["guarded"], row["seed"]) for row in done}
-    tasks = [(*arm, seed) for arm in ARMS for seed in seeds if (*arm, seed) not in there]
+    asked = [(*arm, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
+    tasks = [task for task in asked if task not in there]
     spawn = multiprocessing.get_context("spawn")
     numbers = spawn.Queue()
-    for number in range(config.workers):
-        numbers.put(number)
+    for worker in range(config.workers):
+        numbers.put(worker)
     with ProcessPoolExecutor(config.workers, spawn, enter, (numbers,)) as pool, file.open("a") as kept:
         futures = [pool.submit(drive, config, *task) for task in tasks]
         for future in track(as_completed(futures), "drives", total=len(futures), console=Console(stderr=True)):

@@ -112,3 +112,19 @@ def test_each_row_of_the_hazard_tables_names_a_test_that_exists():
 def test_the_table_of_recordings_is_what_the_reader_knows():
     rows = rows_after("docs/howto/record.md", "## What can be read")
     assert rows[: len(FORMATS)] == [[form.name, form.files, form.holds] for form in FORMATS]
+
+
+def percent(interval):
+    """Return a share or a difference of shares with its interval, in per cent."""
+    return "{value:.1f} [{low:.1f}, {high:.1f}]".format(**{name: 100.0 * part for name, part in interval.items()})
+
+
+def test_the_table_of_rooms_by_a_robots_messages_is_what_was_measured():
+    arms = measured("as_robot")
+    for name, *cells in rows_after("docs/concepts/rooms.md", "`make bench-as-robot`"):
+        arm = arms[name]
+        if name.startswith("difference"):
+            assert cells == ["", percent(arm), "", ""], name
+        else:
+            clearance = f"{arm['least clearance']:.3f}"
+            assert cells == [str(arm["drives"]), percent(arm["success"]), str(arm["contacts"]), clearance], name
