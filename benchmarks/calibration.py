@@ -1,8 +1,9 @@
 """Check whether a calibration's intervals contain the truth, and what it gains on recorded drives.
 
 `make bench-calibration` runs both parts. The first fits the noise model to five-minute drives of the environment with random
-known noise, from the truth and from the innovations alone, and counts how often the 95 % intervals contain the known values. It
-takes about half an hour of one core; finished fits are kept in ``--kept``, and an interrupted run resumes. The second
+known noise, from the innovations alone, and counts how often the 95 % intervals contain the known values. (From the truth:
+`calibration_intervals.py`.) It takes a quarter of an hour of one core; finished fits are kept in ``--kept``, and an interrupted
+run resumes. The second
 calibrates on one recorded drive and evaluates on the other.
 """
 
@@ -30,8 +31,7 @@ from turtlebot_gym_agents.provenance import plain, provenance, settings_of, writ
 RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
 """File for each part's results."""
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
-VIEWS = {"truth": True, "innovations": False}
-"""Data of a fit: the truth, or the innovations alone."""
+VIEW = "innovations"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +41,7 @@ class Config:
     part: Literal["coverage", "recorded"] = "coverage"
     """Part to run: coverage of intervals, or gain of a calibration on recorded drives."""
     drives: int = 200
-    """Number of drives of five minutes, each with its own noise, to fit to the truth ..."""
-    blind: int = 200
-    """... and to the innovations alone."""
+    """Number of drives of five minutes, each with its own noise."""
     seed: int = 0
     """Seed of the first drive."""
     data: Path = Path("../shared/data")
@@ -56,10 +54,6 @@ class Config:
     """Folder for finished fits."""
     seconds: float = float("inf")
     """Time limit of this run, s; the next run resumes."""
-
-    def wanted(self) -> dict[str, int]:
-        """Return the number of drives to fit for each view."""
-        return {"truth": self.drives, "innovations": self.blind}
 
 
 def random_noise(seed: int) -> Noise:
@@ -86,24 +80,24 @@ def true_value(noise: Noise, name: str) -> float:
     return value_of(noise, name) if name in PARAMETERS else noise.odometry.dropout_probability
 
 
-def calibrated(seed: int, view: str) -> dict[str, Any]:
+def calibrated(seed: int) -> dict[str, Any]:
     """Return the fit to one drive with the true values."""
     noise = random_noise(seed)
     log = simulated_log(noise, seed=seed)
     began = time.process_time()
-    calibration = calibrate(log, use_truth=VIEWS[view])
+    calibration = calibrate(log, use_truth=False)
     rows = {
         name: {"true": true_value(noise, name)} | {key: value for key, value in asdict(estimate).items() if key != "remedy"}
         for name, estimate in calibration.estimates.items()
     }
-    return {"seed": seed, "view": view, "seconds": time.process_time() - began, "estimates": rows}
+    return {"seed": seed, "view": VIEW, "seconds": time.process_time() - began, "estimates": rows}
 
 
-def coverage(rows: list[dict[str, Any]], view: str) -> dict[str, Any]:
+def coverage(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return how often the intervals of each parameter contain the truth, among all drives and those that determine it."""
     content = {}
     for name in (*PARAMETERS, "dropout_probability"):
-        ones = [row["estimates"][name] for row in rows if row["view"] == view and name in row["estimates"]]
+        ones = [row["estimates"][name] for row in rows if name in row["estimates"]]
         if not ones:
             continue
         holds = np.array([one["low"] <= one["true"] <= (np.inf if one["high"] is None else one["high"]) for one in ones])
@@ -159,21 +153,21 @@ def covered(config: Config) -> dict[str, Any] | None:
     kept = config.kept / f"{provenance()['commit']}.jsonl"
     kept.parent.mkdir(parents=True, exist_ok=True)
     rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    done, began = {(row["view"], row["seed"]) for row in rows}, time.monotonic()
-    wanted = [(view, config.seed + k) for view, drives in config.wanted().items() for k in range(drives)]
+    done, began = {row["seed"] for row in rows}, time.monotonic()
+    wanted = range(config.seed, config.seed + config.drives)
     with progress(len(wanted)) as advance_to:
-        for view, seed in wanted:
-            if (view, seed) in done:
+        for seed in wanted:
+            if seed in done:
                 continue
             if time.monotonic() - began > config.seconds:
                 print(f"{len(rows)} of {len(wanted)} fits are done; run again to go on.")
                 return None
-            rows.append(plain(calibrated(seed, view)))
+            rows.append(plain(calibrated(seed)))
             with kept.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
             advance_to(len(rows))
-    seconds = {view: float(np.mean([row["seconds"] for row in rows if row["view"] == view])) for view in VIEWS}
-    return {"coverage": {view: coverage(rows, view) for view in VIEWS}, "seconds_per_drive": seconds}
+    seconds = {VIEW: float(np.mean([row["seconds"] for row in rows]))}
+    return {"coverage": {VIEW: coverage(rows)}, "seconds_per_drive": seconds}
 
 
 def main() -> None:

@@ -47,6 +47,20 @@ def test_a_noise_file_a_figure_and_numbers_are_written(table, tmp_path, capsys):
     assert picture.stat().st_size > 10_000
 
 
+def test_a_drive_that_the_model_does_not_describe_gives_no_file_unless_forced(tmp_path, capsys):
+    log, random = simulated_log(MINE, seed=2, steps=300), np.random.default_rng(0)
+    far = 0.3 * random.standard_t(2.1, size=(len(log), 3)) * np.abs(log.twist[:, :1])  # of the place, in each step
+    columns = np.column_stack([log.time, log.twist, log.truth + np.cumsum(0.1 * far, axis=0)])
+    table, out = tmp_path / "far.csv", tmp_path / "far.yaml"
+    np.savetxt(table, columns, delimiter=",", header="t,v,omega,true_x,true_y,true_theta", comments="")
+    command = ["calibrate", str(table), "--odometry", "wheel", "--segment", "0", "--out", str(out)]
+    assert main(command) == 1
+    assert "far.yaml is not written: The model does not describe the drive" in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+    assert main([*command, "--force"]) == 0
+    assert "The model does not describe the drive" in out.read_text()
+
+
 def test_what_innovations_cannot_tell_is_said(table, capsys):
     assert main(["calibrate", str(table), "--truth", "none"]) == 0
     printed = " ".join(capsys.readouterr().out.split())

@@ -10,7 +10,8 @@ from scipy import stats
 
 from turtlebot_gym.calibration import calibrate, detect_kind
 from turtlebot_gym.calibration.coordinates import PARAMETERS, from_coordinates, to_coordinates, value_of, with_values
-from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, measurements, segment_rows
+from turtlebot_gym.calibration.estimates import _of_headings
+from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, segment_rows
 from turtlebot_gym.calibration.shown import drift, residuals
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
@@ -51,16 +52,12 @@ def test_the_likelihood_of_one_step_is_the_textbook_density():
 
 
 def test_the_likelihood_of_a_measured_heading_is_the_mixture_of_spikes():
-    error, truth = np.array([0.01, 0.35, -0.28]), np.zeros((3, 3))
-    poses = np.column_stack([np.zeros((3, 2)), error + 0.02])
-    always = np.ones(3, np.bool_)
-    rows = Rows(np.arange(3.0), np.zeros((3, 2)), poses, always, always, always)
-    odometry = OdometryNoise(R=(1.0, 1.0, 0.01), bias=(0.0, 0.0, 0.02), spike_probability=0.1, spike=0.3)
-    density = stats.norm(0.0, 0.1).pdf
+    error = np.array([0.01, 0.35, -0.28])
+    odometry = OdometryNoise(R=(1.0, 1.0, 0.008), bias=(0.0, 0.0, 0.02), spike_probability=0.1, spike=0.3)
+    density = stats.norm(0.0, 0.1).pdf  # with a truth that is known to a variance of 0.002
     heading = 0.9 * density(error) + 0.05 * density(error - 0.3) + 0.05 * density(error + 0.3)
-    expected = np.log(heading).sum() + 6.0 * stats.norm.logpdf(0.0)
-    got = measurements(rows, truth, Noise(odometry=odometry)) - 4.5 * math.log(2.0 * math.pi)
-    assert got == pytest.approx(expected, abs=1e-8)
+    got = _of_headings(error + 0.02, odometry, 0.002) - 1.5 * math.log(2.0 * math.pi)
+    assert got == pytest.approx(np.log(heading).sum(), abs=1e-8)
 
 
 def test_with_the_truth_everything_comes_out(by_truth, known):

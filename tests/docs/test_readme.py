@@ -18,13 +18,14 @@ def row_of(phrase):
 
 def test_it_is_short_and_says_what_was_measured():
     """In the row of the table that holds a phrase."""
-    lockstep, rooms, faults, calibration = map(measured, ("lockstep", "rooms_study", "faults", "calibration"))
+    lockstep, rooms, faults, calibration = map(measured, ("lockstep", "rooms_study", "faults", "calibration_intervals"))
     by_policy = {row["policy"]: row for row in rooms["rows"] if row["setting"] == "dense"}
     total, learned, vfh = faults["total"], by_policy["ppo-rooms"], by_policy["vfh"]
-    truth = calibration["coverage"]["truth"].values()
+    settings = calibration["coverage"].values()
+    truth = [row for setting in settings for row in setting["parameters"].values()]
     share = 100 * sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
     verdicts = [row["verdict"] for row in measured("robustness")["comparisons"]]
-    equality, drives = lockstep["parts"]["equality"], calibration["config"]["drives"]
+    equality, drives = lockstep["parts"]["equality"], sum(setting["drives"] for setting in settings)
     for phrase, claim in (
         (
             "lock-step",

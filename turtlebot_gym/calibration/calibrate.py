@@ -9,8 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from turtlebot_gym.calibration.alignment import Frame, Shift, aligned
-from turtlebot_gym.calibration.coordinates import value_of, with_values
+from turtlebot_gym.calibration.coordinates import ALPHAS, value_of, with_values
+from turtlebot_gym.calibration.diagnosis import Verdict
 from turtlebot_gym.calibration.estimates import ONLY_TRUTH, POSE, WHEELS, Estimate, by_innovations, by_truth, of_share
+from turtlebot_gym.calibration.execution import Execution, fit_execution
+from turtlebot_gym.calibration.fit import Z
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
@@ -20,8 +23,21 @@ from turtlebot_gym.validation import choose
 KINDS = (POSE, WHEELS)
 """Kinds of odometry."""
 
-WORST = {"alpha1": 0.1, "alpha2": math.inf, "alpha3": math.inf, "alpha4": 0.1}
-"""Cap on alphas that a drive does not determine: noise of a third of the speed in each 0.1 s."""
+CAPS = {"alpha1": 0.1, "alpha2": 0.025, "alpha3": 2.5, "alpha4": 0.1}
+"""Largest alphas in a file: noise of a third of the speed in each 0.1 s; between speed and turn by levers of 0.5 m (alpha2) and
+0.2 m (alpha3). A drive whose likeliest value is larger is not described by white noise."""
+WHITE = 5e-4
+"""Least white noise of measured poses, m: less is the rounding of wheel odometry."""
+
+
+UNKNOWN = {"alpha1": "scale", "alpha3": "veer", "alpha4": "turn_scale"}
+"""Alpha that stands for each parameter of the wheels where a drive does not determine it."""
+MENTIONED = 5
+"""Most jumps whose times are mentioned."""
+MARKER = (("marker_x", "m", "ahead"), ("marker_y", "m", "to the left"), ("marker_theta", "rad", "turned"))
+UNTESTED = Verdict(
+    True, False, "Fitted to the innovations alone: nothing tests whether the model describes the drive.", 1.0, 3.0
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +53,8 @@ class Calibration:
     """Estimate of each parameter that was fitted, by name."""
     unknown: dict[str, str]
     """Parameters that this kind of drive can never determine, with the reason."""
+    verdict: Verdict
+    """Whether the model describes the drive."""
     kind: str
     """"pose" or "wheel"."""
     has_truth: bool
@@ -62,7 +80,8 @@ class Calibration:
 def detect_kind(drive: Drive) -> str:
     """Return the kind of odometry: "wheel" if its poses move as the recorded twist does, or if there are none.
 
-    White noise on a pose makes one step too long and the next too short; errors of that pattern mark measured poses.
+    White noise on a pose makes one step too long and the next too short; errors of that pattern mark measured poses, if they
+    are larger than rounding.
     """
     z = drive.odometry
     step, dt = difference(z[1:], z[:-1]), np.diff(drive.time)
@@ -74,7 +93,8 @@ def detect_kind(drive: Drive) -> str:
     rest = np.where(good, forward - drive.twist[1:, 0] * dt, 0.0)
     size = float((rest**2).sum())
     # White noise gives -0.5: an error ends one step and begins the next.
-    return POSE if size > 0.0 and float((rest[1:] * rest[:-1]).sum()) < -0.25 * size else WHEELS
+    is_white = size > 2.0 * WHITE**2 * good.sum() and float((rest[1:] * rest[:-1]).sum()) < -0.25 * size
+    return POSE if is_white else WHEELS
 
 
 def calibrate(
@@ -95,8 +115,8 @@ def calibrate(
         kind: "pose" for odometry that measures the pose, "wheel" for wheel odometry; None to detect it.
         use_truth: Use the truth where the drive has it; if false, the innovations alone.
         integrator: "euler" or "midpoint"; None for the one that explains the motion better.
-        segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if
-            that also predicts the drift over `estimates.SEGMENTS`, and those segments otherwise. With truth only.
+        segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if the
+            errors are not correlated, and `execution.SEGMENTS` otherwise. With truth only.
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
         start: Start of the search for the alphas; an alpha of which the drive says nothing keeps this value.
         progress: Called with the name of each finished part.
@@ -114,18 +134,31 @@ def calibrate(
         raise ValueError("there are no measured poses to calibrate.")
     drive, delays, frame, remarks = aligned(drive, kind, has_truth, delay)
     progress("alignment")
-    started = Noise(process=replace(start, scale=1.0, slip=0.0), odometry=OdometryNoise(wheel=kind == WHEELS))
+    exact = replace(start, scale=1.0, turn_scale=1.0, veer=0.0, slip=0.0)
+    started = Noise(process=exact, odometry=OdometryNoise(wheel=kind == WHEELS))
     if has_truth:
-        fit = by_truth(drive, kind, started, integrator, segment, progress)
+        execution = fit_execution(drive, started, integrator, segment)
+        drive, integrator, verdict = execution.drive, execution.integrator, execution.verdict
+        longest, segments = execution.segment, execution.segments
+        estimates, likeliest = dict(execution.estimates), execution.noise
+        remarks += _remarks(execution)
+        progress("execution")
+        if kind == POSE:
+            fitted = by_truth(drive, likeliest, execution.truth_deviations)
+            estimates, likeliest = estimates | fitted.estimates, fitted.noise
+            progress("measurements")
     else:
-        fit = by_innovations(drive, started, integrator, progress)
-    estimates, likeliest = dict(fit.estimates), fit.likeliest
+        (likeliest, estimates), integrator = by_innovations(drive, started, integrator)
+        estimates, longest, segments = dict(estimates), 0.0, int(known(drive.odometry).sum())
+        verdict = UNTESTED
+        progress("innovations")
     if kind == POSE:
         missing, among = _lost(drive)
         estimates["dropout_probability"] = of_share(missing, among, "record for longer")
         share = missing / max(among, 1)
         likeliest = replace(likeliest, odometry=replace(likeliest.odometry, dropout_probability=share))
-    noise = _wary(likeliest, estimates, started, is_certain=fit.segment == 0.0)
+    noise = _wary(likeliest, estimates, started, is_certain=longest == 0.0)
+    verdict = _capped(verdict, estimates)
     unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
     if kind == WHEELS:
         unknown = {}
@@ -134,11 +167,12 @@ def calibrate(
         likeliest=likeliest,
         estimates=estimates,
         unknown=unknown,
+        verdict=verdict,
         kind=kind,
         has_truth=has_truth,
-        integrator=fit.integrator,
-        segment=fit.segment,
-        segments=fit.segments,
+        integrator=integrator,
+        segment=longest,
+        segments=segments,
         delay=delays[0],
         truth_delay=delays[1],
         frame=frame,
@@ -152,17 +186,42 @@ def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_cert
 
     Correlated errors are not white noise; the upper end then stands for all of them.
     """
-    worst = {
-        name: max(estimate.value, min(estimate.high, WORST[name]))
-        for name, estimate in estimates.items()
-        if name.startswith("alpha") and not (is_certain and estimate.is_determined) and math.isfinite(estimate.high)
-    }
-    worst |= {
-        name: value_of(start, name)
-        for name, estimate in estimates.items()
-        if name.startswith("alpha") and math.isinf(estimate.high)
-    }
+    worst = {}
+    for name in ALPHAS:
+        estimate = estimates[name]
+        value = estimate.value if is_certain and estimate.is_determined else estimate.high
+        value = value if math.isfinite(value) else value_of(start, name)
+        # A wheel that is not known is noise to a filter.
+        part = estimates[UNKNOWN[name]] if name in UNKNOWN and not is_certain else None
+        unsure = ((part.high - part.low) / (2.0 * Z)) ** 2 if part is not None and not part.is_determined else 0.0
+        worst[name] = min(value + unsure, CAPS[name])
     return with_values(noise, worst)
+
+
+def _capped(verdict: Verdict, estimates: dict[str, Estimate]) -> Verdict:
+    """Return a verdict that also says which alphas are larger than any robot's, beyond doubt."""
+    above = [name for name in ALPHAS if estimates[name].low > CAPS[name]]
+    if not above:
+        return verdict
+    text = ", ".join(f"{name} is {estimates[name].value:.3g}, above {CAPS[name]:g}" for name in above)
+    text = f"The model does not describe the drive: {text}." if verdict.is_good else f"{verdict.text[:-1]}; {text}."
+    return verdict._replace(is_good=False, text=text)
+
+
+def _remarks(execution: Execution) -> list[str]:
+    """Return what the fit of the execution corrected."""
+    remarks = []
+    if len(execution.jumps):
+        times = ", ".join(f"{time:.2f}" for time in execution.drive.time[execution.jumps[:MENTIONED]])
+        more = ", ..." if len(execution.jumps) > MENTIONED else ""
+        remarks.append(f"the truth or the twist jumps {len(execution.jumps)} times, at {times}{more} s; left out")
+    off = {name: estimate.value for name, estimate in execution.estimates.items() if execution.is_seen(name)}
+    if "drift" in off:
+        remarks.append(f"the recorded turning rate is off by {off['drift']:.4f} rad/s throughout: a gyro's bias? Subtract it")
+    places = [f"{off[name]:.3f} {unit} {side}" for name, unit, side in MARKER if name in off]
+    if places:
+        remarks.append(f"what is tracked is {', '.join(places)} from the middle of the axle; the truth was moved there")
+    return remarks
 
 
 def _lost(drive: Drive) -> tuple[int, int]:

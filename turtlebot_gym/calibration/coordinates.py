@@ -41,11 +41,13 @@ PARAMETERS = {
     "alpha3": _Parameter("process", "alpha3", None, VARIANCE, "rad^2/m^2", 0.02),
     "alpha4": _Parameter("process", "alpha4", None, VARIANCE, "", 0.02),
     "scale": _Parameter("process", "scale", None, PLAIN, "", 0.01),
+    "turn_scale": _Parameter("process", "turn_scale", None, PLAIN, "", 0.01),
+    "veer": _Parameter("process", "veer", None, PLAIN, "rad/m", 0.01),
 }
 """Every parameter that a likelihood determines, by name; drop-outs are counted instead."""
 MEASURED = ("R_x", "R_y", "R_theta", "bias_x", "bias_y", "bias_theta", "spike_probability", "spike")
 """Parameters of a measured pose."""
-MOTION = ("alpha1", "alpha2", "alpha3", "alpha4", "scale")
+ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 """Parameters of the execution noise."""
 
 

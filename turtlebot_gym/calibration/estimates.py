@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from turtlebot_gym.calibration.coordinates import (
+    ALPHAS,
     MEASURED,
-    MOTION,
     PARAMETERS,
     PLAIN,
     VARIANCE,
@@ -24,16 +24,18 @@ from turtlebot_gym.calibration.coordinates import (
     with_values,
 )
 from turtlebot_gym.calibration.fit import LEVEL, Fit, climb, interval, maximize, valley
-from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, measurements, segment_rows
+from turtlebot_gym.calibration.likelihood import Rows, innovations
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 
-_Likelihood = Callable[[Noise], float]
+Likelihood = Callable[[Noise], float]
 
 SPIKES = ("spike_probability", "spike")
+HEADINGS = ("R_theta", "bias_theta", *SPIKES)
+"""Parameters of a measured heading; those of a position are the mean and the variance of its error."""
 SPIKY = float(stats.chi2.ppf(0.999, 2))
 """Twice the gain in log-likelihood above which spikes are accepted."""
 SPIKE_SIZES = (2.0, 4.0, 8.0)
@@ -43,7 +45,11 @@ SPREAD = (0.3, 1.0, 3.0)
 
 CLEAR = 0.3
 """Relative deviation up to which a variance, a probability or a size counts as determined."""
-FINE = {"scale": 0.05, "bias_x": 0.1, "bias_y": 0.1, "bias_theta": 0.1}
+FINE = {
+    **dict.fromkeys(("bias_x", "bias_y", "bias_theta", "marker_theta"), 0.1),
+    **dict.fromkeys(("scale", "turn_scale", "veer", "marker_x", "marker_y"), 0.05),
+    "drift": 0.01,
+}
 """Standard deviation up to which the other parameters count as determined."""
 
 MOTIONS = {
@@ -52,6 +58,12 @@ MOTIONS = {
     "alpha3": "drive straight ahead, fast, without turning, for 10 m or more",
     "alpha4": "turn on the spot, both ways, for ten turns or more",
     "scale": "drive 10 m or more",
+    "turn_scale": "turn on the spot, both ways, for ten turns or more",
+    "veer": "drive straight ahead, without turning, for 10 m or more",
+    "drift": "stand still for a minute",
+    "marker_x": "turn on the spot, both ways, for ten turns or more",
+    "marker_y": "turn on the spot, both ways, for ten turns or more",
+    "marker_theta": "drive straight ahead, without turning, for 10 m or more",
     "bias_theta": "drive 10 m or more, so that the path shows the heading",
     "spike_probability": "record for longer",
     "spike": "record for longer",
@@ -67,18 +79,8 @@ HIDDEN = ("alpha1", "alpha3")
 
 POSE, WHEELS = "pose", "wheel"
 """Odometry that measures the pose, and odometry that integrates the wheels."""
-SEGMENTS = (0.25, 0.5, 1.0)
-"""Segment lengths for errors that are correlated from row to row, m: timing errors show over short distances, drift
-over long ones. All lengths together count as much as the last one alone, since correlated errors are no further
-evidence."""
-EXACT = (1e-6) ** 2
-"""Variance of the truth row by row, m^2 and rad^2 ..."""
-CAPTURED = (1e-3) ** 2
-"""... and over segments: that of motion capture, a millimetre and a milliradian."""
 FEWEST = 6
-"""Fewest segments or poses to which anything is fitted."""
-FALSE_ALARM = 1e-4
-"""Level of the test for errors that are correlated from row to row."""
+"""Fewest poses to which anything is fitted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +101,7 @@ class Estimate:
     """What would determine it, if the drive does not."""
 
 
-def _search(likelihood: _Likelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
+def search(likelihood: Likelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
     """Return the maximum of a likelihood over some parameters of a noise model.
 
     With ``widely`` it also starts elsewhere, and without gradients: the likelihood of few data has narrow valleys.
@@ -117,7 +119,7 @@ def _search(likelihood: _Likelihood, start: Noise, names: Sequence[str], *, wide
     return maximize(of, begin, scales)
 
 
-def _search_with_spikes(likelihood: _Likelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
+def _search_with_spikes(likelihood: Likelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
     """Return the fitted parameters, the start of their search, and the maximum; with spikes, if the drive has any."""
     plain = tuple(name for name in names if name not in SPIKES)
     scales = np.array([PARAMETERS[name].scale for name in plain])
@@ -127,14 +129,14 @@ def _search_with_spikes(likelihood: _Likelihood, start: Noise, names: Sequence[s
     rest = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
     sizes = [size * math.sqrt(smooth.odometry.R[2]) for size in SPIKE_SIZES]
     begin = max((with_values(smooth, {**rest, "spike": size}) for size in sizes), key=likelihood)
-    spiky = _search(likelihood, begin, names)
+    spiky = search(likelihood, begin, names)
     if 2.0 * (spiky.value - without) > SPIKY:
         return tuple(names), begin, spiky
-    return plain, smooth, _search(likelihood, smooth, plain)
+    return plain, smooth, search(likelihood, smooth, plain)
 
 
-def _estimates(
-    likelihood: _Likelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
+def estimates_of(
+    likelihood: Likelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
 ) -> dict[str, Estimate]:
     """Return values and intervals of parameters at the maximum of their likelihood."""
     likeliest = from_coordinates(start, names, fit.x)
@@ -149,7 +151,7 @@ def _estimates(
         least = -math.inf if PARAMETERS[name].kind == PLAIN else 0.0
         ends = interval(lambda x: likelihood(from_coordinates(start, names, x)), upright, at, least=least)
         low, high = natural_interval(name, ends.low, ends.high)
-        remedy = _remedy(name, upright.x[at], upright.deviations[at], low, high, has_truth=has_truth)
+        remedy = remedy_of(name, upright.x[at], upright.deviations[at], low, high, has_truth=has_truth)
         table[name] = Estimate(
             value=value_of(likeliest, name),
             low=low,
@@ -162,12 +164,10 @@ def _estimates(
     return table
 
 
-def _remedy(name: str, x: float, deviation: float, low: float, high: float, *, has_truth: bool) -> str:
+def remedy_of(name: str, x: float, deviation: float, low: float, high: float, *, has_truth: bool) -> str:
     """Return what would determine a parameter; nothing if the drive does."""
-    if PARAMETERS[name].kind == PLAIN:
-        clear = deviation <= FINE[name]
-    else:
-        clear = deviation <= CLEAR * abs(x) and low > 0.0 and high < math.inf
+    limit = CLEAR * abs(x) if low > 0.0 and high < math.inf else -math.inf
+    clear = deviation <= FINE.get(name, limit)
     is_hidden = name in HIDDEN and not has_truth
     if clear and not is_hidden:
         return ""
@@ -197,104 +197,96 @@ def of_share(happened: int, among: int, remedy: str) -> Estimate:
     )
 
 
-class _Found(NamedTuple):
+class Fitted(NamedTuple):
+    """The likeliest noise model, and the estimates of the parameters that were fitted."""
+
+    noise: Noise
     estimates: dict[str, Estimate]
-    likeliest: Noise
-    integrator: str
-    segment: float
-    segments: int
 
 
-def by_truth(
-    drive: Drive, kind: str, start: Noise, integrator: str | None, segment: float | None, progress: Callable[[str], None]
-) -> _Found:
-    """Fit to a drive with truth: execution noise and measurement noise separately."""
-    fitted: dict[str, Estimate] = {}
-    noise = start
-    every = segment_rows(drive, 0.0)
-    if integrator is None:
-        integrator = _better(lambda middle: innovations(every, _exactly(start, CAPTURED), middle=middle))
-    middle = choose("integrator", integrator, INTEGRATORS)
+def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) -> Fitted:
+    """Fit the noise of measured poses to the truth.
 
-    if not segment:
-        length, rows = 0.0, every
-        likelihood: _Likelihood = lambda model: innovations(every, _exactly(model, EXACT), middle=middle)  # noqa: E731
-    else:
-        length, rows = segment, segment_rows(drive, segment)
-        likelihood = _over([rows], CAPTURED, middle)
-    fit = _search(likelihood, start, MOTION, widely=length > 0.0)
-    if segment is None:
-        longer = [segment_rows(drive, each) for each in SEGMENTS]
-        if count_segments(longer[-1]) >= FEWEST:
-            over = _over(longer, CAPTURED, middle)
-            best = _search(over, start, MOTION, widely=True)
-            gain = 2.0 * (best.value - over(from_coordinates(start, MOTION, fit.x)))
-            if gain > stats.chi2.ppf(1.0 - FALSE_ALARM, len(MOTION)):
-                length, rows, likelihood, fit = SEGMENTS[-1], longer[-1], over, best
-    fitted |= _estimates(likelihood, start, MOTION, fit, has_truth=True)
-    noise = from_coordinates(noise, MOTION, fit.x)
-    progress("execution")
-    if kind == POSE:
-        measured = measured_rows(drive)
-        true = known(drive.truth)
-        measured = measured._replace(due=measured.due & true)
-        truth = np.where(true[:, None], drive.truth, 0.0)
-        error = difference(drive.odometry, drive.truth)[measured.due]
-        if len(error) < FEWEST:
-            raise ValueError(f"only {len(error)} measured poses have a true one beside them.")
-        begin = replace(noise.odometry, R=tuple(np.maximum(error.var(axis=0), 1e-12)), bias=tuple(error.mean(axis=0).tolist()))
-        begun = Noise(process=noise.process, odometry=begin)
-        likely = lambda model: measurements(measured, truth, model)  # noqa: E731
-        names, base, best = _search_with_spikes(likely, begun, MEASURED)
-        fitted |= _estimates(likely, base, names, best, has_truth=True)
-        noise = from_coordinates(base, names, best.x)
-        progress("measurements")
-    return _Found(fitted, noise, integrator, length, count_segments(rows))
+    Args:
+        drive: The drive.
+        start: Noise model, of which only the odometry is fitted.
+        truth_deviations: Standard deviations of the truth, m and rad.
 
-
-def _over(sets: Sequence[Rows], variance: float, middle: float) -> _Likelihood:
-    """Return the likelihood of a noise model over segments of several lengths, weighted as if there were only the last length.
-
-    The count is reduced by the number of fitted parameters: with few errors, three for each segment, maximum likelihood
-    makes variances too small by that share.
+    Raises:
+        ValueError: If fewer than `FEWEST` measured poses have a true one beside them.
     """
-    counts = [count_segments(rows) for rows in sets]
-    errors = 3.0 * counts[-1]
-    rest = max(errors - len(MOTION), 0.2 * errors) / errors
-    shares = [rest * counts[-1] / (len(sets) * max(each, 1)) for each in counts]
+    both = known(drive.odometry) & known(drive.truth)
+    error = difference(drive.odometry[both], drive.truth[both])
+    n = len(error)
+    if n < FEWEST:
+        raise ValueError(f"only {n} measured poses have a true one beside them.")
+    table, R, bias = {}, [], []
+    for at, axis in enumerate(("x", "y")):
+        R.append(_variance(error[:, at], truth_deviations[0] ** 2))
+        bias.append(_mean(error[:, at]))
+        table |= {f"R_{axis}": R[at], f"bias_{axis}": bias[at]}
+    begin = replace(
+        start.odometry,
+        R=(*(max(each.value, 0.0) for each in R), max(float(error[:, 2].var()), 1e-12)),
+        bias=(*(each.value for each in bias), float(error[:, 2].mean())),
+    )
 
     def likelihood(model: Noise) -> float:
-        exact = _exactly(model, variance)
-        return sum(share * innovations(rows, exact, middle=middle) for share, rows in zip(shares, sets, strict=True))
+        return _of_headings(error[:, 2], model.odometry, truth_deviations[1] ** 2)
 
-    return likelihood
+    names, base, best = _search_with_spikes(likelihood, replace(start, odometry=begin), HEADINGS)
+    table |= estimates_of(likelihood, base, names, best, has_truth=True)
+    return Fitted(from_coordinates(base, names, best.x), table)
 
 
-def by_innovations(drive: Drive, start: Noise, integrator: str | None, progress: Callable[[str], None]) -> _Found:
-    """Fit execution and measurement noise together, by the innovations."""
+def _variance(errors: NDArray[np.float64], known_variance: float) -> Estimate:
+    """Return the variance of normal errors beyond a known one, with the interval by chi-square."""
+    n, variance = len(errors), float(errors.var(ddof=1))
+    low, high = (n - 1) * variance / stats.chi2.ppf([0.5 + 0.5 * LEVEL, 0.5 - 0.5 * LEVEL], n - 1)
+    value, low, high = (max(float(each) - known_variance, 0.0) for each in (variance, low, high))
+    is_clear = low > 0.0 and high - low < 4.0 * CLEAR * value
+    remedy = "" if is_clear else "record for longer"
+    return Estimate(value=value, low=low, high=high, unit="m^2", is_profile=False, is_determined=is_clear, remedy=remedy)
+
+
+def _mean(errors: NDArray[np.float64]) -> Estimate:
+    """Return the mean of normal errors, with the interval by Student."""
+    n, mean = len(errors), float(errors.mean())
+    half = float(stats.t.ppf(0.5 + 0.5 * LEVEL, n - 1)) * float(errors.std(ddof=1)) / math.sqrt(n)
+    is_clear = half < 2.0 * FINE["bias_x"]
+    remedy = "" if is_clear else "record for longer"
+    return Estimate(
+        value=mean, low=mean - half, high=mean + half, unit="m", is_profile=False, is_determined=is_clear, remedy=remedy
+    )
+
+
+def _of_headings(errors: NDArray[np.float64], odometry: OdometryNoise, known_variance: float) -> float:
+    """Return the log-likelihood of heading errors, a mixture of true ones and spikes of either sign."""
+    variance, share, spike = odometry.R[2] + known_variance, odometry.spike_probability, odometry.spike
+    turn = np.remainder(errors - odometry.bias[2] + math.pi, 2.0 * math.pi) - math.pi
+    parts = [(1.0 - share, turn)]
+    if share > 0.0:
+        parts += [(0.5 * share, turn - spike), (0.5 * share, turn + spike)]
+    density = sum(weight * np.exp(-0.5 * off**2 / variance) for weight, off in parts)
+    return float(np.log(np.maximum(density, 1e-300)).sum()) - 0.5 * len(errors) * math.log(variance)
+
+
+def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[Fitted, str]:
+    """Fit execution and measurement noise together, by the innovations; return the integrator, too."""
     rows = measured_rows(drive)
     step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
     # The median resists spikes; a difference has twice the variance.
     spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
     begun = replace(start, odometry=replace(start.odometry, R=tuple(np.maximum(spread, 1e-8).tolist()), wheel=False))
     if integrator is None:
-        integrator = _better(lambda middle: innovations(rows, begun, middle=middle))
+        integrator = max(INTEGRATORS, key=lambda name: innovations(rows, begun, middle=INTEGRATORS[name]))
     middle = choose("integrator", integrator, INTEGRATORS)
-    likely = lambda model: innovations(rows, model, middle=middle)  # noqa: E731
-    names = tuple(name for name in (*MEASURED, *MOTION) if name not in ONLY_TRUTH)
-    names, base, best = _search_with_spikes(likely, begun, names)
-    progress("search")
-    fitted = _estimates(likely, base, names, best, has_truth=False)
-    progress("intervals")
-    return _Found(fitted, from_coordinates(base, names, best.x), integrator, 0.0, int(rows.due.sum()))
-
-
-def _better(likelihood: Callable[[float], float]) -> str:
-    return max(INTEGRATORS, key=lambda name: likelihood(INTEGRATORS[name]))
-
-
-def _exactly(noise: Noise, variance: float) -> Noise:
-    return Noise(process=noise.process, odometry=OdometryNoise(R=(variance,) * 3))
+    likelihood = lambda model: innovations(rows, model, middle=middle)  # noqa: E731
+    names = tuple(name for name in (*MEASURED, *ALPHAS, "scale") if name not in ONLY_TRUTH)
+    names, base, best = _search_with_spikes(likelihood, begun, names)
+    return Fitted(
+        from_coordinates(base, names, best.x), estimates_of(likelihood, base, names, best, has_truth=False)
+    ), integrator
 
 
 def measured_rows(drive: Drive) -> Rows:

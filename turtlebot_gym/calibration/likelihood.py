@@ -1,11 +1,8 @@
 """Likelihood of a recorded drive under a noise model: the core's own filter, run over the rows in compiled loops.
 
-Two views of the same equations, those of `estimation.mixture`:
-
-* `innovations`: each pose given all before it. With measured poses it needs no truth. With true poses at the ends of
-  segments, and a restart at each, it measures the error of the wheels after each segment, given the true pose at its
-  start.
-* `measurements`: each measured pose given the true one.
+By the equations of `estimation.mixture`, each pose is given all before it. With measured poses this needs no truth. With
+true poses at the ends of segments, and a restart at each, it measures the error of the wheels after each segment, given the
+true pose at its start.
 
 Row by row, the likelihood is the environment's own. Errors of real wheels are correlated from row to row and add up faster
 than white noise. Over longer segments, from end to end, white noise represents the error that is left after that distance.
@@ -30,8 +27,8 @@ from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Noise
-from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, State
+from turtlebot_gym.parameters import FilterTuning, Mixture, Noise
+from turtlebot_gym.values import Belief, Command, Odometry, Pose
 
 LEVER = 0.2
 """Distance as which a turn by 1 rad counts, m: a turn on the spot ends segments, too."""
@@ -111,14 +108,14 @@ def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
     return hypotheses.high if weights[1] > 0.5 else (hypotheses.low if weights[2] > 0.5 else hypotheses.true)
 
 
-def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale, middle):
+def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, middle):
     rows, total, running, alone = len(time), 0.0, False, False
     hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
     belief = hypotheses.true
     for row in range(rows):
         is_last = row == rows - 1
         after = 0 if is_last else row + 1
-        twist_then = Command(scale * twist[after, 0], scale * twist[after, 1])
+        twist_then = Command(twist[after, 0], twist[after, 1])
         running = running and joined[row]
         z = _shifted(poses, row, bias)
         if running:
@@ -145,21 +142,9 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, scale
     return total
 
 
-def _of_measurements(poses, truth, due, tuning, bias):
-    total = 0.0
-    nothing = Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for row in range(len(poses)):
-        if due[row]:
-            there = Belief(State(truth[row, 0], truth[row, 1], truth[row, 2], 0.0, 0.0), nothing)
-            odometry = Odometry(_shifted(poses, row, bias), Command(0.0, 0.0), True)
-            now = track(there, odometry, tuning, REFERENCE_PERIOD, 0.0)  # at rest: nothing moves
-            total += math.log(now.factor) - now.exponent
-    return total
-
-
 @cache
-def _loops() -> tuple[Callable[..., float], Callable[..., float]]:
-    return compiled(_of_innovations, "likelihood of drives"), compiled(_of_measurements, "likelihood of poses")
+def _loop() -> Callable[..., float]:
+    return compiled(_of_innovations, "likelihood of drives")
 
 
 def tuning_of(noise: Noise) -> FilterTuning:
@@ -181,16 +166,4 @@ def innovations(rows: Rows, noise: Noise, *, middle: float) -> float:
         noise: Noise of the execution and of the poses. For true poses, its R says how well they are known.
         middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
     """
-    bias, scale = noise.odometry.bias, noise.process.scale
-    return _loops()[0](*rows, as_tuple(tuning_of(noise)), bias, scale, middle)
-
-
-def measurements(rows: Rows, truth: NDArray[np.float64], noise: Noise) -> float:
-    """Return the log-likelihood of measured poses, each given the true one, up to a constant.
-
-    Args:
-        rows: The drive.
-        truth: True poses, shape (T, 3), finite at every measured pose.
-        noise: Noise of the poses.
-    """
-    return _loops()[1](rows.poses, truth, rows.due, as_tuple(tuning_of(noise)), noise.odometry.bias)
+    return _loop()(*rows, as_tuple(tuning_of(noise)), noise.odometry.bias, middle)

@@ -86,7 +86,7 @@ def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequ
 def _innovations(rows: Rows, tuning: FilterTuning, calibration: Calibration) -> Iterator[tuple[Pose, Covariance]]:
     """Yield the innovation of each pose, with its prediction's covariance."""
     belief, middle, last = None, INTEGRATORS[calibration.integrator], len(rows.time) - 1
-    times, poses, twists = rows.time.tolist(), rows.poses.tolist(), (rows.twist * tuning.process.scale).tolist()
+    times, poses, twists = rows.time.tolist(), rows.poses.tolist(), rows.twist.tolist()
     for row in range(last + 1):
         z, following = Pose(*poses[row]), Command(*twists[row + 1]) if row < last else STOP
         belief = belief if rows.joined[row] else None

@@ -29,7 +29,8 @@ class Calibrate(Writing, Recorded):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
-    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would.
+    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would. If the
+    model does not describe the drive, no file is written.
     """
 
     log: tyro.conf.Positional[Path]
@@ -49,6 +50,8 @@ class Calibrate(Writing, Recorded):
     """Length of the segments to which the alphas are fitted, m; 0 for row by row. Chosen automatically by default."""
     delay: float | None = None
     """Time by which the motion lags behind the recorded twist, s; estimated by default."""
+    force: bool = False
+    """Write the noise file even if the model does not describe the drive."""
     json: JsonFile = None
     """Write configuration and results here."""
     plot: FigureFile = None
@@ -64,7 +67,7 @@ class Calibrate(Writing, Recorded):
 
         drive = read(self.log, **self.reading())
         check(drive, make_robot(self.robot), str(self.log))
-        parts = itertools.count(1)
+        parts, refused = itertools.count(1), ""
         try:
             with progress(PARTS) as advance_to:
                 fitted = calibrate(
@@ -79,12 +82,17 @@ class Calibrate(Writing, Recorded):
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
         print_tables(*calibration_tables(fitted, title=self.log.name))
-        if self.out is not None:
+        print(fitted.verdict.text)
+        if self.out is not None and not (fitted.verdict.is_good or self.force):
+            refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
+        elif self.out is not None:
             write_parameters(fitted.noise, self.out, comment=comment(fitted, self.log.name, provenance()["version"]))
         if self.json is not None:
             write_json(self.json, _result_of(fitted), config=self.asked())
         if self.plot is not None:
             save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
+        if refused:
+            raise ValueError(refused)
 
 
 def _result_of(fitted: Calibration) -> dict[str, object]:
@@ -94,6 +102,7 @@ def _result_of(fitted: Calibration) -> dict[str, object]:
         "likeliest": asdict(fitted.likeliest),
         "estimates": {name: asdict(estimate) for name, estimate in fitted.estimates.items()},
         "unknown": fitted.unknown,
+        "verdict": fitted.verdict._asdict(),
         "delay": fitted.delay._asdict(),
         "truth_delay": fitted.truth_delay._asdict(),
         "frame": fitted.frame._asdict(),

@@ -60,6 +60,8 @@ def _interval(estimate: Estimate) -> str:
 def _in_file(fitted: Calibration, name: str, estimate: Estimate) -> str:
     from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
 
+    if name not in PARAMETERS and name != "dropout_probability":
+        return "-"
     value = value_of(fitted.noise, name) if name in PARAMETERS else estimate.value
     return f"{value:.4g}" + ("" if estimate.is_determined else " (not determined)")
 
@@ -72,6 +74,7 @@ def comment(fitted: Calibration, name: str, version: str) -> str:
         lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {_interval(estimate)} {estimate.unit}".rstrip() + note)
     lines += [f"{key}: unknown; {remedy}" for key, remedy in fitted.unknown.items()]
     lines += [f"Found: {remark}" for remark in fitted.remarks]
+    lines.append(fitted.verdict.text)
     return "\n".join(lines)
 
 

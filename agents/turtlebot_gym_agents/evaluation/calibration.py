@@ -82,9 +82,8 @@ def judge(
 
     Args:
         drive: The drive.
-        calibrated: Noise that the filter assumes, R and process, with bias and scale, which are removed from measured poses and
-            recorded twists. None for the uncalibrated filter: matched to the true noise, with the process of the preset
-            "wheel".
+        calibrated: Noise that the filter assumes, R and process; its bias is removed from the measured poses. None for the
+            uncalibrated filter: matched to the true noise, with the process of the preset "wheel".
         seeds: Seeds of the measured poses' noise.
         noise: Noise of the measured poses.
         rate: Measured poses per second.
@@ -94,8 +93,7 @@ def judge(
     if calibrated is not None:
         rest = tuple(b - known for b, known in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
         model = replace(model, odometry=replace(model.odometry, bias=rest))
-        drive = replace(drive, twist=drive.twist * calibrated.process.scale)
-        tuning = make_filter("matched", calibrated)
+        tuning = make_filter("calibrated", calibrated)
     judged = []
     for seed in seeds:
         replayed = replay(drive, noise=model, filter=tuning, process=ProcessNoise(), seed=seed, rate=rate)
