@@ -54,7 +54,7 @@ def test_a_drive_that_the_model_does_not_describe_gives_no_file_unless_forced(tm
     table, out = tmp_path / "far.csv", tmp_path / "far.yaml"
     np.savetxt(table, columns, delimiter=",", header="t,v,omega,true_x,true_y,true_theta", comments="")
     command = ["calibrate", str(table), "--odometry", "wheel", "--segment", "0", "--out", str(out)]
-    assert main(command) == 1
+    assert main(command) == 2
     assert "far.yaml is not written: The model does not describe the drive" in " ".join(capsys.readouterr().err.split())
     assert not out.exists()
     assert main([*command, "--force"]) == 0
