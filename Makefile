@@ -158,6 +158,9 @@ bench-estimation: $(READY)  ## filters beside the bound that no filter can pass,
 bench-arrival: $(READY)  ## when a robot should believe that it has arrived: rules side by side (2 minutes)
 	$(RUN)python benchmarks/arrival.py
 
+bench-localization: $(READY)  ## the localizer in rooms: errors, honesty, wrong maps and wheels, speed (10 minutes)
+	$(RUN)python benchmarks/localization.py
+
 bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, and late but taken for new (5 minutes)
 	$(RUN)python benchmarks/fix.py
 

@@ -1,0 +1,223 @@
+"""Measure the localizer in drawn rooms: its error and honesty, wrong maps and wheels, blocked robots, and the cost of a step.
+
+Robots wander for minutes with wheel odometry and the LiDAR `lds01`, in rooms of seeds that no tuning was chosen on.
+`make bench-localization` runs it and writes `localization.json`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich.table import Table
+
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.envs.common import SYMMETRIC
+from turtlebot_gym.estimation.consistency import difference, nees
+from turtlebot_gym.localization.tuning import matched
+from turtlebot_gym.presets import WHEEL
+from turtlebot_gym.presets import matched as matched_filter
+from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT
+from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.systems import Options
+from turtlebot_gym_agents.commands.console import print_tables
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.provenance import settings_of, write_json
+
+RESULTS = Path(__file__).with_suffix(".json")
+DT = 0.1
+WORLDS = ("dense", "office", "corridor")
+MATCHED = matched(LIDARS["lds01"])
+WRONG_MAP = replace(MATCHED, grain=0.04, bias=0.03, turn_bias=0.01)
+"""What a user says of a map whose walls may be off by 5 cm."""
+
+
+def wheels(**changes: float) -> Any:
+    """Return the noise of the wheels with other numbers, of which the filter is not told."""
+    return replace(WHEEL, process=replace(WHEEL.process, **changes))
+
+
+_ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
+CASES: dict[str, dict[str, Any]] = {
+    "wheels only": {"localizer": None},
+    "localizer": {},
+    "60 beams": {"localizer": replace(MATCHED, beams=60)},
+    "without the scale of the ranges": {"localizer": replace(MATCHED, scale=0.0)},
+    "half of the obstacles not on the map": {"rules": {"unmapped": 0.5}},
+    "map off by 5 cm, told": {"rules": {"map_error": 0.05}, "localizer": WRONG_MAP},
+    "map off by 5 cm": {"rules": {"map_error": 0.05}},
+    "bursts of slip": {"noise": wheels(slip=0.5, slip_start=0.01, slip_end=0.2)},
+    "wheels 5 % too large": {"noise": wheels(scale=1.05)},
+    "three times the noise": {"noise": wheels(**{name: 9.0 * getattr(WHEEL.process, name) for name in _ALPHAS})},
+}
+"""What differs from the localizer in a right map with the wheels that its filter assumes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Drive with a localizer."""
+
+    runs: int = 32
+    """Number of drives in each case."""
+    seconds: float = 300.0
+    """Length of a drive, s."""
+    seed: int = 5000
+    """Seed of the first drive."""
+    speed: bool = True
+    """Whether steps are timed."""
+    json: Path | None = RESULTS
+    """File for the results."""
+
+
+class Wander:
+    """Drive forwards where there is room, and turn to the side with more of it."""
+
+    def __init__(self, runs: int, seed: int) -> None:
+        self._rng, self._steps = np.random.default_rng(seed), 0
+        self._turn, self._side = np.zeros(runs), np.ones(runs)
+
+    def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        ranges = observations[:, -SECTORS - 1 : -1] * SIGHT
+        front = np.minimum(ranges[:, :5].min(1), ranges[:, -4:].min(1))
+        left, right = ranges[:, 3:12].mean(1), ranges[:, -11:-2].mean(1)
+        if self._steps % 20 == 0:
+            self._turn = self._rng.uniform(-0.5, 0.5, len(front))
+        self._side = np.where(front > 0.7, np.where(left > right, 1.0, -1.0), self._side)
+        turn = np.where(front < 0.45, 0.6 * self._side, 0.6 * self._turn + 0.3 * (left - right) / SIGHT)
+        self._steps += 1
+        return np.column_stack([np.clip(2.0 * (front - 0.25), 0.0, 1.0), turn]).astype(np.float32)
+
+
+def make_batch(world: str, number: int, case: Mapping[str, Any], seed: int) -> tuple[Batch, NDArray[np.float32]]:
+    """Return environments at the start of their episodes, and their observations."""
+    given = {"noise": "wheel", "localizer": MATCHED, "filter": matched_filter(WHEEL)} | dict(case)
+    rules = replace(ROOMS[world], **given.pop("rules", {}))
+    p, waypoints, _, _ = Options(world=rules, lidar="lds01", **given).setup()
+    batch = Batch(number, p, waypoints)
+    batch.seeds[:] = seed + np.arange(number)
+    observations, outcomes = batch.empty()
+    batch.reset(np.ones(number, np.bool_), observations, outcomes)
+    return batch, observations
+
+
+def drive(
+    batch: Batch,
+    observations: NDArray[np.float32],
+    seconds: float,
+    seed: int,
+    at: Callable[[Batch, int], None] = lambda b, s: None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Wander, and return the errors of position and heading, and the NEES of the pose, each of shape (steps, N); m, rad.
+
+    Args:
+        batch: The environments.
+        observations: Their present observations.
+        seconds: How long, s.
+        seed: Of the random turns.
+        at: Called before each step with the batch and the step's number.
+    """
+    steps, policy = round(seconds / DT), Wander(batch.num_envs, seed)
+    position, heading, consistent = (np.zeros((steps, batch.num_envs)) for _ in range(3))
+    for step in range(steps):
+        at(batch, step)
+        observations, _ = batch.step(policy(observations))
+        mean, truth = batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state")
+        error = difference(mean[:, :3], truth[:, :3])
+        position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+        covariance = batch.numbers("estimate.belief.covariance")[..., SYMMETRIC]
+        consistent[step] = nees(mean, truth, covariance, components=3)
+    return position, heading, consistent
+
+
+def right(position: NDArray[np.float64], heading: NDArray[np.float64], after: float) -> Any:
+    """Return the share of robots within 0.3 m and 0.3 rad of the truth at a time, s."""
+    at = round(after / DT) - 1
+    return metrics.share((position[at] < 0.3) & (heading[at] < 0.3))
+
+
+def blocked(world: str, config: Config) -> dict[str, Any]:
+    """Return the share of robots that are right some seconds after their wheels turned in vain for 5 s."""
+    batch, seen = make_batch(world, 3 * config.runs, {}, config.seed)
+    free = batch.parameters
+    stuck = free._replace(noise=wheels(scale=1e-9, **dict.fromkeys(_ALPHAS, 0.0)))
+
+    def block(batch: Batch, step: int) -> None:
+        if step in (100, 150):
+            batch.set_parameters(stuck if step == 100 else free)
+
+    position, heading, _ = drive(batch, seen, 25.0, config.seed, block)
+    return {f"after {after:g} s": right(position, heading, 15.0 + after) for after in (0.1, 2.0, 5.0)}
+
+
+def speed() -> dict[str, Any]:
+    """Return steps per second without and with a localizer, each the best of some turns, and the ratio of processor times."""
+    results: dict[str, Any] = {}
+    for number in (512, 4096):
+        batches = {name: make_batch("office", number, CASES[name], 0)[0] for name in ("wheels only", "localizer")}
+        actions = np.random.default_rng(0).uniform([-0.1, -0.5], [0.3, 0.5], (number, 2)).astype(np.float32)
+        wall, cpu = dict.fromkeys(batches, np.inf), dict.fromkeys(batches, np.inf)
+        for _ in range(8):
+            for name, batch in batches.items():
+                batch.step(actions)
+                began, used = time.perf_counter(), time.process_time()
+                for _ in range(max(20_000 // number, 4)):
+                    batch.step(actions)
+                steps = number * max(20_000 // number, 4)
+                wall[name] = min(wall[name], (time.perf_counter() - began) / steps)
+                cpu[name] = min(cpu[name], (time.process_time() - used) / steps)
+        results[str(number)] = {
+            "steps_per_second": {name: 1.0 / value for name, value in wall.items()},
+            "cpu_microseconds": {name: 1e6 * value for name, value in cpu.items()},
+            "ratio": cpu["localizer"] / cpu["wheels only"],
+        }
+    return results
+
+
+def main() -> None:
+    """Drive, print tables, and write the results."""
+    config = tyro.cli(Config, description=__doc__)
+    results: dict[str, Any] = {"cases": {}, "blocked": {}}
+    table = Table("world", "case", "position, cm", "heading, mrad", "NEES (3)", "most, cm", title="root mean squares")
+    for world in WORLDS:
+        for name, case in CASES.items():
+            position, heading, consistent = drive(
+                *make_batch(world, config.runs, case, config.seed), config.seconds, config.seed
+            )
+            found = {
+                "position": metrics.mean(np.sqrt((position**2).mean(0))),
+                "heading": metrics.mean(np.sqrt((heading**2).mean(0))),
+                "position_rms": float(np.sqrt((position**2).mean())), "heading_rms": float(np.sqrt((heading**2).mean())),
+                "nees": metrics.mean(consistent[20:].mean(0)), "most": float(position.max()),
+                "lost": metrics.mean((position > 0.5).mean(0)),
+            }  # fmt: skip
+            results["cases"].setdefault(world, {})[name] = found
+            row = (100.0 * found["position_rms"], 1e3 * found["heading_rms"], found["nees"].value, 100.0 * found["most"])
+            table.add_row(world, name, *(f"{value:.2f}" for value in row))
+    places = Table("world", "when", "right", title="within 0.3 m and 0.3 rad after wheels turned in vain for 5 s")
+    for world in WORLDS:
+        results["blocked"][world] = blocked(world, config)
+        for name, share in results["blocked"][world].items():
+            places.add_row(world, name, f"{100.0 * share.value:.1f} %")
+    tables = [table, places]
+    if config.speed:
+        results["speed"] = speed()
+        costs = Table("environments", "steps/s without", "with", "ratio of processor time")
+        for number, cost in results["speed"].items():
+            per_second = cost["steps_per_second"]
+            costs.add_row(
+                number, f"{per_second['wheels only']:,.0f}", f"{per_second['localizer']:,.0f}", f"{cost['ratio']:.2f}"
+            )
+        tables.append(costs)
+    print_tables(*tables)
+    if config.json is not None:
+        write_json(config.json, results, config=settings_of(config))
+
+
+if __name__ == "__main__":
+    main()

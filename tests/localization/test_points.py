@@ -1,0 +1,72 @@
+"""A scan taken in motion, with exact odometry, gives the points of one taken at rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.rooms.lidar import Lidar, aim, divide
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.sensing import clearance, measure
+from turtlebot_gym.systems.localizing import _trail
+from turtlebot_gym.values import Pose
+
+PLAN = FloorPlan(walls=(0.3, -0.2, 2.5, 2.0), circles=((1.2, 0.7, 0.2),), boxes=((-1.0, 0.5, 0.6, 0.4, 0.7),))
+LIDAR = Lidar(beams=90, rate=5.0, range_min=0.0, range_max=9.0, x=-0.05, y=0.02, yaw=0.6)
+POSES = [Pose(-0.4, -0.6, 2.9), Pose(-0.38, -0.58, 3.05), Pose(-0.35, -0.57, -3.08)]
+DT = 0.1
+
+
+def scan(lidar):
+    """Return the scene after a revolution on the way through the poses."""
+    scene = PLAN.scene(beams=lidar.beams)
+    aim(scene.beams, lidar)
+    divide(scene.spans, lidar.yaw, lidar.beams)
+    for at in (1, 2):
+        first, last = (at - 1) * lidar.beams // 2, at * lidar.beams // 2
+        measure(scene, POSES[at - 1], POSES[at], first, last, (at - 1) * DT, 1, lidar, DT)
+    return scene
+
+
+def off(interval, lidar=LIDAR):
+    """Return how far each end lies from the nearest surface, m."""
+    scene, trail, points = scan(lidar), np.empty((4, 4)), np.empty((5, lidar.beams))
+    rest(trail, 0.0, POSES[0])
+    for at in (1, 2):
+        remember(trail, at * DT, POSES[at])
+    timing = Timing(2.0 * DT, interval, lidar.x, lidar.y, lidar.range_max)
+    number = to_points(scene.ranges[1], scene.beams, 0, 1, timing, trail, points)
+    assert number == lidar.beams
+    x, y, theta = POSES[-1]
+    c, s = math.cos(theta), math.sin(theta)
+    np.testing.assert_allclose(np.hypot(*points[2:4]), 1.0)
+    return np.abs([clearance(scene, x + c * a - s * b, y + s * a + c * b) for a, b in points[:2].T])
+
+
+def test_deskewed_ends_lie_on_the_surfaces_that_they_hit():
+    assert off(1.0 / (LIDAR.rate * LIDAR.beams)).max() < 1e-6  # ranges are of single precision
+
+
+def test_without_the_times_of_the_beams_they_do_not():
+    assert off(0.0).max() > 0.1
+
+
+def test_beams_without_a_measurement_and_those_too_many_are_left_out():
+    ranges = np.array([1.0, np.nan, np.inf, 0.0, -1.0, 9.5, 2.0, 3.0], np.float32)
+    trail, points = np.zeros((2, 4)), np.empty((5, 2))
+    timing = Timing(0.0, 0.0, 0.0, 0.0, 9.0)
+    number = to_points(ranges, directions(np.linspace(0.0, 3.0, 8)), 0, 1, timing, trail, points)
+    assert number == 2
+    np.testing.assert_array_equal(points[4], [1.0, 2.0])
+
+
+@pytest.mark.parametrize(("rate", "dt", "poses"), [(5.0, 0.1, 4), (10.0, 0.1, 3), (0.5, 0.1, 22)])
+def test_a_trail_reaches_back_to_the_first_beam(rate, dt, poses):
+    from turtlebot_gym.systems import Options
+
+    p = Options(world="clutter", lidar=replace(LIDAR, rate=rate), dt=dt).setup().parameters
+    assert _trail(p) == poses
