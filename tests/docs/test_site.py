@@ -20,6 +20,7 @@ pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.commands.cli import COMMANDS
+from turtlebot_gym_ros.field.program import parser as field_test_parser
 from turtlebot_gym_ros.nodes import NODES
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
@@ -65,6 +66,8 @@ def check(line, ros):
             known(topic, kind)
         case ["ros2", "run", "teleop_twist_keyboard", "teleop_twist_keyboard", "--ros-args", "-r", remapping, *_]:
             known("/" + remapping.partition(":=")[2])
+        case ["python", "-m", "turtlebot_gym_ros", "field_test", *given]:
+            assert not field_test_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", node, *given]:
             assert node in NODES
             assert given[:1] in ([], ["--ros-args"])
@@ -114,6 +117,7 @@ def test_commands_of_the_pages_name_what_exists(page, ros):
         "ros2 service call /velocity_controller/enabel std_srvs/srv/SetBool '{data: true}'",
         "ros2 topic pub --rate 10 /emergency std_msgs/msg/Bool '{data: false}'",
         "python -m turtlebot_gym_ros kalman",
+        "python -m turtlebot_gym_ros field_test --simulated turtlebot3",
         "python -m turtlebot_gym_ros kalman_filter --ros-args -p filtre:=matched",
         "ros2 bag record /odo",
         "make everything",

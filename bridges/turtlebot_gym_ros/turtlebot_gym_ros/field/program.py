@@ -73,26 +73,27 @@ class Console:
         return None
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    options = argparse.ArgumentParser(
         prog="field_test", description=f"Guide you through the first afternoon with a robot, and write a report. {WORDS}"
     )
-    parser.add_argument("--robot", default="burger", help="burger (default), waffle, turtlebot4, or FILE.yaml")
-    parser.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default field-test-TIME)")
-    parser.add_argument("--with-guard", action="store_true", help="start guard and standby here: run this on the robot then")
-    parser.add_argument("--twist", action="store_true", help="with --with-guard: the robot hears Twist, not TwistStamped")
-    parser.add_argument("--simulate", choices=list(SPEECHES), help="rehearse with a simulated robot that speaks like this one")
-    parser.add_argument("--noise", default="wheel", help="with --simulate: noise of the robot, a preset or FILE.yaml")
-    parser.add_argument("--yes", action="store_true", help="agree to every motion without being asked")
-    parser.add_argument("--answers", type=Path, help="YAML or JSON file: a_straight, a_turn and square, as measured")
+    options.add_argument("--robot", default="burger", help="burger (default), waffle, turtlebot4, or FILE.yaml")
+    options.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default field-test-TIME)")
+    options.add_argument("--with-guard", action="store_true", help="start guard and standby here: run this on the robot then")
+    options.add_argument("--twist", action="store_true", help="with --with-guard: the robot hears Twist, not TwistStamped")
+    options.add_argument("--simulate", choices=list(SPEECHES), help="rehearse with a simulated robot that speaks like this one")
+    options.add_argument("--noise", default="wheel", help="with --simulate: noise of the robot, a preset or FILE.yaml")
+    options.add_argument("--yes", action="store_true", help="agree to every motion without being asked")
+    options.add_argument("--answers", type=Path, help="YAML or JSON file: a_straight, a_turn and square, as measured")
     for name, default, text in NUMBERS:
-        parser.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default {default:g})")
-    return parser
+        options.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default {default:g})")
+    return options
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the test, write the report, and return 0 if nothing was refused, else 1."""
-    options = _parser().parse_args(argv)
+    options = parser().parse_args(argv)
     folder = options.out or Path(time.strftime("field-test-%Y-%m-%dT%H-%M-%S"))
     numbers = {name: getattr(options, name) for name, *_ in NUMBERS}
     try:
