@@ -139,3 +139,25 @@ def test_a_real_building_is_read_and_replayed(name, left_out):
     assert len(chosen) > 0.5 * len(drive)  # stamps that scatter do not tear it apart
     replayed = replay_seeds(chosen[:1500], [0], rate=1e9)
     assert replayed.filter.heading_mean < 0.7 * replayed.raw.heading_mean
+
+
+def test_a_log_of_nonsense_is_refused_or_its_good_rows_are_read(tmp_path):
+    path, arrays = tmp_path / "a.npz", {"time": np.arange(3.0), "odometry": np.array(ARC)}
+    arrays["odometry"][1, 0] = np.nan
+    np.savez(path, **arrays, ranges_cm=np.full((3, 180), 100))
+    drive = read(path)
+    assert len(drive) == 2
+    assert "1 of 3 rows are not finite" in drive.remarks[0]
+    np.savez(path, **arrays, ranges_cm=np.zeros((3, 0)))
+    with pytest.raises(ValueError, match="do not fit each other"):
+        read(path)
+    lines = [odom(10.0 + k, ARC[k % 3]) for k in range(4)]
+    found = read(
+        written(tmp_path / "a.log", *lines, "ODOM 1e300 0 0 0 0 0 20.0 host 20.0", "FLASER 0 0 0 0 0 0 0 21.0 host 21.0")
+    )
+    assert len(found) == 4
+    assert "2 lines cannot be read" in found.remarks[0]
+    path = tmp_path / "Robot1_Odometry.dat"
+    path.write_text("# a\n10.0 0.1 nan\n10.1 1e308 0.2\n10.2 0.1 0.2\n")
+    with pytest.raises(ValueError, match="a drive needs two good rows, got 1"):
+        read(path)

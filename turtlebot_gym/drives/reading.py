@@ -11,9 +11,10 @@ import numpy as np
 
 from turtlebot_gym.drives.alignment import headings, interpolated
 from turtlebot_gym.drives.bags import is_bag, read_bag
+from turtlebot_gym.drives.carmen import is_carmen, is_carmen_arrays, read_carmen, read_carmen_arrays
 from turtlebot_gym.drives.clocks import judged
 from turtlebot_gym.drives.drive import Drive
-from turtlebot_gym.drives.logs import is_carmen, is_carmen_arrays, is_mrclam, read_carmen, read_carmen_arrays, read_mrclam
+from turtlebot_gym.drives.mrclam import is_mrclam, read_mrclam
 from turtlebot_gym.drives.tables import is_table, read_poses, read_table
 from turtlebot_gym.topics import Topics
 

@@ -1,11 +1,10 @@
-"""Logs of two archives of robots' drives: CARMEN's, with a laser, and MRCLAM's, with motion capture.
+"""Logs of CARMEN, as text and as arrays.
 
-In CARMEN's the odometry is a pose that the wheels add up; a row's twist is the arc from the pose before it, so that rows may be
-left out without loss.
+The odometry is a pose that the wheels add up; a row's twist is the arc from the pose before it, so that rows may be left out
+without loss.
 
 References:
     CARMEN, *Logger and Playback*, carmen.sourceforge.net/logger_playback.html: the messages.
-    Leung, Halpern, Barfoot, Liu, "The UTIAS multi-robot cooperative localization and mapping dataset" (2011): MRCLAM.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from turtlebot_gym.beams import beams_of
 from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
+from turtlebot_gym.drives.tables import LARGEST, first_lines
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
@@ -50,7 +50,7 @@ class _Line(NamedTuple):
 
 def is_carmen(path: Path) -> bool:
     """Return whether a file is a CARMEN log: a message's name begins its first line that is no comment."""
-    lines = _first_lines(path)
+    lines = first_lines(path)
     return any(line.startswith("# CARMEN") for line in lines) or any(
         line.split(maxsplit=1)[0] in _WORDS for line in lines if line.strip() and line[0] != "#"
     )
@@ -94,66 +94,20 @@ def read_carmen_arrays(path: Path, *, label: str) -> Drive:
             rows = np.asarray(file["reference_row"], np.intp) if "reference_row" in file.files else np.zeros(0, np.intp)
             true = np.asarray(file["reference"], np.float64) if len(rows) else np.zeros((0, 3))
         shapes = odometry.shape == (len(time), 3) and ranges.ndim == 2 and len(ranges) == len(time) > 1
-        if not (shapes and true.shape == (len(rows), 3) and ((rows >= 0) & (rows < len(time))).all()):
+        good = (np.abs(time) <= LARGEST) & (np.abs(odometry) <= LARGEST).all(axis=1) if shapes else np.zeros(0, np.bool_)
+        if not (shapes and ranges.shape[1] and true.shape == (len(rows), 3) and ((rows >= 0) & (rows < len(time))).all()):
             raise ValueError("its arrays time, odometry, ranges_cm, reference_row and reference do not fit each other")
     except (ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}.") from error
-    known = {row: (x, y, theta) for row, (x, y, theta) in zip(rows.tolist(), true.tolist(), strict=True)}
+    references = {row: (x, y, theta) for row, (x, y, theta) in zip(rows.tolist(), true.tolist(), strict=True)}
     lines = [
-        _Line(float(time[row]), (x, y, theta), true=known.get(row), scan=_sick(ranges[row].astype(np.float32) / 100.0))
+        _Line(float(time[row]), (x, y, theta), true=references.get(row), scan=_sick(ranges[row].astype(np.float32) / 100.0))
         for row, (x, y, theta) in enumerate(odometry.tolist())
+        if good[row]
     ]
-    return _of_poses(path, lines, mount=Pose(0.0, 0.0, 0.0), label=label, remarks=[])
-
-
-def is_mrclam(path: Path) -> bool:
-    """Return whether a file is the odometry of a robot of MRCLAM: by its name, and three numbers to a row."""
-    rows = [line for line in _first_lines(path) if line.strip() and line[0] != "#"]
-    return path.name.endswith("Odometry.dat") and bool(rows) and len(rows[0].split()) == 3
-
-
-def read_mrclam(path: Path, *, label: str) -> Drive:
-    """Read a robot's odometry and, from the file beside it, its true poses; see `reading.read`."""
-    rows = _numbers(path, 3)
-    time, is_set, remarks = continued(rows[:, 0], str(path))
-    keep = increasing(time)
-    if not keep.all():
-        remarks.append(f"{path}: {(~keep).sum()} of {len(keep)} rows have a time that does not increase: left out")
-    beside = path.with_name(path.name.replace("Odometry", "Groundtruth"))
-    truth = None
-    if beside.is_file():
-        poses = _numbers(beside, 4)
-        poses = poses[increasing(poses[:, 0])]
-        truth = interpolated(poses[:, 0], poses[:, 1:], time[keep])
-    else:
-        remarks.append(f"{path}: there is no {beside.name} beside it: the truth is unknown")
-    twist = rows[keep, 1:]
-    drive = Drive(
-        time=time[keep],
-        twist=twist,
-        command=twist,
-        joined=np.concatenate([[False], keep[:-1]])[keep] & ~is_set[keep],
-        around=Surroundings(label),
-        remarks=tuple(remarks),
-    )
-    return drive if truth is None else replace(drive, true_state=truth)
-
-
-def _numbers(path: Path, columns: int) -> NDArray[np.float64]:
-    try:
-        rows = np.loadtxt(path, comments="#", ndmin=2)
-    except ValueError as error:
-        raise ValueError(f"{path}: {' '.join(str(error).split())}.") from error
-    if rows.shape[1] != columns or len(rows) < 2:
-        raise ValueError(f"{path}: it must have {columns} columns and two rows at least, got {rows.shape[1]} and {len(rows)}.")
-    return rows
-
-
-def _first_lines(path: Path) -> list[str]:
-    if not path.is_file():
-        return []
-    with path.open("rb") as file:
-        return file.read(4096).decode("utf-8", errors="replace").splitlines()
+    bad = int((~good).sum())
+    remarks = [f"{path}: {bad} of {len(good)} rows are not finite: left out"] if bad else []
+    return _of_poses(path, lines, mount=Pose(0.0, 0.0, 0.0), label=label, remarks=remarks)
 
 
 def _parsed(words: list[str]) -> Iterable[_Line]:
@@ -162,6 +116,8 @@ def _parsed(words: list[str]) -> Iterable[_Line]:
         return
     sent, logged = float(words[-3]), float(words[-1])
     time = sent if sent > 0.0 else logged
+    if not abs(time) <= LARGEST:
+        raise ValueError("a time is not finite")
     if words[0] == "ODOM":
         yield _Line(time, _three(words, 1))
         return
@@ -178,18 +134,20 @@ def _parsed(words: list[str]) -> Iterable[_Line]:
 
 
 def _floats(words: list[str]) -> NDArray[np.float32]:
-    return np.array([float(word) for word in words], np.float32)
+    return np.clip([float(word) for word in words], -LARGEST, LARGEST).astype(np.float32)
 
 
 def _three(words: list[str], at: int) -> tuple[float, float, float]:
     x, y, theta = (float(word) for word in words[at : at + 3])
-    if not math.isfinite(x + y + theta):
+    if not max(abs(x), abs(y), abs(theta)) <= LARGEST or math.isnan(x + y + theta):
         raise ValueError("a pose is not finite")
     return x, y, theta
 
 
 def _sick(ranges: NDArray[np.float32]) -> Scan:
     """Return a scan of half a turn, one or two beams to a degree."""
+    if not len(ranges):
+        raise ValueError("a scan has no ranges")
     return _scan(ranges, -0.5 * math.pi, math.radians(round(360.0 / len(ranges)) / 2.0), SICK)
 
 
