@@ -22,7 +22,6 @@ import tyro
 from numpy.typing import NDArray
 from rich.table import Table
 
-from turtlebot_gym.drives.drive import heading_error, position_error
 from turtlebot_gym.localization.localizer import LOST
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.models.angles import TWO_PI
@@ -30,15 +29,13 @@ from turtlebot_gym.rooms.field import field_of_hits
 from turtlebot_gym.rooms.grid import BESIDE
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.console import print_tables
-from turtlebot_gym_agents.evaluation.localize import FAR, Course, Recorded, localize
+from turtlebot_gym_agents.evaluation.localize import FAR, Course, Recorded, errors_of, localize
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
 BUILDINGS = ("aces", "intel")
 HIT = 0.25
 """Least share of the beams through a cell that end in it where it is occupied."""
-ASTRAY = 0.5
-"""Error of the position from which on a robot counts as lost, m."""
 BLOCK = 9
 """Number of beams that a person hides."""
 
@@ -192,18 +189,8 @@ def tuning_of(condition: Condition) -> LocalizerTuning:
 
 def figures(course: Course, building: Building, judged: slice, seconds: float) -> dict[str, float]:
     """Return the errors at key frames; m, and seconds of a core per scan."""
-    rows, reference = building.rows[judged], building.reference[judged]
-    error = course.poses[rows] - reference
-    error[:, 2] = (error[:, 2] + np.pi) % TWO_PI - np.pi
-    far, turned = position_error(course.poses[rows], reference), heading_error(course.poses[rows], reference)
-    nees = np.einsum("ki,ki->k", error, np.linalg.solve(course.covariances[rows], error[:, :, None])[:, :, 0])
-    return {
-        "median": float(np.median(far)),
-        "quantile95": float(np.quantile(far, 0.95)),
-        "worst": float(far.max()),
-        "lost": float(np.mean(far > ASTRAY)),
-        "median_heading": float(np.median(turned)),
-        "nees": float(np.median(nees)),
+    rows = building.rows[judged]
+    return errors_of(course, rows, building.reference[judged]) | {
         "declared_lost": float(np.mean(course.states == LOST)),
         "seconds_per_scan": seconds / max(course.scans, 1),
         "scans": course.scans,

@@ -12,9 +12,10 @@ import pytest
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
 from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, _kinds_of, outputs_of, require_outputs
 
-READ = {"config", "against", "check", "file", "files", "log", "model", "drive"}
+READ = {"config", "against", "check", "file", "files", "log", "model", "drive", "map"}
 """Options that name files to be read."""
-NEEDED = {"replay": ["drive.csv"], "calibrate": ["drive.csv"], "export": ["drive.csv"], "study": ["drive.csv"]}
+NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "study")}
+NEEDED["localize"] = ["drive.csv", "--map", "drive.csv"]
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in _kinds_of(command)]
 
 

@@ -43,6 +43,7 @@ BASES: dict[str, list[str]] = {
     "estimate": ["--runs", "4", "--seconds", "0.3", "--filter", "matched"],
     "tune-baseline": ["--tries", "1", "--episodes", "4", "--out", "tuned.json"],
     "calibrate": ["binary.csv"],
+    "localize": ["binary.csv", "--map", "mine.yaml"],
     "video": ["--policy", "nope.json", "--out", "a.gif"],
     "watch": ["--drive", "binary.csv", "--html", "a.html"],
     "train": ["--config", "list.yaml", "--out", "run"],

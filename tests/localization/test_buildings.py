@@ -1,5 +1,6 @@
 """The localizer on a stretch of a recorded building, if the recording is there, and what must change nothing."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from turtlebot_gym.drives.drive import heading_error, position_error
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.localize import localize
 
 buildings = pytest.importorskip("buildings")
@@ -84,3 +86,33 @@ def test_a_start_that_is_shifted_comes_right_in_one_scan_unless_along_a_corridor
     assert np.median(position) < 0.1
     assert position.max() < 0.3  # along a corridor a scan says little
     assert heading.max() < 0.03
+
+
+def test_the_command_localizes_a_log_in_a_map_file(stretch, tmp_path, capsys):
+    image = pytest.importorskip("PIL.Image")
+    drive, chart = stretch
+    recorded, side = drive.recorded, float(chart.frame[4])
+    log, map_file, result = tmp_path / "log.npz", tmp_path / "map.yaml", tmp_path / "result.json"
+    centimetres = np.rint(recorded.ranges * 100.0).astype(np.uint16)
+    columns = {"time": recorded.time, "odometry": recorded.odometry, "ranges_cm": centimetres}
+    np.savez(log, **columns, reference_row=drive.rows, reference=drive.reference)
+    shades = np.where(chart.field == 0.0, 0, np.where(np.isnan(chart.field), 205, 254)).astype(np.uint8)
+    image.fromarray(shades[::-1]).save(tmp_path / "map.png")
+    limits = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    corner = f"[{chart.frame[0]}, {chart.frame[1]}, 0.0]"
+    map_file.write_text(f"image: map.png\nresolution: {side}\norigin: {corner}\n{limits}")
+    written = ["--json", str(result), "--plot", str(tmp_path / "path.png")]
+    assert main(["localize", str(log), "--map", str(map_file), *written]) == 0
+    content = json.loads(result.read_text())
+    assert content["errors"]["median"] < 0.045
+    assert content["errors"]["lost"] == 0.0
+    assert content["shares"]["lost"] == 0.0
+    assert len(content["poses"]) == len(content["time"])
+    assert (tmp_path / "path.png").stat().st_size > 0
+    np.savez(log, **columns)
+    assert main(["localize", str(log), "--map", str(map_file)]) == 2
+    assert "--start must say" in capsys.readouterr().err
+    wheels = tmp_path / "drive.csv"
+    wheels.write_text("t,vx,gyro,px,py,theta\n0,0,0,0,0,0\n1,0,0,0,0,0\n2,0,0,0,0,0\n")
+    assert main(["localize", str(wheels), "--map", str(map_file)]) == 2
+    assert "needs odometry and scans" in capsys.readouterr().err

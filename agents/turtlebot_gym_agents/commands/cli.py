@@ -31,6 +31,7 @@ from turtlebot_gym_agents.commands.console import (
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
+from turtlebot_gym_agents.commands.localize import Localize
 from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.commands.study import Study, TuneBaseline
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
@@ -201,6 +202,7 @@ COMMANDS: dict[str, type[_Command]] = {
     "watch": Watch,
     "estimate": Estimate,
     "replay": Replay,
+    "localize": Localize,
     "calibrate": Calibrate,
     "train": Train,
     "tune": Tune,

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.localization.localizer import locate, move, scan, state_of
+from turtlebot_gym.drives.drive import Drive, heading_error, known, position_error
+from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
@@ -25,17 +26,21 @@ STILL, UNTURNED = 0.02, 0.01
 """Way and turn since the last scan up to which a scan says nothing new, m and rad: it is left out."""
 
 
+ASTRAY = 0.5
+"""Error of the position from which on a robot counts as lost, m."""
+
+
 class Recorded(NamedTuple):
     """What a localizer sees of a recording of T rows and S scans."""
 
     time: NDArray[np.float64]
-    """Shape (T,), s; only the beams of a scan that were measured one after the other need it."""
+    """Shape (T,), s; where it does not increase, scans count as measured at once and at their rows."""
     odometry: NDArray[np.float64]
     """Shape (T, 3); m, m, rad."""
     rows: NDArray[np.int64]
     """Row at which each scan arrives, shape (S,), ascending."""
     last: NDArray[np.float64]
-    """Time of each scan's last beam, shape (S,), s."""
+    """Time of each scan's last beam, shape (S,), s; not after its row."""
     ranges: NDArray[np.float32]
     """Shape (S, B), m; what is no measurement is NaN, infinite or not in (0, `range_max`]."""
     angles: NDArray[np.float64]
@@ -96,6 +101,10 @@ def _follow(
     return located
 
 
+STATES = {"tracking": TRACKING, "unsure": UNSURE, "lost": LOST}
+"""States of a localizer by name."""
+
+
 @cache
 def _follower() -> Callable[..., Any]:
     return compiled(_follow, "localizer of recordings")
@@ -121,12 +130,12 @@ def localize(
         R: Variances of that pose; m^2, m^2, rad^2.
         first: The first row; those before are NaN.
     """
-    rows, time, last = recorded.rows.astype(np.int64), recorded.time, recorded.last
-    if recorded.interval == 0.0:  # no time is needed, so stamps that run backwards do no harm: rows count instead
-        time, last = np.arange(len(recorded.odometry), dtype=np.float64), rows.astype(np.float64)
+    rows, time, last, interval = recorded.rows.astype(np.int64), recorded.time, recorded.last, recorded.interval
+    if not (np.diff(time) > 0.0).all():  # stamps that do not increase are no clock: the rows count instead
+        time, last, interval = np.arange(len(recorded.odometry), dtype=np.float64), rows.astype(np.float64), 0.0
     q: Any = as_tuple(tuning)
     course, states = np.full((len(time), 10), np.nan), np.zeros(len(time), np.int64)
-    timing = Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max)
+    timing = Timing(0.0, interval, *recorded.mount, recorded.range_max)
     located = _follower()(
         time, recorded.odometry, rows, last, recorded.ranges, directions(recorded.angles), timing, field, frame, q,
         locate(start, R, q), first, course, states,
@@ -134,3 +143,51 @@ def localize(
     a, b, c, d, e, f = course[:, 3:9].T
     covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
     return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans))
+
+
+def recorded_of(drive: Drive) -> Recorded:
+    """Return what a localizer sees of a drive.
+
+    Raises:
+        ValueError: If the drive has no odometry or no scans, or scans of several kinds.
+    """
+    if not drive.has_odometry or not drive.scans:
+        lacks = "scans" if drive.has_odometry else "odometry"
+        raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; a localizer needs odometry and scans.")
+    seen = drive.scans
+    kinds = {(len(each.scan.ranges), each.scan.first, each.scan.increment, each.mount) for each in seen}
+    if len(kinds) > 1:
+        raise ValueError(f"The scans of {drive.around.label or 'the recording'} must all have the same beams.")
+    scan, mount = seen[0].scan, seen[0].mount
+    measured = known(drive.odometry)
+    newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
+    rows, times = np.array([each.row for each in seen]), np.array([each.time for each in seen])
+    turn = scan.beam_period * (len(scan.ranges) - 1)
+    return Recorded(
+        drive.time,
+        drive.odometry[newest],
+        rows,
+        np.where(np.isfinite(times), times + turn, drive.time[rows]),
+        np.stack([each.scan.ranges for each in seen]),
+        mount.theta + scan.first + scan.increment * np.arange(len(scan.ranges), dtype=np.float64),
+        scan.beam_period,
+        (mount.x, mount.y),
+        min(scan.range_max, FAR),
+    )
+
+
+def errors_of(course: Course, rows: NDArray[np.intp], reference: NDArray[np.float64]) -> dict[str, float]:
+    """Return the errors of beliefs against reference poses at some rows, shape (K, 3); m, rad, and the median NEES."""
+    poses = course.poses[rows]
+    far, turned = position_error(poses, reference), heading_error(poses, reference)
+    error = poses - reference
+    error[:, 2] = np.arctan2(np.sin(error[:, 2]), np.cos(error[:, 2]))
+    nees = np.einsum("ki,ki->k", error, np.linalg.solve(course.covariances[rows], error[:, :, None])[:, :, 0])
+    return {
+        "median": float(np.median(far)),
+        "quantile95": float(np.quantile(far, 0.95)),
+        "worst": float(far.max()),
+        "lost": float(np.mean(far > ASTRAY)),
+        "median_heading": float(np.median(turned)),
+        "nees": float(np.median(nees)),
+    }

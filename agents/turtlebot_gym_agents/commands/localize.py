@@ -1,0 +1,118 @@
+"""The subcommand ``localize``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tyro
+
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, save_figure
+from turtlebot_gym_agents.commands.flags import own_first
+from turtlebot_gym_agents.commands.recorded import Recorded
+from turtlebot_gym_agents.provenance import write_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from turtlebot_gym.drives.drive import Drive
+    from turtlebot_gym.rooms.grid import GridMap
+    from turtlebot_gym_agents.evaluation.localize import Course
+
+
+@own_first
+@dataclass(frozen=True, kw_only=True)
+class Localize(Writing, Recorded):
+    """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""
+
+    file: tyro.conf.Positional[Path]
+    """Recording with odometry and scans: a bag, or a log of CARMEN."""
+    map: Path
+    """Map, as map_server takes it (FILE.yaml)."""
+    localizer: str = "robot"
+    """Assumptions: robot, match, or a file of them (FILE.toml)."""
+    lidar: str = "lds01"
+    """LiDAR preset that match assumes."""
+    hits: bool = True
+    """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
+    start: tuple[float, float, float] | None = None
+    """Pose in the map at the first row, to 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+    json: JsonFile = None
+    """Write configuration, results and the belief at each row here."""
+    plot: FigureFile = None
+    """Draw the path in the map here."""
+
+    def run(self) -> None:
+        from rich.table import Table
+
+        from turtlebot_gym.drives import read
+        from turtlebot_gym.drives.drive import known
+        from turtlebot_gym.localization.tuning import make_localizer
+        from turtlebot_gym.rooms.lidar import LIDARS
+        from turtlebot_gym.rooms.maps import read_map
+        from turtlebot_gym.validation import choose
+        from turtlebot_gym.values import Pose
+        from turtlebot_gym_agents.evaluation.localize import STATES, errors_of, localize, recorded_of
+
+        tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(self.map).map
+        drive = read(self.file, **self.reading())
+        for remark in drive.remarks:
+            print(remark, file=sys.stderr)
+        rows = np.flatnonzero(known(drive.truth))
+        if self.start is None and not len(rows):
+            raise ValueError(f"{self.file} holds no truth: --start must say where in the map the drive begins.")
+        first = 0 if self.start is not None else int(rows[0])
+        start = Pose(*(self.start if self.start is not None else drive.truth[first].tolist()))
+        assert grid is not None
+        field, R = grid.field(hits=self.hits), (0.01, 0.01, 0.001) if self.start is None else (0.02, 0.02, 0.02)
+        course = localize(recorded_of(drive), field, grid.frame, tuning, start, R, first)
+        states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
+        judged = rows[rows >= first]
+        errors = errors_of(course, judged, drive.truth[judged]) if len(judged) else {}
+        table = Table("", "", title=f"{self.file.name} in {self.map.name}, {course.scans} scans")
+        for name, figure in errors.items():
+            table.add_row(LABELS[name], f"{figure:.3g}")
+        for name, share in states.items():
+            table.add_row(f"{name}, % of the rows", f"{100.0 * share:.1f}")
+        print_tables(table)
+        if self.json is not None:
+            beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
+            write_json(self.json, {"errors": errors, "shares": states, "time": drive.time, **beliefs}, config=self.asked())
+        if self.plot is not None:
+            save_figure(path_figure(course, drive, grid, title=self.file.name), self.plot)
+
+
+LABELS = {
+    "median": "position error, median, m",
+    "quantile95": "position error, 95 %, m",
+    "worst": "position error, worst, m",
+    "lost": "share beyond 0.5 m",
+    "median_heading": "heading error, median, rad",
+    "nees": "NEES, median (2.4 if exact)",
+}
+"""Headings of errors."""
+
+
+def path_figure(course: Course, drive: Drive, grid: GridMap, *, title: str) -> Figure:
+    """Return a figure of a localized drive in its map: the path, where the localizer was not sure, and the truth."""
+    from matplotlib.figure import Figure
+
+    from turtlebot_gym.localization.localizer import TRACKING
+    from turtlebot_gym.rooms.grid import OCCUPIED
+
+    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
+    axes = figure.subplots()
+    rows, columns = np.nonzero(grid.cells == OCCUPIED)
+    x, y, cosine, sine, side = grid.frame.tolist()
+    along, up = (columns + 0.5) * side, (rows + 0.5) * side
+    axes.plot(x + cosine * along - sine * up, y + sine * along + cosine * up, ",", color="0.6")
+    axes.plot(drive.truth[:, 0], drive.truth[:, 1], "k.", markersize=3.0, label="truth")
+    axes.plot(course.poses[:, 0], course.poses[:, 1], linewidth=1.0, label="localizer")
+    doubtful = course.poses[course.states != TRACKING]
+    axes.plot(doubtful[:, 0], doubtful[:, 1], "rx", markersize=4.0, label="unsure or lost")
+    axes.set(title=title, xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.legend()
+    return figure
