@@ -240,9 +240,9 @@ def calibrate(at: Field) -> list[Finding]:
         seen.append(Finding("calibration", SKIPPED, f"{' '.join(str(error).split())}".rstrip(".") + "."))
     else:
         figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in fitted.estimates.items())
-        remarks = "; ".join(fitted.remarks)
+        remarks = "; ".join((*fitted.remarks, fitted.verdict.text))
         seen.append(Finding("calibration", FINE, "Fitted to the recorded truth.", figures, remarks))
-        noise = fitted.noise
+        noise = fitted.noise if fitted.verdict.is_good else noise
     if noise:
         write_parameters(noise, at.folder / NOISE, comment="By a field test: --noise takes it.")
         last = seen[-1] if seen[-1].verdict == FINE else seen[0]
