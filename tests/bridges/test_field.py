@@ -21,7 +21,8 @@ from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, En
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.report import page
 from turtlebot_gym_ros.field.session import Heard, Listener, _follow
-from turtlebot_gym_ros.field.steps import Field, Step, walk
+from turtlebot_gym_ros.field.shared import Field
+from turtlebot_gym_ros.field.steps import Step, walk
 
 ODOMETRY, STAMPED, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
 BOOL = "std_msgs/msg/Bool"

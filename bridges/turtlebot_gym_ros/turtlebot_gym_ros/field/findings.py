@@ -6,7 +6,7 @@ Each function judges one matter and returns a `Finding`. Times are by the clock 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +60,6 @@ class End(NamedTuple):
     kind: str
     """Type of its messages, such as "nav_msgs/msg/Odometry"."""
     reliable: bool
-    latched: bool = False
 
 
 class Topic(NamedTuple):
@@ -150,8 +149,8 @@ def judge_odometry(variances: ArrayLike, twists: ArrayLike) -> Finding:
     variances, twists = np.asarray(variances, np.float64), np.asarray(twists, np.float64)
     if not (np.isfinite(variances).all() and np.isfinite(twists).all()):
         return Finding("odometry", REFUSED, "It has values that are not finite.", (), "Nodes refuse them: mend the driver.")
-    figures = (Figure("speed at rest", float(abs(twists[:, 0]).max()), "m/s"),)
-    figures += (Figure("turning rate at rest", float(abs(twists[:, 1]).max()), "rad/s"),)
+    fastest = abs(twists).max(axis=0).tolist()
+    figures = (Figure("speed at rest", fastest[0], "m/s"), Figure("turning rate at rest", fastest[1], "rad/s"))
     if not variances.any():
         advice = "So the filter's noise says how good it is: calibrate, as below."
         return Finding("odometry", WARNING, "All its covariances are 0, as TurtleBot3s send.", figures, advice)
@@ -304,7 +303,6 @@ def judge_latency(ages: ArrayLike) -> Finding:
     return Finding("latency", FINE, "From odometry to the command that rests on it.", figures)
 
 
-def passed(findings: Mapping[str, Finding] | Sequence[Finding]) -> bool:
+def passed(findings: Sequence[Finding]) -> bool:
     """Return whether nothing was refused."""
-    listed = findings.values() if isinstance(findings, Mapping) else findings
-    return all(finding.verdict != REFUSED for finding in listed)
+    return all(finding.verdict != REFUSED for finding in findings)

@@ -24,7 +24,8 @@ from turtlebot_gym_ros.field.processes import processes
 from turtlebot_gym_ros.field.rehearsal import Rehearsed, button, guards, simulated
 from turtlebot_gym_ros.field.report import MARKS, page, shown
 from turtlebot_gym_ros.field.session import Listener
-from turtlebot_gym_ros.field.steps import Field, Person, walk
+from turtlebot_gym_ros.field.shared import Field, Person
+from turtlebot_gym_ros.field.steps import walk
 
 WORDS = """It says before each motion what the robot will do, and waits for your word. Nothing moves before guard, standby and
 emergency stop are alive and a press has stopped the guard. Ctrl-C stops the robot, and the report is written all the same."""

@@ -11,7 +11,7 @@ import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -100,8 +100,7 @@ class Listener:
 
 def _end(info: Any) -> End:
     qos = info.qos_profile
-    reliable = qos.reliability == ReliabilityPolicy.RELIABLE
-    return End(info.node_name, info.topic_type, reliable, qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+    return End(info.node_name, info.topic_type, qos.reliability == ReliabilityPolicy.RELIABLE)
 
 
 def wait_for(condition: Callable[[], Any], timeout: float = PATIENCE) -> bool:

@@ -6,81 +6,28 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from turtlebot_gym import Noise, write_parameters
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.field import findings
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.processes import processes
-from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Listener, Part, drive, wait_for
-from turtlebot_gym_ros.node.geometry import read_pose
+from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, wait_for
+from turtlebot_gym_ros.field.shared import Field, ends_of, poses_since, relative, scan_of
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
 STARTING, PRESSING = 15.0, 30.0
 """Longest wait for the first messages, and for a press of the emergency stop, s."""
-
-
-class Person(Protocol):
-    """Whoever is with the robot."""
-
-    def confirm(self, key: str, text: str) -> bool:
-        """Return whether the person agrees; nothing moves before that."""
-        ...
-
-    def number(self, key: str, text: str) -> float | None:
-        """Return a number that the person has measured; None if there is none."""
-        ...
-
-
-@dataclass(kw_only=True)
-class Field:
-    """What the steps share."""
-
-    listener: Listener
-    person: Person
-    robot: str
-    folder: Path
-    """Folder of the report; the bag and the noise file are beside it."""
-    seconds: float = 5.0
-    """Time to listen, s."""
-    distance: float = 1.0
-    """Straight to measure, m."""
-    turn: float = 360.0
-    """Turn to measure, degrees."""
-    side: float = 1.0
-    """Side of the square, m."""
-    duration: float = 120.0
-    """Length of the calibration drive, s."""
-    tape: float = 0.005
-    """Half of the 95 % interval of a measured distance, m."""
-    protractor: float = 2.0
-    """Half of the 95 % interval of a measured turn, degrees."""
-    stamped: bool = True
-    """Whether velocities are stamped, as the robot hears them."""
-    measured: dict[str, Figure] = field(default_factory=dict)
-    """Measured over odometry, by what was driven."""
-    paths: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Driven paths, shape (n, 2), m."""
-    scan: NDArray[np.float64] | None = None
-    """End points of a scan's beams, shape (n, 2), m."""
-    begun: int = 0
-    """Number of odometry messages before the last drive."""
-    recording: ExitStack = field(default_factory=ExitStack)
-    """Closing it finishes the bag."""
 
 
 def hear(at: Field) -> list[Finding]:
@@ -99,10 +46,10 @@ def hear(at: Field) -> list[Finding]:
         variances = [[message.pose.covariance[n] for n in (0, 7, 35)] for message in messages]
         twists = [[message.twist.twist.linear.x, message.twist.twist.angular.z] for message in messages]
         seen.append(findings.judge_odometry(variances, twists))
-    sent = [_scan(each.message) for each in list(listener.heard["scan"])]
+    sent = [scan_of(each.message) for each in list(listener.heard["scan"])]
     seen.append(findings.judge_scans(sent))
     if sent and seen[-1].verdict != REFUSED:
-        at.scan = _ends(sent[-1])
+        at.scan = ends_of(sent[-1])
     return seen
 
 
@@ -173,7 +120,7 @@ def _measured(at: Field, name: str, unit: str, amount: float, *, turns: bool, un
     part = Part(MeasuredDrive, "field_drive", {"robot": at.robot, "turns": turns, "amount": amount * scale, **speed}, COMMANDS)
     if why := _drive(at, [part], timeout=60.0 + 20.0 * amount * scale):
         return [Finding(name, REFUSED, f"The drive ended early: {why}.")]
-    poses = _poses(at, at.begun)
+    poses = poses_since(at, at.begun)
     turned = sum(wrap(after.theta - before.theta) for before, after in pairwise(poses))
     by_odometry = turned / scale if turns else math.hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
     measured = at.person.number(name.replace(" ", "_"), ask)
@@ -207,8 +154,8 @@ def drive_a_square(at: Field) -> list[Finding]:
             Part(VelocityController, "field_controller", {"robot": at.robot, "policy": "bearing"}, {**own, **COMMANDS}),
         ]
         why = _drive(at, parts, timeout=60.0 + 60.0 * side)
-    poses = _poses(at, at.begun)
-    at.paths["odometry"] = _relative(poses)
+    poses = poses_since(at, at.begun)
+    at.paths["odometry"] = relative(poses)
     at.paths["the square"] = np.array([[0.0, 0.0], *([x, y] for x, y, _ in corners)])
     if why:
         return [Finding("a square", REFUSED, f"The drive ended early: {why}.")]
@@ -325,26 +272,3 @@ def _missing(seen: Sequence[Finding]) -> list[str]:
     clocks = [name for name in verdicts if name.startswith("clock of") and name.endswith("odom")]
     names = [name for name in (*ESSENTIAL, *clocks) if name in verdicts]
     return [name for name in names if verdicts[name] not in (FINE, WARNING)]
-
-
-def _poses(at: Field, first: int) -> list[Pose]:
-    return [read_pose(each.message.pose.pose) for each in at.listener.heard["odom"][first:]]
-
-
-def _relative(poses: Sequence[Pose]) -> NDArray[np.float64]:
-    """Return a path in the frame of its first pose."""
-    places = np.array([complex(pose.x, pose.y) for pose in poses])
-    places = (places - places[0]) * np.exp(-1j * poses[0].theta)
-    return np.stack([places.real, places.imag], axis=1)
-
-
-def _scan(message: Any) -> Scan:
-    ranges = np.asarray(message.ranges, np.float32)
-    return Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max)
-
-
-def _ends(scan: Scan) -> NDArray[np.float64]:
-    """Return where a scan's beams end, in the LiDAR's frame."""
-    there = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
-    angles = scan.first + scan.increment * np.flatnonzero(there)
-    return (scan.ranges[there] * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float64)

@@ -1,0 +1,92 @@
+"""What the steps of a field test share: the person, the settings, and what was measured on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.field.findings import Figure
+from turtlebot_gym_ros.field.session import Listener
+from turtlebot_gym_ros.node.geometry import read_pose
+
+
+class Person(Protocol):
+    """Whoever is with the robot."""
+
+    def confirm(self, key: str, text: str) -> bool:
+        """Return whether the person agrees; nothing moves before that."""
+        ...
+
+    def number(self, key: str, text: str) -> float | None:
+        """Return a number that the person has measured; None if there is none."""
+        ...
+
+
+@dataclass(kw_only=True)
+class Field:
+    """What the steps share."""
+
+    listener: Listener
+    person: Person
+    robot: str
+    folder: Path
+    """Folder of the report; the bag and the noise file are beside it."""
+    seconds: float = 5.0
+    """Time to listen, s."""
+    distance: float = 1.0
+    """Straight to measure, m."""
+    turn: float = 360.0
+    """Turn to measure, degrees."""
+    side: float = 1.0
+    """Side of the square, m."""
+    duration: float = 120.0
+    """Length of the calibration drive, s."""
+    tape: float = 0.005
+    """Half of the 95 % interval of a measured distance, m."""
+    protractor: float = 2.0
+    """Half of the 95 % interval of a measured turn, degrees."""
+    stamped: bool = True
+    """Whether velocities are stamped, as the robot hears them."""
+    measured: dict[str, Figure] = field(default_factory=dict)
+    """Measured over odometry, by what was driven."""
+    paths: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Driven paths, shape (n, 2), m."""
+    scan: NDArray[np.float64] | None = None
+    """End points of a scan's beams, shape (n, 2), m."""
+    begun: int = 0
+    """Number of odometry messages before the last drive."""
+    recording: ExitStack = field(default_factory=ExitStack)
+    """Closing it finishes the bag."""
+
+
+def poses_since(at: Field, first: int) -> list[Pose]:
+    """Return odometry's poses from a message on."""
+    return [read_pose(each.message.pose.pose) for each in at.listener.heard["odom"][first:]]
+
+
+def relative(poses: Sequence[Pose]) -> NDArray[np.float64]:
+    """Return a path in the frame of its first pose."""
+    places = np.array([complex(pose.x, pose.y) for pose in poses])
+    places = (places - places[0]) * np.exp(-1j * poses[0].theta)
+    return np.stack([places.real, places.imag], axis=1)
+
+
+def scan_of(message: Any) -> Scan:
+    """Return a scan as it was sent."""
+    ranges = np.asarray(message.ranges, np.float32)
+    return Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max)
+
+
+def ends_of(scan: Scan) -> NDArray[np.float64]:
+    """Return where a scan's beams end, in the LiDAR's frame."""
+    there = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
+    angles = scan.first + scan.increment * np.flatnonzero(there)
+    return (scan.ranges[there] * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float64)
