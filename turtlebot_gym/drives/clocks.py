@@ -99,8 +99,9 @@ def judged(drive: Drive) -> Drive:
     If the times have a gap, the twist of the row after it holds over the gap. If they have none, as of a logger that stamps
     when it writes, a true step shows it, which is longer than the twist and the steps around it; such a row continues nothing.
     """
-    drive = _unwound(drive)
-    remarks = (*_gaps(drive), *(leaps := _leaps(drive))[1])
+    with np.errstate(over="ignore", invalid="ignore"):  # a message may state any number
+        drive = _unwound(drive)
+        remarks = (*_gaps(drive), *(leaps := _leaps(drive))[1])
     where = f"{drive.around.label}: "
     return replace(drive, joined=drive.joined & ~leaps[0], remarks=(*drive.remarks, *(where + remark for remark in remarks)))
 
