@@ -12,7 +12,8 @@ from turtlebot_gym.calibration import Estimate, calibrate, detect_kind
 from turtlebot_gym.calibration.calibrate import _capped
 from turtlebot_gym.calibration.coordinates import value_of
 from turtlebot_gym.calibration.diagnosis import Verdict
-from turtlebot_gym.calibration.regression import motions_of, problem_of
+from turtlebot_gym.calibration.motions import motions_of
+from turtlebot_gym.calibration.regression import problem_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated

@@ -16,14 +16,12 @@ from turtlebot_gym.calibration.diagnosis import Verdict, diagnose
 from turtlebot_gym.calibration.estimates import FINE, Estimate, Likelihood, estimates_of, remedy_of, search
 from turtlebot_gym.calibration.fit import LEVEL, Fit, Z, interval, maximize
 from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, segment_rows
+from turtlebot_gym.calibration.motions import Array, Motions, motions_of
 from turtlebot_gym.calibration.regression import (
     LINEAR,
     WHEELS_ONLY,
-    Array,
-    Motions,
     Problem,
     Regression,
-    motions_of,
     problem_of,
     relinearized,
 )

@@ -16,20 +16,16 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.calibration.banded import whitener
+from turtlebot_gym.calibration.motions import Array, Motions
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-
-Array = NDArray[np.float64]
 
 LINEAR = ("scale", "turn_scale", "veer", "drift", "marker_x", "marker_y", "marker_theta")
 """Parameters of the mean motion."""
@@ -59,43 +55,6 @@ LEAST = 1e-5
 """Least first value of an alpha."""
 _MEDIAN = 0.6745
 """Median size of a standard normal number."""
-
-
-class Motions(NamedTuple):
-    """The n motions from one row of a drive to the next at which the truth is known."""
-
-    row: NDArray[np.intp]
-    """Row at which each motion ends, shape (n,)."""
-    dt: Array
-    """Shape (n,), s."""
-    twist: Array
-    """Shape (n, 2); m/s, rad/s."""
-    step: Array
-    """Motion of the truth in the world, shape (n, 3); m, m, rad."""
-    heading: Array
-    """True heading at the start, shape (n,), rad."""
-    follows: NDArray[np.bool_]
-    """Whether a motion begins where the one before it ends, shape (n,)."""
-
-    def without(self, left_out: NDArray[np.bool_]) -> Motions:
-        """Return the others."""
-        kept = ~left_out
-        follows = self.follows.copy()
-        follows[1:] &= kept[:-1]
-        return Motions(*(column[kept] for column in self._replace(follows=follows)))
-
-
-def motions_of(drive: Drive) -> Motions:
-    """Return the motions of a drive."""
-    there = known(drive.truth)
-    good = np.zeros(len(drive), np.bool_)
-    good[1:] = there[1:] & there[:-1] & drive.joined[1:] & (np.diff(drive.time) > 0.0)
-    good &= known(drive.twist)
-    row = np.flatnonzero(good)
-    step = drive.truth[row] - drive.truth[row - 1]
-    step[:, 2] = np.remainder(step[:, 2] + math.pi, 2.0 * math.pi) - math.pi
-    follows = good[row - 1]
-    return Motions(row, drive.time[row] - drive.time[row - 1], drive.twist[row], step, drive.truth[row - 1, 2], follows)
 
 
 class _Model(NamedTuple):
@@ -178,41 +137,11 @@ class Regression:
     """Restricted log-likelihood, up to a constant."""
 
 
-def _whiten(bands, white):
-    rows, columns = white.shape
-    width = bands.shape[1]
-    determinant = 0.0
-    for row in range(rows):
-        if not bands[row, 0] > 0.0:
-            return math.inf
-        determinant += math.log(bands[row, 0])
-        root = math.sqrt(bands[row, 0])
-        for i in range(width):
-            bands[row, i] /= root
-        for column in range(columns):
-            white[row, column] /= root
-        for i in range(1, min(width, rows - row)):
-            share = bands[row, i]
-            if share != 0.0:
-                for k in range(i, min(width, rows - row)):
-                    bands[row + i, k - i] -= share * bands[row, k]
-                for column in range(columns):
-                    white[row + i, column] -= share * white[row, column]
-    return determinant
-
-
-@cache
-def _loop() -> Callable[[Array, Array], float]:
-    """Return the loop that replaces a covariance, in bands, by its Cholesky factor, whitens columns of numbers in place, and
-    returns the logarithm of the determinant; LAPACK's banded routines take ten times as long for so few bands."""
-    return compiled(_whiten, "regression of drives")
-
-
 def _solve(model: _Model, variances: Array, guess: Array, prior: Array) -> Regression:
     bands = np.tensordot(variances, model.parts[: len(variances)], axes=1)
     bands[:, 0] += RESOLUTION**2
     white = np.column_stack([model.y - model.X @ _coefficients(guess), model.X])
-    determinant = _loop()(bands, white)
+    determinant = whitener()(bands, white)
     if not math.isfinite(determinant):
         raise ValueError("the covariance is singular.")
     z, W = white[:, 0], white[:, 1:]
