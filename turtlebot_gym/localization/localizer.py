@@ -37,6 +37,8 @@ FRESH, LEAST_TAKE = 0.5, 1e-9
 """Share of what the map can still say about a place that one scan says, and its least value: the variance stays finite."""
 STARTS = 4
 """Starts from which the descent is tried."""
+FITTING = 0.9
+"""Share of fitting beams from which a surprise is put down to the wheels."""
 BETTER_FIT, BETTER_VALUE = 0.1, 1.0
 """By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
 TRACKING, UNSURE, LOST = 0, 1, 2
@@ -232,7 +234,10 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     loose = q.loosen * q.loosen * max(1.0 - end.fits / bad, 0.0) if bad > 0.0 else 0.0
     belief = wrapped(_widened(end.belief, loose, 0.25 * loose))
     surprise = end.nis / end.freedom
-    slack = min(max(q.memory * located.slack + (1.0 - q.memory) * surprise, 1.0), q.widening)
+    # Where beams do not fit, the map surprises and not the wheels.
+    by_wheels = min(surprise, q.gate * q.gate if end.fits >= FITTING else 1.0)
+    growth = q.memory + (1.0 - q.memory) * by_wheels  # 1 where scans surprise as much as they should
+    slack = min(max(located.slack * growth, 1.0), q.widening)
     misfits = located.misfits + 1.0 if end.fits < bad else 0.0
     taken = min(located.taken + take, 1.0)
     return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, located.scans + 1.0, located.moves)

@@ -57,10 +57,10 @@ class LocalizerTuning:
     """Standard deviation of the heading, rad per root of m ..."""
     turn_step: Annotated[float, NON_NEGATIVE] = 0.15
     """... and as a share of a step's turn."""
-    widening: Annotated[float, Range(1.0, 1e4)] = 30.0
-    """Largest factor of the wheels' variances, which grow with the normalized innovations of past scans; 1 for none."""
+    widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
+    """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""
     memory: Annotated[float, PROBABILITY] = 0.8
-    """Share of that factor which stays from one scan to the next."""
+    """Share of that factor that stays after a scan without any surprise."""
     near: Annotated[float, POSITIVE] = 0.15
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
