@@ -1,5 +1,6 @@
 """Clocks and missing rows: each fault is noticed and handled, and a drive without one is left as it is."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -38,12 +39,10 @@ def test_rows_that_are_missing_with_their_time_are_counted(tmp_path):
 def test_rows_that_are_missing_without_a_gap_in_time_are_noticed_and_do_not_spoil_the_fit(tmp_path):
     drive = thinned(WHOLE.time[: KEPT.sum()])
     found = read(write(tmp_path / "drive.csv", columns_of(drive)))
-    assert any("the truth leaps ahead of the twist" in remark for remark in found.remarks)
+    (rows,) = [int(rows) for rows in re.findall(r"the truth leaps ahead of the twist at (\d+) rows", " ".join(found.remarks))]
     after = np.flatnonzero(~KEPT) - np.arange((~KEPT).sum())  # the rows that follow a missing one
-    after = after[after < len(drive)]
-    moving = np.abs(drive.twist[after]).max(axis=1) > 0.05
-    assert (~found.joined[after[moving]]).mean() > 0.9
-    assert found.joined[1:].mean() > 0.95  # and no others
+    moving = np.abs(drive.twist[after[after < len(drive)]]).max(axis=1) > 0.05
+    assert 0.9 * moving.sum() <= rows <= 0.05 * len(drive)
     fitted = calibrate(found).estimates["alpha1"]
     assert fitted.low < 0.004 < fitted.high
 

@@ -99,8 +99,8 @@ def test_rules_are_parameters(empty_scene):
         assert drawn(replace(base, **{name: value})) != first, name
     caves = replace(ROOMS["cellular"], half_length=1.5, half_width=1.5)
     assert drawn(caves) != drawn(replace(caves, fill=0.1))
-    # Courtesy shows when they walk, below.
-    assert set(changes) | {"fill", "courtesy"} == set(RoomRules.__dataclass_fields__)
+    # Courtesy shows when they walk, below, and what is wrong with a map in the map: tests/localization.
+    assert set(changes) | {"fill", "courtesy", "unmapped", "map_error"} == set(RoomRules.__dataclass_fields__)
 
 
 def test_nobody_walks_where_the_robot_starts(empty_scene):

@@ -97,13 +97,14 @@ def judged(drive: Drive) -> Drive:
     """Notice the rows that a drive with a measured twist lacks.
 
     If the times have a gap, the twist of the row after it holds over the gap. If they have none, as of a logger that stamps
-    when it writes, a true step shows it, which is longer than the twist and the steps around it; such a row continues nothing.
+    when it writes, a true step shows it, which is longer than the twist and the steps around it. That may as well be a truth
+    with heavy tails, so it is only said: a calibration judges what it leaves out.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a message may state any number
         drive = _unwound(drive)
-        remarks = (*_gaps(drive), *(leaps := _leaps(drive))[1])
+        remarks = (*_gaps(drive), *_leaps(drive))
     where = f"{drive.around.label}: "
-    return replace(drive, joined=drive.joined & ~leaps[0], remarks=(*drive.remarks, *(where + remark for remark in remarks)))
+    return replace(drive, remarks=(*drive.remarks, *(where + remark for remark in remarks)))
 
 
 def _unwound(drive: Drive) -> Drive:
@@ -132,19 +133,19 @@ def _gaps(drive: Drive) -> list[str]:
     return [f"{what}{drive.time[gaps[0]]:.3f} s: the twist after each gap holds over it"] if len(gaps) else []
 
 
-def _leaps(drive: Drive) -> tuple[NDArray[np.bool_], list[str]]:
-    """Return which rows the truth reaches by a leap, shape (T,), and the remark on them."""
+def _leaps(drive: Drive) -> list[str]:
+    """Return the remark on rows that the truth reaches by a leap."""
     leaps = np.zeros(len(drive), np.bool_)
     if known(drive.truth).sum() < 2 * AROUND:
-        return leaps, []
+        return []
     moved = np.diff(drive.truth, axis=0)
     turned = np.abs(np.arctan2(np.sin(moved[:, 2]), np.cos(moved[:, 2])))
     for steps, twist in ((np.hypot(moved[:, 0], moved[:, 1]), drive.twist[1:, 0]), (turned, drive.twist[1:, 1])):
         leaps[1:] |= _longer(np.where(drive.joined[1:], steps, np.nan), np.abs(twist), np.diff(drive.time))
     if leaps.mean() < FEW:
-        return np.zeros_like(leaps), []
+        return []
     what = f"the truth leaps ahead of the twist at {leaps.sum()} rows, first at {drive.time[leaps][0]:.3f} s: "
-    return leaps, [f"{what}rows are missing there, or the truth is wrong; these steps do not count"]
+    return [f"{what}rows are missing there, or the truth is wrong"]
 
 
 def _longer(steps: NDArray[np.float64], speed: NDArray[np.float64], interval: NDArray[np.float64]) -> NDArray[np.bool_]:

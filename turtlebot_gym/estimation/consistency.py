@@ -178,5 +178,6 @@ def cramer_rao_bound(
             S = column[:, component] + R[component]
             share = np.divide(1.0, S, out=np.zeros_like(S), where=arrived[:, k] & (S > 1e-300))
             P = P - column[:, :, None] * column[:, None, :] * share[:, None, None]
+        P[:, range(5), range(5)] = np.maximum(P[:, range(5), range(5)], 0.0)  # after an exact measurement, rounding
         total.append(P.mean(axis=0))
     return np.array(total)

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from importlib import import_module
+from importlib.util import find_spec
 from threading import Event
 from typing import Any
 
@@ -35,7 +36,9 @@ LAG = 5
 """Number of later rows after which it stops waiting for a row's values."""
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort, which matches publishers of either reliability."""
-_OTHER = {"map": LATCHED, "diagnostics": STREAM}
+_OTHER = {"map": LATCHED, "tf_static": LATCHED, "diagnostics": STREAM}
+_COMMON = ("diagnostics", "tf_static")
+"""Topics that all robots share."""
 
 
 class Watcher:
@@ -59,10 +62,10 @@ class Watcher:
         self._last, self._first, self._rows = math.inf, 0.0, 0
         self._around = Surroundings("live")
         for topic, (kind, *_) in TYPES.items():
-            if topic not in ("fix", "twist"):
-                package, folder, name = kind.split("/")
+            package, folder, name = kind.split("/")
+            if topic not in ("fix", "twist") and find_spec(package):  # PyPI does not have tf2_msgs
                 message = getattr(import_module(f"{package}.{folder}"), name)
-                named = "/diagnostics" if topic == "diagnostics" else topic
+                named = f"/{topic}" if topic in _COMMON else topic
                 self.node.create_subscription(message, named, self._hear(topic), _OTHER.get(topic, _QOS))
         self.node.create_subscription(Empty, "reset", self._hear_reset, STREAM)
 
