@@ -32,7 +32,10 @@ from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, paired, re
 from turtlebot_gym_agents.evaluation.metrics import holm
 from turtlebot_gym_agents.training.config import TrainingConfig
 
-SETTINGS = ("env", "robot", "noise", "filter", "observation", "arrival", "delay", "fix", "world", "lidar", "switch", "laps")
+SETTINGS = (
+    "env", "robot", "noise", "filter", "observation", "arrival", "delay", "fix", "imu", "localizer", "world", "lidar", "switch",
+    "laps",
+)  # fmt: skip
 """Settings that a grid may hold: arguments of environments."""
 
 MAX_SEEDS = 1000
