@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, fields, replace
+
 import numpy as np
 import pytest
 from localization_rooms import hall, make_room
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.localization.tuning import LocalizerTuning
+from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import Episode, Options
 from turtlebot_gym.values import Pose
 
@@ -52,6 +57,37 @@ def test_scans_keep_the_error_of_the_wheels_from_growing():
         p, waypoints, _, _ = Options(world="office", noise="wheel", localizer=localizer).setup()
         off[localizer] = errors(Batch(8, p, waypoints), 600, 8)
     assert np.median(off["match"][-300:]) < min(0.02, 0.25 * np.median(off[None][-300:]))
+
+
+CHANGED = {
+    "beams": 30, "deviation": 0.05, "deviation_share": 0.03, "scale": 0.01, "grain": 0.03, "bias": 0.01, "turn_bias": 0.01,
+    "length": 0.2, "angle": 0.3, "gate": 2.0, "iterations": 1, "thin": 2.0, "along_walk": 0.05, "along_step": 0.4,
+    "aside_walk": 0.05, "aside_step": 0.2, "aside_turn": 0.2, "turn_walk": 0.1, "turn_step": 0.5, "widening": 2.0,
+    "memory": 0.2, "near": 0.05, "doubt": 0.0, "reach": 0.6, "swing": 0.8, "temper": 1.0, "loosen": 0.2, "patience": 2,
+}  # fmt: skip
+
+
+def test_each_assumption_changes_the_belief_but_when_a_robot_counts_as_lost():
+    slipping = ProcessNoise(alpha1=0.3, alpha2=0.05, alpha3=1.0, alpha4=0.3)
+    usual = LocalizerTuning(
+        along_walk=0.02, aside_walk=0.02, aside_step=0.05, aside_turn=0.02, turn_walk=0.02, widening=20.0, doubt=0.95
+    )
+
+    def believed(tuning):
+        options = Options(world={**asdict(ROOMS["dense"]), "unmapped": 0.5}, noise="wheel", localizer=tuning)
+        p, waypoints, plan, _ = options.setup()
+        batch, beliefs = Batch(2, p._replace(noise=replace(p.noise, process=slipping)), waypoints, plan=plan), []
+        batch.seeds[:] = 3
+        batch.reset(np.ones(2, np.bool_), *batch.empty())
+        for step in range(60):
+            batch.step(np.full((2, 2), (0.4, 1.0 if step % 30 < 15 else -1.0), np.float32))
+            beliefs.append(batch.world(0).estimate)
+        return beliefs
+
+    usually = believed(usual)
+    assert CHANGED.keys() == {field.name for field in fields(LocalizerTuning)}
+    same = [name for name, value in CHANGED.items() if believed(replace(usual, **{name: value})) == usually]
+    assert same == ["patience"]
 
 
 def test_all_robots_share_the_field_of_a_map():
