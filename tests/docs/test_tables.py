@@ -50,6 +50,21 @@ def test_the_table_of_arrivals_is_what_was_measured():
     assert rows == 7
 
 
+def test_the_table_of_the_localizer_is_what_was_measured():
+    results, page = measured("localization"), "docs/concepts/belief.md"
+    rows = rows_after(page, "in rooms that no number was chosen on")
+    for name, *cells in rows:
+        figures = [results["cases"][world][name] for world in ("dense", "office", "corridor")]
+        assert cells == [
+            f"{100.0 * each['position_rms']:.1f} / {1e3 * each['heading_rms']:.0f} / {each['nees']['value']:.1f}"
+            for each in figures
+        ], name
+    assert len(rows) == len(results["cases"]["dense"])
+    assert (results["config"]["runs"], results["config"]["seconds"]) == (32, 300.0)
+    later = [100.0 * each["after 2 s"]["value"] for each in results["blocked"].values()]
+    assert f"in {min(later):.0f} to {max(later):.0f} % of the cases" in (ROOT / page).read_text(encoding="utf-8")
+
+
 def test_the_plan_for_a_cluster_is_what_was_measured():
     plan = measured("cluster")
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
