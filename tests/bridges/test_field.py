@@ -16,7 +16,7 @@ from turtlebot_gym.parameters import Noise
 from turtlebot_gym.rooms.lidar import DRIVERS
 from turtlebot_gym.rooms.scan import Scan, as_sent
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_ros.field import findings, program, steps
+from turtlebot_gym_ros.field import findings, program, session, steps
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, End, Figure, Finding, Topic
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.report import page
@@ -204,7 +204,7 @@ class TestAPress:
         assert [each.value for each in finding.figures] == ([] if delay is None else [pytest.approx(delay)])
 
     def test_a_guard_that_cannot_be_enabled_is_refused(self, monkeypatch, tmp_path):
-        monkeypatch.setattr(steps, "wait_for", lambda condition, timeout=0.0: condition())
+        monkeypatch.setattr(session, "PATIENCE", 0.0)
         told = Told([], [], refuses="cmd_vel_guard does not run")
         (finding,) = steps.try_the_button(Field(listener=cast(Listener, told), person=told, robot="burger", folder=tmp_path))
         assert (finding.verdict, finding.text) == (REFUSED, "The guard refuses: cmd_vel_guard does not run.")

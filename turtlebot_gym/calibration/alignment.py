@@ -12,6 +12,7 @@ from scipy import stats
 
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.models.angles import wrap_all
 
 WINDOW = 0.1
 """Window over which motions are compared if the truth is known, s ..."""
@@ -213,5 +214,5 @@ def _into_measured_frame(drive: Drive, frame: Frame) -> Drive:
     """Return a drive with its truth in the measured poses' frame."""
     away = drive.truth[:, 0] - frame.x + 1j * (drive.truth[:, 1] - frame.y)
     turned = away * np.exp(-1j * frame.theta)
-    heading = np.remainder(drive.truth[:, 2] - frame.theta + math.pi, 2.0 * math.pi) - math.pi
+    heading = wrap_all(drive.truth[:, 2] - frame.theta)
     return replace(drive, true_state=np.stack([turned.real, turned.imag, heading], axis=1))

@@ -27,6 +27,7 @@ from turtlebot_gym.calibration.fit import LEVEL, Fit, climb, interval, maximize,
 from turtlebot_gym.calibration.likelihood import Rows, innovations
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
@@ -263,7 +264,7 @@ def _mean(errors: NDArray[np.float64]) -> Estimate:
 def _of_headings(errors: NDArray[np.float64], odometry: OdometryNoise, known_variance: float) -> float:
     """Return the log-likelihood of heading errors, a mixture of true ones and spikes of either sign."""
     variance, share, spike = odometry.R[2] + known_variance, odometry.spike_probability, odometry.spike
-    turn = np.remainder(errors - odometry.bias[2] + math.pi, 2.0 * math.pi) - math.pi
+    turn = wrap_all(errors - odometry.bias[2])
     parts = [(1.0 - share, turn)]
     if share > 0.0:
         parts += [(0.5 * share, turn - spike), (0.5 * share, turn + spike)]

@@ -19,6 +19,7 @@ from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovatio
 from turtlebot_gym.calibration.motions import Array, Motions, motions_of
 from turtlebot_gym.calibration.regression import (
     LINEAR,
+    USUAL,
     WHEELS_ONLY,
     Problem,
     Regression,
@@ -26,6 +27,7 @@ from turtlebot_gym.calibration.regression import (
     relinearized,
 )
 from turtlebot_gym.drives import Drive
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
@@ -40,7 +42,6 @@ FEWEST = 6
 """Fewest segments to which anything is fitted."""
 BLOCKS = 20
 """Parts of a drive whose scores count as independent where errors are correlated."""
-USUAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 PLAUSIBLE = np.array([0.3, 0.6, 0.5, 0.1, 0.3, 0.3, math.inf])
 """Largest differences from the usual that are believed where errors are correlated, in the order of `LINEAR`."""
 TYPICAL = np.array([0.1, 0.3, 0.1, 0.03, 0.1, 0.1, 1.0])
@@ -204,7 +205,7 @@ def _corrected(drive: Drive, problem: Problem, linear: Array) -> Drive:
     heading = state[:, 2] - direction
     state[:, 0] -= x * np.cos(heading) - y * np.sin(heading)
     state[:, 1] -= x * np.sin(heading) + y * np.cos(heading)
-    state[:, 2] = np.remainder(heading + math.pi, 2.0 * math.pi) - math.pi
+    state[:, 2] = wrap_all(heading)
     twist[:, 1] -= drift / (scale * turn_scale)
     joined[problem.jumps] = False
     return replace(drive, true_state=state, twist=twist, joined=joined)

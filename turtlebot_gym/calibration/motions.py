@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.models.angles import wrap_all
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,6 @@ def motions_of(drive: Drive) -> Motions:
     good &= known(drive.twist)
     row = np.flatnonzero(good)
     step = drive.truth[row] - drive.truth[row - 1]
-    step[:, 2] = np.remainder(step[:, 2] + math.pi, 2.0 * math.pi) - math.pi
+    step[:, 2] = wrap_all(step[:, 2])
     follows = good[row - 1]
     return Motions(row, drive.time[row] - drive.time[row - 1], drive.twist[row], step, drive.truth[row - 1, 2], follows)

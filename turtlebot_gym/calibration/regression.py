@@ -29,7 +29,8 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 
 LINEAR = ("scale", "turn_scale", "veer", "drift", "marker_x", "marker_y", "marker_theta")
 """Parameters of the mean motion."""
-_START = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+USUAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+"""Their values for wheels as assumed, and a truth of the middle of the axle."""
 FREE = np.array([0.3, 0.5, 0.5, 0.1, 0.3, 0.3, 1.0]) ** -2.0
 """Inverse variances of a prior so wide that it counts only where a drive says nothing ..."""
 WHEELS_ONLY = np.where([True, True, True, False, False, False, True], FREE, 1e12)
@@ -67,11 +68,21 @@ class _Model(NamedTuple):
     parts: Array
     """Covariance for a variance of 1 of each of `VARIANCES`, as lower bands, shape (6, 3 n, 6)."""
 
+    def rest(self, guess: Array) -> Array:
+        """Return what parameters leave unexplained, shape (n, 3)."""
+        return (self.y - self.X @ _coefficients(guess)).reshape(-1, 3)
+
 
 def _coefficients(linear: Array) -> Array:
     """Return what the mean is linear in: speed, turn, turn by speed, and the rest; the marker's direction from the guess."""
     scale, turn_scale, veer, drift, x, y, _ = linear
     return np.array([scale, scale * turn_scale, scale * veer, drift, x, y, 0.0])
+
+
+def _parameters(coefficients: Array, guess: Array) -> Array:
+    """Return the parameters of `LINEAR` with some `_coefficients`, whose last one is the change of the marker's direction."""
+    speed, turn, by_speed, drift, x, y, direction = coefficients
+    return np.array([speed, turn / speed, by_speed / speed, drift, x, y, guess[6] + direction])
 
 
 def _model(motions: Motions, guess: Array, middle: float) -> _Model:
@@ -140,17 +151,17 @@ class Regression:
 def _solve(model: _Model, variances: Array, guess: Array, prior: Array) -> Regression:
     bands = np.tensordot(variances, model.parts[: len(variances)], axes=1)
     bands[:, 0] += RESOLUTION**2
-    white = np.column_stack([model.y - model.X @ _coefficients(guess), model.X])
+    white = np.column_stack([model.rest(guess).reshape(-1), model.X])
     determinant = whitener()(bands, white)
     if not math.isfinite(determinant):
         raise ValueError("the covariance is singular.")
     z, W = white[:, 0], white[:, 1:]
     information = W.T @ W + np.diag(prior)
-    pull = W.T @ z + prior * (_coefficients(_START) - _coefficients(guess))
+    pull = W.T @ z + prior * (_coefficients(USUAL) - _coefficients(guess))
     change = np.linalg.solve(information, pull)
     z = z - W @ change
-    speed, turn, by_speed, drift, x, y, direction = _coefficients(guess) + change
-    linear = np.array([speed, turn / speed, by_speed / speed, drift, x, y, guess[6] + direction])
+    coefficients = _coefficients(guess) + change
+    speed, turn, by_speed = coefficients[:3]
     to_linear = np.eye(7)
     to_linear[1, :2] = -turn / speed**2, 1.0 / speed
     to_linear[2, 0], to_linear[2, 2] = -by_speed / speed**2, 1.0 / speed
@@ -158,7 +169,7 @@ def _solve(model: _Model, variances: Array, guess: Array, prior: Array) -> Regre
     covariance = to_linear @ inverse @ to_linear.T
     likelihood = -0.5 * (determinant + np.linalg.slogdet(information)[1] + float(z @ z))
     influence = (W * z[:, None]).reshape(-1, 3, 7).sum(axis=1) @ (to_linear @ inverse).T
-    return Regression(linear, covariance, z.reshape(-1, 3), influence, float(likelihood))
+    return Regression(_parameters(coefficients, guess), covariance, z.reshape(-1, 3), influence, float(likelihood))
 
 
 class Problem(NamedTuple):
@@ -186,9 +197,8 @@ class Problem(NamedTuple):
 
     def is_far(self) -> NDArray[np.bool_]:
         """Return at which motions an error is larger than noise can be, shape (n,)."""
-        rest = self.model.y - self.model.X @ _coefficients(self.guess)
         variances = np.tensordot(self.roots**2, self.model.parts[: len(self.roots), :, 0], axes=1) + RESOLUTION**2
-        return np.asarray((rest**2 > JUMP**2 * variances).reshape(-1, 3).any(axis=1))
+        return np.asarray((self.model.rest(self.guess) ** 2 > JUMP**2 * variances.reshape(-1, 3)).any(axis=1))
 
     def solve(self, roots: Array) -> Regression:
         """Return the regression for some roots of `VARIANCES`."""
@@ -226,8 +236,7 @@ def relinearized(problem: Problem, guess: Array, middle: float) -> Problem:
 def _linear_at(motions: Motions, middle: float, jumps: NDArray[np.intp], prior: Array) -> Problem:
     guess = _robust_guess(motions, middle, prior)
     model = _model(motions, guess, middle)
-    rest = (model.y - model.X @ _coefficients(guess)).reshape(-1, 3)
-    return Problem(motions, model, guess, _first_roots(motions, guess, rest), jumps, prior)
+    return Problem(motions, model, guess, _first_roots(motions, guess, model.rest(guess)), jumps, prior)
 
 
 def _sizes(rest: Array) -> Array:
@@ -237,20 +246,19 @@ def _sizes(rest: Array) -> Array:
 
 def _robust_guess(motions: Motions, middle: float, prior: Array) -> Array:
     """Return the parameters of `LINEAR` with large errors counted by their size."""
-    guess = _START.copy()
+    guess = USUAL.copy()
     chord = (motions.step[:, 0] + 1j * motions.step[:, 1]) * np.exp(-1j * (motions.heading + middle * motions.step[:, 2]))
     length = np.abs(chord)
     pull = (motions.twist[:, 0] * motions.dt * np.divide(chord, length, out=np.zeros_like(chord), where=length > 0.0)).sum()
     guess[6] = -math.atan2(pull.imag, pull.real) if abs(pull) > 0.0 else 0.0
     for _ in range(10):
         model = _model(motions, guess, middle)
-        rest = (model.y - model.X @ _coefficients(guess)).reshape(-1, 3)
+        rest = model.rest(guess)
         sizes = np.maximum(_sizes(rest), RESOLUTION)
         weights = (1.0 / np.maximum(1.0, np.abs(rest / sizes) / HUBER) / sizes**2).reshape(-1)
         information = (model.X * weights[:, None]).T @ model.X + np.diag(prior)
-        pull = model.X.T @ (weights * rest.reshape(-1)) + prior * (_coefficients(_START) - _coefficients(guess))
-        speed, turn, by_speed, drift, x, y, direction = _coefficients(guess) + np.linalg.solve(information, pull)
-        guess = np.array([speed, turn / speed, by_speed / speed, drift, x, y, guess[6] + direction])
+        pull = model.X.T @ (weights * rest.reshape(-1)) + prior * (_coefficients(USUAL) - _coefficients(guess))
+        guess = _parameters(_coefficients(guess) + np.linalg.solve(information, pull), guess)
     return guess
 
 

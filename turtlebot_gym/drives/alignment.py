@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives.drive import GAP
+from turtlebot_gym.models.angles import wrap_all
 
 FRESH = 0.3
 """Longest gap between true poses over which they are interpolated, s."""
@@ -114,7 +115,7 @@ def interpolated(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: 
     """
     heading = np.unwrap(poses[:, 2])
     between = np.stack([np.interp(wanted, time, values) for values in (poses[:, 0], poses[:, 1], heading)], axis=1)
-    between[:, 2] = np.remainder(between[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    between[:, 2] = wrap_all(between[:, 2])
     after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
     apart = time[after] - time[after - 1]
     outside = (wanted < time[0] - SAME) | (wanted > time[-1] + SAME)

@@ -24,7 +24,7 @@ from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.drives.tables import LARGEST, first_lines
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import wrap, wrap_all
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 
@@ -237,8 +237,7 @@ def _spaced(time: NDArray[np.float64], wanted: NDArray[np.bool_]) -> NDArray[np.
 
 def _twist(time: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return speed and turning rate on the arc from the pose before each pose, shape (T, 2)."""
-    turn = np.diff(poses[:, 2])
-    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    turn = wrap_all(np.diff(poses[:, 2]))
     middle = poses[:-1, 2] + 0.5 * turn
     chord = np.diff(poses[:, 0]) * np.cos(middle) + np.diff(poses[:, 1]) * np.sin(middle)
     arcs = np.stack([chord / np.sinc(0.5 * turn / np.pi), turn], axis=1) / np.diff(time)[:, None]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives.drive import Drive, known
+from turtlebot_gym.models.angles import wrap_all
 
 LEAP = 5.0
 """Leap of a clock backwards that is taken for a clock that was set, s; after a smaller one, rows are left out until it has
@@ -115,7 +116,7 @@ def _unwound(drive: Drive) -> Drive:
     if not wrong.any():
         return drive
     twist = drive.twist.copy()
-    twist[wrong, 1] = np.arctan2(np.sin(turn), np.cos(turn))[wrong] / interval[wrong]
+    twist[wrong, 1] = wrap_all(turn[wrong]) / interval[wrong]
     what = f"{drive.around.label}: {wrong.sum()} turning rates are more than half a turn to a row, first at "
     remark = f"{what}{drive.time[wrong][0]:.3f} s: the change of the measured heading is taken"
     return replace(drive, twist=twist, remarks=(*drive.remarks, remark))
@@ -139,7 +140,7 @@ def _leaps(drive: Drive) -> list[str]:
     if known(drive.truth).sum() < 2 * AROUND:
         return []
     moved = np.diff(drive.truth, axis=0)
-    turned = np.abs(np.arctan2(np.sin(moved[:, 2]), np.cos(moved[:, 2])))
+    turned = np.abs(wrap_all(moved[:, 2]))
     for steps, twist in ((np.hypot(moved[:, 0], moved[:, 1]), drive.twist[1:, 0]), (turned, drive.twist[1:, 1])):
         leaps[1:] |= _longer(np.where(drive.joined[1:], steps, np.nan), np.abs(twist), np.diff(drive.time))
     if leaps.mean() < FEW:

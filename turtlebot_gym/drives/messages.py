@@ -21,7 +21,7 @@ from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.mounts import StaticFrames, differ
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
-from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan
+from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan, scan_of
 from turtlebot_gym.values import Pose, State
 
 GUARD = "cmd_vel_guard"
@@ -89,8 +89,8 @@ def _nis(message: Any) -> float:
 
 
 def _scan(message: Any) -> Scan:
-    angles, limits = (message.angle_min, message.angle_increment), (message.range_min, message.range_max)
-    return read_scan(Scan(message.ranges, *angles, *limits, max(float(message.time_increment), 0.0)))
+    scan = scan_of(message)
+    return read_scan(scan._replace(beam_period=max(float(scan.beam_period), 0.0)))
 
 
 def _room(message: Any) -> Obstacles | None:

@@ -16,7 +16,7 @@ from scipy import stats
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import jacobians, matrix
-from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise
 from turtlebot_gym.validation import choose
@@ -31,7 +31,7 @@ def difference(one: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
         other: The same shape.
     """
     apart = np.asarray(one, np.float64) - np.asarray(other, np.float64)
-    apart[..., 2] = np.remainder(apart[..., 2] + math.pi, TWO_PI) - math.pi
+    apart[..., 2] = wrap_all(apart[..., 2])
     return apart
 
 

@@ -25,6 +25,7 @@ from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.around import likelihood, starts_around
 from turtlebot_gym.localization.information import Guess, blurred, condition, information
+from turtlebot_gym.localization.points import Timing, to_points
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -241,6 +242,28 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     misfits = located.misfits + 1.0 if end.fits < bad else 0.0
     taken = min(located.taken + take, 1.0)
     return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, located.scans + 1.0, located.moves)
+
+
+@kernel
+def correct_by_scan(
+    located: Located, ranges: Any, beams: Any, timing: Timing, trail: Any, field: Any, frame: Any, q: Any
+) -> Located:
+    """Condition the belief on a scan as it was measured: on at most `beams` of its beams, with those of the next between them.
+
+    Args:
+        located: The localizer.
+        ranges: Shape (B,), m; see `points.to_points`.
+        beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
+        timing: When and where they were measured.
+        trail: The odometry, see `points.remember`.
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        q: A `LocalizerTuning`.
+    """
+    every = max(-(-len(ranges) // int(q.beams)), 1)
+    points = np.empty((5, int(q.beams)))
+    number = to_points(ranges, beams, int(located.scans) % every, every, timing, trail, points)
+    return scan(located, field, frame, points, number, q)
 
 
 @kernel

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from turtlebot_gym.kernel import kernel
 
 PI = math.pi
@@ -27,6 +30,11 @@ def wrap(angle: float) -> float:
     wrapped = angle - TWO_PI * math.floor((angle + PI) * _PER_TURN)
     wrapped = wrapped - TWO_PI if wrapped >= PI else wrapped  # rounding may leave exactly pi, or just less than -pi
     return -PI if wrapped < -PI else wrapped
+
+
+def wrap_all(angles: ArrayLike) -> NDArray[np.float64]:
+    """Wrap an array of angles to [-pi, pi); unlike `wrap`, it keeps NaN."""
+    return np.asarray(np.remainder(np.asarray(angles, np.float64) + PI, TWO_PI) - PI)
 
 
 @kernel

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.beams import beams_of
+from turtlebot_gym.beams import Beams, beams_of
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT, UNKNOWN, Driver, Lidar, fill
 from turtlebot_gym.rooms.scene import Scene
@@ -34,14 +34,29 @@ class Scan(NamedTuple):
     """Time between two scans, s; 0 if unknown."""
 
 
+def scan_of(message: Any) -> Scan:
+    """Return a ``sensor_msgs/LaserScan`` as it was sent, unread."""
+    angles, limits = (message.angle_min, message.angle_increment), (message.range_min, message.range_max)
+    return Scan(np.asarray(message.ranges, np.float32), *angles, *limits, message.time_increment, message.scan_time)
+
+
+def beams_in(scan: Scan) -> Beams:
+    """Return the beams of a scan as sent.
+
+    Raises:
+        ValueError: With one line, if the scan cannot be read.
+    """
+    limits = {"range_min": scan.range_min, "range_max": scan.range_max}
+    return beams_of(scan.ranges, first=scan.first, increment=scan.increment, **limits)
+
+
 def read_scan(scan: Scan) -> Scan:
     """Return a scan as sent with its ranges as `beams` reads them.
 
     Raises:
         ValueError: With one line, if the scan cannot be read.
     """
-    limits = {"range_min": scan.range_min, "range_max": scan.range_max}
-    return scan._replace(ranges=beams_of(scan.ranges, first=scan.first, increment=scan.increment, **limits).ranges)
+    return scan._replace(ranges=beams_in(scan).ranges)
 
 
 class Clearance(NamedTuple):

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.localization.localizer import locate, move, scan
-from turtlebot_gym.localization.points import Timing, remember, rest, to_points
+from turtlebot_gym.localization.localizer import correct_by_scan, locate, move
+from turtlebot_gym.localization.points import Timing, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.random import MAP, sub_key
 from turtlebot_gym.models.unicycle import execution_variances
@@ -55,11 +55,9 @@ def _estimate(estimate, before, senses, p, room, scene):
     if done // beams > beams_by(at - 1, lidar, p.dt) // beams:
         last = time_of_beam(done // beams * beams - 1.0, lidar)
         interval = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
-        every = max(-(-beams // int(q.beams)), 1)
-        points = np.empty((5, int(q.beams)))
         timing = Timing(last, interval, lidar.x, lidar.y, lidar.range_max)
-        number = to_points(scene.ranges[1][:beams], scene.beams, int(moved.scans) % every, every, timing, scene.trail, points)
-        moved = scan(moved, scene.field, scene.field_frame, points, number, q)
+        ranges = scene.ranges[1][:beams]
+        moved = correct_by_scan(moved, ranges, scene.beams, timing, scene.trail, scene.field, scene.field_frame, q)
     return moved
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives.drive import Drive, heading_error, known, position_error
-from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
-from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.estimation.consistency import nees
+from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, correct_by_scan, locate, move, state_of
+from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Command, Pose
@@ -73,8 +74,7 @@ def _follow(
     located: Any, first: int, course: Any, states: Any,
 ) -> Any:  # fmt: skip
     """Write the belief at each row from ``first`` on, shape (T, 11): pose, covariance, share of fitting beams."""
-    trail, points = np.empty((TRAIL, 4)), np.empty((5, int(q.beams)))
-    every = max(-(-ranges.shape[1] // int(q.beams)), 1)
+    trail = np.empty((TRAIL, 4))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
     at, way, turn = int(np.searchsorted(rows, first)), 1.0, 0.0
@@ -88,8 +88,7 @@ def _follow(
         while at < len(rows) and rows[at] <= row:
             if way > STILL or turn > UNTURNED:
                 when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
-                number = to_points(ranges[at], beams, int(located.scans) % every, every, when, trail, points)
-                located = scan(located, field, frame, points, number, q)
+                located = correct_by_scan(located, ranges[at], beams, when, trail, field, frame, q)
                 way = turn = 0.0
             at += 1
         mean, P = located.belief
@@ -180,14 +179,11 @@ def errors_of(course: Course, rows: NDArray[np.intp], reference: NDArray[np.floa
     """Return the errors of beliefs against reference poses at some rows, shape (K, 3); m, rad, and the median NEES."""
     poses = course.poses[rows]
     far, turned = position_error(poses, reference), heading_error(poses, reference)
-    error = poses - reference
-    error[:, 2] = np.arctan2(np.sin(error[:, 2]), np.cos(error[:, 2]))
-    nees = np.einsum("ki,ki->k", error, np.linalg.solve(course.covariances[rows], error[:, :, None])[:, :, 0])
     return {
         "median": float(np.median(far)),
         "quantile95": float(np.quantile(far, 0.95)),
         "worst": float(far.max()),
         "lost": float(np.mean(far > ASTRAY)),
         "median_heading": float(np.median(turned)),
-        "nees": float(np.median(nees)),
+        "nees": float(np.median(nees(poses, reference, course.covariances[rows], components=3))),
     }

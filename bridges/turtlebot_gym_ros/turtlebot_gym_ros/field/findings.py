@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.rooms.scan import Scan, read_scan
+from turtlebot_gym.beams import gaps_of
+from turtlebot_gym.rooms.scan import Scan, beams_in
 from turtlebot_gym_ros.base.sent import BOUND, JUMP, SYNCHRONIZE
 
 FINE, WARNING, REFUSED, SKIPPED = "fine", "warning", "refused", "skipped"
@@ -161,16 +162,15 @@ def judge_scans(scans: Sequence[Scan]) -> Finding:
     """Judge scans as their driver sends them."""
     widths, lost, nothing, blind, refused = [], [], [], [], ""
     for scan in scans:
-        ranges = np.asarray(scan.ranges, np.float32)
         try:
-            read = read_scan(scan).ranges
+            beams = beams_in(scan)
         except ValueError as error:
             refused = str(error)
             continue
-        widths.append(len(ranges))
-        lost.append(np.isnan(read).mean())
-        nothing.append(np.isinf(read).mean())
-        blind.append(_widest_gap(~np.isnan(read), abs(scan.increment)))
+        widths.append(len(beams.ranges))
+        lost.append(np.isnan(beams.ranges).mean())
+        nothing.append(np.isinf(beams.ranges).mean())
+        blind.append(float(gaps_of(beams)[:, 2].max(initial=beams.spacing)))
     share = len(widths) / len(scans) if scans else 0.0
     if not widths:
         text = f"None can be read: {refused or 'there is none'}."
@@ -188,13 +188,6 @@ def judge_scans(scans: Sequence[Scan]) -> Finding:
         advice = "Sectors without a beam are unknown to policies, and the collision monitor slows down towards them."
         return Finding("scans", WARNING, text, figures, advice)
     return Finding("scans", FINE, text, figures)
-
-
-def _widest_gap(there: NDArray[np.bool_], increment: float) -> float:
-    """Return the widest angle between two beams that are there, rad."""
-    (at,) = np.flatnonzero(there)[None]
-    angles = increment * at
-    return float(max(np.diff(angles, append=angles[0] + 2.0 * math.pi)))
 
 
 OURS = ("cmd_vel_guard", "cmd_vel_standby")

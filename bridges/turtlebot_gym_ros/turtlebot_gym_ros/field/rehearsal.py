@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
-from turtlebot_gym.models.angles import wrap
 from turtlebot_gym_ros.base.process import Runner, run
 from turtlebot_gym_ros.base.qos import EVERY, STREAM
+from turtlebot_gym_ros.field.shared import turned
 from turtlebot_gym_ros.node.geometry import read_pose
 
 PRESS = 1.0
@@ -80,7 +79,7 @@ class Rehearsed:
         if not poses:
             return None
         if key == "a_turn":
-            return math.degrees(sum(wrap(b.theta - a.theta) for a, b in pairwise(poses)))
+            return math.degrees(turned(poses))
         return math.dist(poses[0][:2], poses[-1][:2])
 
     def close(self) -> None:

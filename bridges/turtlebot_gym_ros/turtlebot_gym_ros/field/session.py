@@ -22,7 +22,7 @@ from turtlebot_gym_ros.field.findings import End, Topic
 from turtlebot_gym_ros.node.shell import Shell
 
 PATIENCE = 10.0
-"""Longest wait for a service, s."""
+"""Longest wait for a service, and for one that refuses, s."""
 REST = 1.0
 """Time that a robot takes to stand, s."""
 LOST = 4.0
@@ -111,6 +111,14 @@ def wait_for(condition: Callable[[], Any], timeout: float = PATIENCE) -> bool:
     return holds
 
 
+def enable(listener: Listener, node: str) -> str:
+    """Enable a node, which may have to hear a button first; return why it still refuses after a while, or an empty text."""
+    until = time.monotonic() + PATIENCE
+    while (why := listener.enable(node, True)) and time.monotonic() < until:
+        time.sleep(0.02)
+    return why
+
+
 class Part(NamedTuple):
     """A node of a drive."""
 
@@ -159,20 +167,14 @@ def drive(listener: Listener, parts: Sequence[Part], *, stamped: bool, timeout: 
         assert switch is not None
         try:
             for node in ("cmd_vel_guard", name):
-                reasons = [""]
-                if not wait_for(lambda node=node, reasons=reasons: not _note(reasons, listener.enable(node, True))):
-                    return f"{node} is not enabled: {reasons[0]}"
+                if why := enable(listener, node):
+                    return f"{node} is not enabled: {why}"
             why = _follow(lambda: switch.safety.state, lambda: listener.said("cmd_vel_guard/enabled", True), timeout)
         finally:
             switch.stop("the field test ends the drive", disable=True)
             listener.enable("cmd_vel_guard", False)
     time.sleep(REST)
     return why
-
-
-def _note(reasons: list[str], reason: str) -> str:
-    reasons[0] = reason
-    return reason
 
 
 def _follow(state: Callable[[], str], passes: Callable[[], bool], timeout: float) -> str:

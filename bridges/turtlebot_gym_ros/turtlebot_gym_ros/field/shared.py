@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.field.findings import Figure
@@ -72,17 +74,16 @@ def poses_since(at: Field, first: int) -> list[Pose]:
     return [read_pose(each.message.pose.pose) for each in at.listener.heard["odom"][first:]]
 
 
+def turned(poses: Sequence[Pose]) -> float:
+    """Return the sum of the turns from pose to pose, rad."""
+    return sum(wrap(after.theta - before.theta) for before, after in pairwise(poses))
+
+
 def relative(poses: Sequence[Pose]) -> NDArray[np.float64]:
     """Return a path in the frame of its first pose."""
     places = np.array([complex(pose.x, pose.y) for pose in poses])
     places = (places - places[0]) * np.exp(-1j * poses[0].theta)
     return np.stack([places.real, places.imag], axis=1)
-
-
-def scan_of(message: Any) -> Scan:
-    """Return a scan as it was sent."""
-    ranges = np.asarray(message.ranges, np.float32)
-    return Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max)
 
 
 def ends_of(scan: Scan) -> NDArray[np.float64]:

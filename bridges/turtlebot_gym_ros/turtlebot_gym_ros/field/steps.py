@@ -7,22 +7,21 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from turtlebot_gym import Noise, write_parameters
-from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.presets import WHEEL
+from turtlebot_gym.rooms.scan import scan_of
 from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.field import findings
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.processes import processes
-from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, wait_for
-from turtlebot_gym_ros.field.shared import Field, ends_of, poses_since, relative, scan_of
+from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
+from turtlebot_gym_ros.field.shared import Field, ends_of, poses_since, relative, turned
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
@@ -76,8 +75,8 @@ def find_the_button(at: Field) -> list[Finding]:
 def try_the_button(at: Field) -> list[Finding]:
     """Have a person press the emergency stop, and time the guard; nothing moves."""
     listener, enabled = at.listener, "cmd_vel_guard/enabled"
-    if not wait_for(lambda: not listener.enable("cmd_vel_guard", True)):
-        return [Finding("a press", REFUSED, f"The guard refuses: {listener.enable('cmd_vel_guard', True)}.")]
+    if why := enable(listener, "cmd_vel_guard"):
+        return [Finding("a press", REFUSED, f"The guard refuses: {why}.")]
     wait_for(lambda: listener.said(enabled, True))
     first = len(listener.heard["emergency_stop"])
     if not at.person.confirm(
@@ -121,8 +120,7 @@ def _measured(at: Field, name: str, unit: str, amount: float, *, turns: bool, un
     if why := _drive(at, [part], timeout=60.0 + 20.0 * amount * scale):
         return [Finding(name, REFUSED, f"The drive ended early: {why}.")]
     poses = poses_since(at, at.begun)
-    turned = sum(wrap(after.theta - before.theta) for before, after in pairwise(poses))
-    by_odometry = turned / scale if turns else math.hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
+    by_odometry = turned(poses) / scale if turns else math.hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
     measured = at.person.number(name.replace(" ", "_"), ask)
     judged = findings.judge_measure(name, unit, by_odometry=by_odometry, measured=measured, uncertainty=uncertainty)
     if judged.verdict in (FINE, WARNING):

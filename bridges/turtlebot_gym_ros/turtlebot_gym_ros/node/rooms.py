@@ -23,7 +23,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.beams import TURN
 from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, scan_of
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, write_pose
 
 HEIGHT = 0.3
@@ -36,9 +36,7 @@ _GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
 
 
 def _read_scan(message: LaserScan) -> Scan:
-    angles, limits = (message.angle_min, message.angle_increment), (message.range_min, message.range_max)
-    ranges = np.asarray(message.ranges, np.float32)
-    return read_scan(Scan(ranges, *angles, *limits, message.time_increment, message.scan_time))
+    return read_scan(scan_of(message))
 
 
 def _write_scan(scan: Scan, header: Header) -> LaserScan:
