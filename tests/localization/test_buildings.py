@@ -8,12 +8,13 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from turtlebot_gym.drives import read
 from turtlebot_gym.drives.drive import heading_error, position_error
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.localize import localize
+from turtlebot_gym_agents.evaluation.localize import localize, recorded_of
 
 buildings = pytest.importorskip("buildings")
 
@@ -86,6 +87,21 @@ def test_a_start_that_is_shifted_comes_right_in_one_scan_unless_along_a_corridor
     assert np.median(position) < 0.1
     assert position.max() < 0.3  # along a corridor a scan says little
     assert heading.max() < 0.03
+
+
+def test_scans_with_a_pose_of_their_own_count_where_the_rows_of_a_drive_are_farther_apart(stretch, tmp_path):
+    recorded = stretch[0].recorded
+    bunched = np.floor(recorded.time) + 0.01 * (recorded.time - np.floor(recorded.time))
+    ranges = np.rint(recorded.ranges * 100.0).astype(np.uint16)
+    np.savez(tmp_path / "log.npz", time=bunched, odometry=recorded.odometry, ranges_cm=ranges)
+    drive = read(tmp_path / "log.npz")
+    seen, where = recorded_of(drive)
+    assert len(drive) < 0.5 * len(recorded.odometry)
+    assert len(seen.odometry) >= len(recorded.odometry) - 1  # no row follows the last scan
+    assert np.array_equal(seen.odometry, recorded.odometry[: len(seen.odometry)])
+    assert np.array_equal(seen.rows, np.arange(len(seen.odometry)))
+    assert np.array_equal(seen.odometry[where], drive.odometry)
+    assert np.array_equal(seen.time[where], drive.time)
 
 
 def test_the_command_localizes_a_log_in_a_map_file(stretch, tmp_path, capsys):

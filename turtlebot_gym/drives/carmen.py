@@ -213,7 +213,7 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
     scans = [(at, lines[at]) for at in range(len(lines)) if lines[at].scan]
     first = np.searchsorted(time, times[[at for at, _ in scans]]).tolist()
     seen = (
-        Seen(row, _composed(line.odometry, mount), line.scan, float(times[at] - time[0]), mount)
+        Seen(row, _composed(line.odometry, mount), line.scan, float(times[at] - time[0]), mount, Pose(*line.odometry))
         for (at, line), row in zip(scans, first, strict=True)
         if line.scan and row < len(rows)
     )

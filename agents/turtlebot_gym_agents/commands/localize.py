@@ -68,10 +68,11 @@ class Localize(Writing, Recorded):
         start = Pose(*(self.start if self.start is not None else drive.truth[first].tolist()))
         assert grid is not None
         field, R = grid.field(hits=self.hits), (0.01, 0.01, 0.001) if self.start is None else (0.02, 0.02, 0.02)
-        course = localize(recorded_of(drive), field, grid.frame, tuning, start, R, first)
-        states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
+        recorded, where = recorded_of(drive)
+        course = localize(recorded, field, grid.frame, tuning, start, R, int(where[first]))
+        states = {name: float(np.mean(course.states[where[first] :] == state)) for name, state in STATES.items()}
         judged = rows[rows >= first]
-        errors = errors_of(course, judged, drive.truth[judged]) if len(judged) else {}
+        errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}
         table = Table("", "", title=f"{self.file.name} in {self.map.name}, {course.scans} scans")
         for name, figure in errors.items():
             table.add_row(LABELS[name], f"{figure:.3g}")
@@ -80,7 +81,7 @@ class Localize(Writing, Recorded):
         print_tables(table)
         if self.json is not None:
             beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
-            write_json(self.json, {"errors": errors, "shares": states, "time": drive.time, **beliefs}, config=self.asked())
+            write_json(self.json, {"errors": errors, "shares": states, "time": recorded.time, **beliefs}, config=self.asked())
         if self.plot is not None:
             save_figure(path_figure(course, drive, grid, title=self.file.name), self.plot)
 

@@ -144,8 +144,10 @@ def localize(
     return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans))
 
 
-def recorded_of(drive: Drive) -> Recorded:
-    """Return what a localizer sees of a drive.
+def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
+    """Return what a localizer sees of a drive, and where in it the drive's rows are, shape (T,).
+
+    A scan that was recorded with the wheels' pose is a row of its own, also where the drive's rows are farther apart.
 
     Raises:
         ValueError: If the drive has no odometry or no scans, or scans of several kinds.
@@ -153,7 +155,7 @@ def recorded_of(drive: Drive) -> Recorded:
     if not drive.has_odometry or not drive.scans:
         lacks = "scans" if drive.has_odometry else "odometry"
         raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; a localizer needs odometry and scans.")
-    seen = drive.scans
+    seen = sorted(drive.scans, key=lambda each: (each.row, each.time))
     kinds = {(len(each.scan.ranges), each.scan.first, each.scan.increment, each.mount) for each in seen}
     if len(kinds) > 1:
         raise ValueError(f"The scans of {drive.around.label or 'the recording'} must all have the same beams.")
@@ -161,18 +163,24 @@ def recorded_of(drive: Drive) -> Recorded:
     measured = known(drive.odometry)
     newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
     rows, times = np.array([each.row for each in seen]), np.array([each.time for each in seen])
-    turn = scan.beam_period * (len(scan.ranges) - 1)
-    return Recorded(
-        drive.time,
-        drive.odometry[newest],
+    own = np.array([each.odometry is not None for each in seen]) & (times != drive.time[rows])
+    poses = np.array([each.odometry for each, is_own in zip(seen, own, strict=True) if is_own]).reshape(-1, 3)
+    before = rows[own]
+    time = np.insert(drive.time, before, times[own])
+    where = np.arange(len(drive)) + np.searchsorted(before, np.arange(len(drive)), side="right")
+    rows = np.where(own, rows + np.cumsum(own) - 1, where[rows])
+    recorded = Recorded(
+        time,
+        np.insert(drive.odometry[newest], before, poses, axis=0),
         rows,
-        np.where(np.isfinite(times), times + turn, drive.time[rows]),
+        np.where(np.isfinite(times), times + scan.beam_period * (len(scan.ranges) - 1), time[rows]),
         np.stack([each.scan.ranges for each in seen]),
         mount.theta + scan.first + scan.increment * np.arange(len(scan.ranges), dtype=np.float64),
         scan.beam_period,
         (mount.x, mount.y),
         min(scan.range_max, FAR),
     )
+    return recorded, where
 
 
 def errors_of(course: Course, rows: NDArray[np.intp], reference: NDArray[np.float64]) -> dict[str, float]:
