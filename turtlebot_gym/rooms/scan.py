@@ -137,8 +137,13 @@ class Pooling:
     def __init__(self, *, yaw: float = 0.0, beams: int = 0) -> None:
         self._yaw, self._beams = yaw, beams
 
-    def __call__(self, scan: Scan) -> list[float]:
+    def __call__(self, scan: Scan, mount: Pose | None = None) -> list[float]:
         """Return the shortest range in each sector, as shares of `lidar.SIGHT`.
+
+        Args:
+            scan: The scan.
+            mount: Pose of its frame in a frame that is level with the robot's, at the place from which the policy is to see;
+                None for that place, turned by ``yaw``.
 
         Raises:
             ValueError: If the scan has another number of beams than ``beams``.
@@ -147,10 +152,15 @@ class Pooling:
         if self._beams not in (0, beams):
             raise ValueError(f"the scan has {beams} beams, but lidar_beams says {self._beams}")
         there = np.flatnonzero(~np.isnan(scan.ranges))
-        directions = self._yaw + scan.first + scan.increment * there
+        ranges = scan.ranges[there]
+        directions = (mount.theta if mount else self._yaw) + scan.first + scan.increment * there
+        if mount and (mount.x or mount.y):
+            returned = np.isfinite(ranges)
+            points = mount.x + 1j * mount.y + np.where(returned, ranges, 0.0) * np.exp(1j * directions)
+            ranges, directions = np.where(returned, abs(points), ranges), np.where(returned, np.angle(points), directions)
         at = np.floor(directions / TWO_PI * SECTORS + 0.5 + EDGE).astype(np.int64) % SECTORS
         shortest = np.full(SECTORS, np.inf)
-        np.minimum.at(shortest, at, scan.ranges[there])
+        np.minimum.at(shortest, at, ranges)
         sectors = (np.minimum(shortest, SIGHT) / SIGHT).astype(np.float32)
         sectors[np.bincount(at, minlength=SECTORS) == 0] = UNKNOWN
         fill(sectors)

@@ -16,6 +16,8 @@ EVERY = QoSProfile(depth=1000)
 best effort only nothing is heard, which the subscription reports."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late joiners receive the last value."""
+STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Late joiners receive the values of many publishers: the quality of service of tf2's listener to ``/tf_static``."""
 
 
 def overridable() -> QoSOverridingOptions:

@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.mounts import SAME_WAY
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.tasks import NAV, believed_to_arrive
@@ -19,10 +21,21 @@ from turtlebot_gym_agents import Deployment
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
+PLACE, AT_PLACE = (-0.032, 0.0), 0.05
+"""Place of the LiDAR that policies are trained with, and distance up to which another is taken for it, m: in training the
+presets' places vary by as much."""
 LAG = 0.4
 """Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
+
+
+def _shifted(mount: Pose | None) -> Pose | None:
+    """Return a LiDAR's mount as seen from `PLACE`, from which policies see; at that place if it is near."""
+    if mount is None:
+        return None
+    x, y = mount.x - PLACE[0], mount.y - PLACE[1]
+    return Pose(*((x, y) if math.hypot(x, y) > AT_PLACE else (0.0, 0.0)), mount.theta)
 
 
 class VelocityController:
@@ -52,7 +65,8 @@ class VelocityController:
         """Distance to a last waypoint within which the robot is done, m; the belief must be inside by 0.05 m, or a third of it.
         With 0 it is never done."""
         lidar_yaw: Annotated[float, FINITE.of("rad")] = 0.0
-        """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4."""
+        """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4. With 0 that of ``/tf_static``, if it
+        states one; with another direction than that one the robot stands."""
         lidar_beams: Annotated[int, Range(0, 2**31, whole=True)] = 0
         """Number of beams that a scan must have; 0 for any."""
         lidar_returns: Annotated[float, Range(0.0, 1.0)] = 0.0
@@ -122,14 +136,17 @@ class VelocityController:
             return {"command": STOP}
         self.notice = None
         surprise = estimate.nis if nis is None else nis.value
-        seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value), scan.age)
+        seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value, _shifted(scan.mount)), scan.age)
         return {"command": self.deployment.command(mean, P, surprise, reference, following or reference, *seen)}
 
     def _refusal(self, scan: Aged, twist: Command) -> str:
         """Return why a scan must not be used, or an empty text."""
         measured, (ranges, first, increment) = self._time - scan.age, scan.value[:3]
+        yaw = scan.mount.theta if scan.mount else self._yaw
+        if self._yaw and abs(wrap(yaw - self._yaw)) > SAME_WAY:
+            return f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them"
         self._watch.told(twist, self._time)
         if measured > self._measured + 1e-6:  # between two scans, each step has the last one again
             self._measured = measured
-            self._watch.hear(ranges, self._yaw + first + increment * np.arange(len(ranges)), measured)
+            self._watch.hear(ranges, yaw + first + increment * np.arange(len(ranges)), measured)
         return self._watch.trouble()

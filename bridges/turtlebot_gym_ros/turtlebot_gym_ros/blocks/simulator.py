@@ -123,7 +123,8 @@ class TurtlebotSimulator:
         speaks_as: Annotated[str, Names(("none", *SPEECHES))] = "none"
         """Recorded robot whose messages it imitates, "turtlebot3" or "turtlebot4", with its LiDAR and rate of odometry whatever
         ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
-        late and has covariances of 0. "none" for perfect messages."""
+        late and has covariances of 0, and its LiDAR's mount on ``/tf_static`` if tf2_msgs is installed. "none" for perfect
+        messages."""
         own_clock: bool = True
         """Whether its clock is ahead and its odometry late, which lock-step does not allow."""
         plant: str = "unicycle"
@@ -189,7 +190,11 @@ class TurtlebotSimulator:
         self._lidar: Lidar | None = p.room.lidar if p.room else None
         if self._lidar:
             mount = Mount(SCAN_FRAMES.get(lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
-            self.outputs = {**self.outputs, **ROOM_OUTPUTS, "scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
+            self.outputs = {
+                **self.outputs,
+                **ROOM_OUTPUTS,
+                "scan": replace(ROOM_OUTPUTS["scan"], mount=mount, states_mount=speech is not None),
+            }
         self._map = plan.map if plan else None
         if self._map:
             self.outputs = {**self.outputs, **MAP_OUTPUTS}
@@ -244,7 +249,7 @@ class TurtlebotSimulator:
             if self._rng.random() < 0.5:
                 self._waiting.clear()  # it catches up: what still waits is lost
         aged = {key: value if isinstance(value, Aged) else Aged(value, 0.0) for key, value in said.items()}
-        return {key: Aged(value, age - self._ahead) for key, (value, age) in aged.items()}
+        return {key: each._replace(age=each.age - self._ahead) for key, each in aged.items()}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:
         """Return the outputs about the room; a scan only when one is complete."""

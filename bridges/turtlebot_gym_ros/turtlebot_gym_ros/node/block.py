@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from turtlebot_gym.values import Covariance
+from turtlebot_gym.values import Covariance, Pose
 from turtlebot_gym_ros.base.frames import Mount
 
 
@@ -40,7 +40,7 @@ class Input:
     it waits; "newest", the last value published up to that step, for which it waits too; or "refused", if values belong to no
     step."""
     aged: bool = False
-    """Whether ``step`` receives the value with its age by the stamps, as an `Aged`."""
+    """Whether ``step`` receives the value with its age by the stamps, as an `Aged`, and with the mount of its frame."""
     reliable: bool = True
     """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
     wakes: bool = True
@@ -74,6 +74,8 @@ class Output:
     """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
     """Frame of a value given in a sensor's own frame; if the block publishes transforms, it is also on ``/tf_static``."""
+    states_mount: bool = False
+    """Whether it is there in any case, if ``tf2_msgs`` is installed."""
 
 
 class Nis(NamedTuple):
@@ -88,6 +90,8 @@ class Aged(NamedTuple):
     value: Any
     age: float
     """The step's stamp minus the value's, s; negative for a value from after the step's stamp."""
+    mount: Pose | None = None
+    """Pose of an input's frame in the robot's, by ``/tf_static``; None if that does not state it."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
+from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
@@ -35,6 +36,7 @@ class Feed:
         lock_step: Whether stamps are used instead of ages by the steady clock.
         clock: This computer's clock.
         group: Type of the callback group of its messages.
+        mount: Returns the pose of a frame on the robot, if it is known; raises `ValueError` if it is refused.
         headers: Whether the headers' stamps are by a system clock, not by a simulated one.
     """
 
@@ -47,9 +49,11 @@ class Feed:
         clock: SystemClock,
         headers: bool = True,
         group: type[CallbackGroup] | None = Swift,
+        mount: Callable[[str], Pose | None] = lambda frame: None,
     ) -> None:
         self.declared = replace(declared, max_age=None) if lock_step else declared
         self._lock_step, self._headers, self._group = lock_step, headers, group
+        self._mount_of, self._mount = mount, None
         self._waits_for_others = not (lock_step or declared.wakes)
         self.poll: Callable[[], None] = lambda: None
         """Reads the messages of an input that does not wake the node."""
@@ -131,11 +135,14 @@ class Feed:
         """Return a message's value.
 
         Raises:
-            ValueError: If the message is refused: not finite, not a rotation, or in another frame than ``frame``.
+            ValueError: If the message is refused: not finite, not a rotation, in another frame than ``frame``, or of a sensor
+                that is mounted tilted.
         """
         if self.conversion.in_world and message.header.frame_id != frame:
             got = message.header.frame_id
             raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameters frame_prefix and frame)")
+        if self.declared.aged and not self.conversion.in_world:
+            self._mount = self._mount_of(message.header.frame_id)
         return self.conversion.read(message)
 
     def accept(self, value: Any, now: float, stamp: int, age: Age = NEW, sent: int = 0) -> None:
@@ -183,7 +190,7 @@ class Feed:
         if self.declared.once:
             self._latest = None
         if value is not None and self.declared.aged and self.stamp is not None:
-            return Aged(value, (stamp - self.stamp) / SECOND)
+            return Aged(value, (stamp - self.stamp) / SECOND, self._mount)
         return value
 
     def figures(self, now: float) -> dict[str, str]:

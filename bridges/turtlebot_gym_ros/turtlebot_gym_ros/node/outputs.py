@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -56,6 +57,8 @@ class Outputs:
         transformed = {key for key, each in declared.items() if each.transform}
         mounts = [each.mount for each in declared.values() if each.mount]
         self._transforms = dict.fromkeys(transformed, _Transforms(node, mounts, common)) if transformed else {}
+        if not transformed and any(each.states_mount for each in declared.values()) and find_spec("tf2_msgs"):
+            _publish_mounts(node, mounts, common)
         self.moving = [key for key, each in declared.items() if each.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
@@ -176,8 +179,7 @@ class _Transforms:
         self._message = TFMessage
         self._publisher = node.create_publisher(TFMessage, "/tf", BROADCAST)
         if mounts:
-            self._static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
-            self._static.publish(TFMessage(transforms=[_fixed(each, common) for each in mounts]))
+            _publish_mounts(node, mounts, common)
 
     def publish(self, odometry: Odometry) -> None:
         """Publish a pose as a transform, unless it was not measured."""
@@ -188,6 +190,14 @@ class _Transforms:
         translation.x, translation.y, translation.z = pose.position.x, pose.position.y, pose.position.z
         transform.transform.rotation = pose.orientation
         self._publisher.publish(self._message(transforms=[transform]))
+
+
+def _publish_mounts(node: Node, mounts: Sequence[Mount], common: Common) -> None:
+    """Publish the transforms to the robot's sensors on ``/tf_static``; the node keeps the publisher."""
+    from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
+
+    static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
+    static.publish(TFMessage(transforms=[_fixed(each, common) for each in mounts]))
 
 
 def _fixed(mount: Mount, common: Common) -> TransformStamped:

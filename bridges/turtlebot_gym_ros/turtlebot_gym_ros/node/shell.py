@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym_ros.base import process
 from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.mounts import hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
@@ -115,6 +116,8 @@ class Shell:
         self._look()
         # With a simulated clock no topic is slow, /clock least of all.
         swift = lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0))
+        sees = any(each.type is Scan for each in block.inputs.values())
+        mount = hear_mounts(node, self.common.body) if sees else lambda frame: None
         self._feeds = {
             key: Feed(
                 each,
@@ -123,6 +126,7 @@ class Shell:
                 clock=self._clock,
                 headers=headers,
                 group=Swift if swift else None,
+                mount=mount,
             )
             for key, each in block.inputs.items()
         }
@@ -146,7 +150,7 @@ class Shell:
         if self.outputs.moving:
             self.switch = Switch(
                 node, self.outputs, enabled=self.common.start_enabled, now=self._now, restart=self._enabled,
-                blocked=math.inf if lock_step else 0.5, sees=any(item.type is Scan for item in block.inputs.values()),
+                blocked=math.inf if lock_step else 0.5, sees=sees,
                 group=Swift if swift else None,
             )  # fmt: skip
         ignores_clock = lock_step or self._drive.sets_clock

@@ -13,6 +13,7 @@ these and on the core's pure limits; the node around it is in `guard`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -21,7 +22,7 @@ from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.validation import Names, Range, typed
-from turtlebot_gym.values import STOP, Command
+from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.base.flood import Flood
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits, Scan
@@ -100,7 +101,8 @@ class Parameters:
     reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
     scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
-    """Whether to use the preset's footprint and mount, or the five parameters below."""
+    """Whether to use the preset's footprint, and the mount of ``/tf_static`` or else of the preset, or the five parameters
+    below, which ``/tf_static`` must not contradict."""
     footprint_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
     """Centre of the footprint ahead of the axle, m; its radius is that of the preset."""
     scan_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
@@ -126,7 +128,7 @@ class _Heard(NamedTuple):
     command: Command
 
 
-def _monitor_of(p: Parameters, now: float) -> Monitor | None:
+def _monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
     """Return the collision monitor, if it is switched on."""
     if not p.collision_monitor:
         return None
@@ -135,7 +137,10 @@ def _monitor_of(p: Parameters, now: float) -> Monitor | None:
     center_x, mount = given if p.scan_mount == "given" else MOUNTS[p.robot]
     body = Body(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
-    return Monitor(body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now)
+    return Monitor(
+        body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now,
+        given=p.scan_mount == "given", mount_of=mount_of,
+    )  # fmt: skip
 
 
 class Arbiter:
@@ -143,14 +148,14 @@ class Arbiter:
 
     ``now`` is a steady time, s. Messages also have a time ``sent``, when they were sent at the earliest (None: now), and a flag
     ``dated``, whether that time is the sender's or only that of their arrival here; commands also a time ``measured``, of the
-    measurement on which they rest (None: sent).
+    measurement on which they rest (None: sent). ``mount_of`` returns a frame's pose on the robot, see `Monitor`.
     """
 
-    def __init__(self, parameters: Parameters, now: float) -> None:
+    def __init__(self, parameters: Parameters, now: float, mount_of: Callable[[str], Pose | None] = lambda frame: None) -> None:
         self._p = parameters
         self._robot = make_robot(parameters.robot)
         self.buttons = EmergencyStop()
-        self.monitor = _monitor_of(parameters, now)
+        self.monitor = _monitor_of(parameters, now, mount_of)
         self._heard: dict[str, _Heard] = {}
         self._news: set[str] = set()
         self._distance = (now, math.inf)

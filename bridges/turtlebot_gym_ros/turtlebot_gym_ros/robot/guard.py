@@ -12,8 +12,9 @@ guard, to every listener that it meets in its first 5 s, is a zero.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
 ``/emergency_stop`` (Bool, reliable, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence
-the Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``; ``cmd_vel_standby/alive`` (Empty) if
-it is required. Outputs: ``/cmd_vel``, ``/diagnostics`` (1 Hz), ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
+the Odometry on ``geofence_topic``; with the collision monitor the LaserScan on ``/scan``, and the TFMessage on ``/tf_static``,
+which states its mount; ``cmd_vel_standby/alive`` (Empty) if it is required. Outputs: ``/cmd_vel``, ``/diagnostics`` (1 Hz),
+``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
 **A command has two ages**, see `base.sent`: since it was sent (``max_age``), and since the measurement on which it rests
 (``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known. A guard
@@ -64,6 +65,7 @@ from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.flood import MOST
+from turtlebot_gym_ros.base.mounts import TOPIC, hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
@@ -85,7 +87,9 @@ class CmdVelGuard(Node):
         (p,) = declare(self, Parameters)
         self._p, self._clock_watch = p, SystemClock()
         self._ages: dict[str, Ages] = {}
-        self._arbiter = Arbiter(p, self._now())
+        count = lambda info: self._arbiter.count(TOPIC, info["publication_sequence_number"], self._now())  # noqa: E731
+        mount_of = hear_mounts(self, p.frame_prefix + p.body_frame, count) if p.collision_monitor else lambda frame: None
+        self._arbiter = Arbiter(p, self._now(), mount_of)
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._headers_count = not self.get_parameter("use_sim_time").value
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))

@@ -11,6 +11,10 @@ from a header's age, as some drivers stamp the first beam). A scan that cannot b
 previous one, and so does one of a LiDAR that does not measure or is mounted otherwise, see `scan_watch`. Without a valid scan
 the robot stands and does not turn either.
 
+**Mount.** Where ``/tf_static`` states the pose of the scan's frame, that counts and not the preset's, which is any robot's of
+that kind. It is reported if they differ. A mount that a person gave is about this robot too, and one of the two is wrong: then
+scans are refused, as are those of a LiDAR that ``/tf_static`` states twice, differently, or tilted.
+
 **Unknown space**, see `collision`, is entered slowly, at ``escape_speed`` at most, and only for the way that this makes in the
 time to contact: then the robot stops before it. Motion over ground that the scan shows gives the way back, since the robot may
 return over what it has left.
@@ -20,11 +24,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.values import STOP, Command
+from turtlebot_gym.mounts import differ
+from turtlebot_gym.values import STOP, Command, Pose
+from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, into, limited, moved, narrow_gap, out_of, view_of
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
@@ -59,9 +66,15 @@ class Monitor:
         speed: The robot's greatest speed, m/s ...
         turning: ... and turning rate, rad/s.
         now: Current steady time, s.
+        given: Whether a person stated the mount, so that another in ``/tf_static`` is refused.
+        mount_of: Returns the pose of a frame on the robot by ``/tf_static``, None if that does not state it.
     """
 
-    def __init__(self, body: Body, limits: Limits, timing: Timing, *, speed: float, turning: float, now: float) -> None:
+    def __init__(
+        self, body: Body, limits: Limits, timing: Timing, *, speed: float, turning: float, now: float,
+        given: bool = False, mount_of: Callable[[str], Pose | None] = lambda frame: None,
+    ) -> None:  # fmt: skip
+        self._given, self._mount_of = given, mount_of
         self._body, self._limits, self._timing = body, limits, timing
         # Farther than the robot can move in the time to contact plus the whole validity of a scan.
         used = limits.time + timing.age + timing.period + timing.reaction
@@ -74,6 +87,8 @@ class Monitor:
         self.watch = ScanWatch(lag=timing.period + timing.reaction, returns=timing.returns, now=now)
         self._times, self._poses, self._told = [now], [(0.0, 0.0, 0.0)], [STOP]
         self.state = ""
+        self.remark = ""
+        """What is unexpected about the mount, if anything."""
 
     def hear(self, scan: Scan, *, sent: float) -> None:
         """Take a scan that was sent at a steady time; one older than the last is ignored."""
@@ -81,15 +96,33 @@ class Monitor:
             return
         self._sent, self._bad = sent, ""
         try:
-            view = view_of(scan, self._body, self._limits, reach=self._reach, narrow=self._narrow, room=self._room)
+            body = self._mounted(scan.frame)
+            view = view_of(scan, body, self._limits, reach=self._reach, narrow=self._narrow, room=self._room)
         except ValueError as error:
             self._bad = f"a scan was refused: {error}"
             return
-        self.watch.hear(view.beams.ranges, view.beams.directions + self._body.scan.yaw, sent)
+        self.watch.hear(view.beams.ranges, view.beams.directions + body.scan.yaw, sent)
         span = self._timing.period + self._timing.reaction
         layers = [out_of(self._pose(sent - span * layer / (LAYERS - 1)), view.seen) for layer in range(LAYERS)]
         self._points = np.concatenate(layers, axis=1)
         self._unknown = out_of(self._pose(sent), view.unknown)  # a blind sector turns with the robot: only the last pose counts
+
+    def _mounted(self, frame: str) -> Body:
+        """Return the body with the mount of a scan's frame, and set the remark.
+
+        Raises:
+            ValueError: With one line, if ``/tf_static`` states no usable mount, or another one than a person.
+        """
+        stated, mount = self._mount_of(frame), self._body.scan
+        self.remark = ""
+        if stated is None or (mount.frame in (frame, frame.rsplit("/", 1)[-1]) and not differ(stated, Pose(*mount[1:]))):
+            return self._body
+        x, y, yaw = stated
+        there = f"/tf_static says that {frame!r} is at x {x:.3f} m, y {y:.3f} m, turned by {yaw:.3f} rad"
+        if self._given:
+            raise ValueError(f"{there}, and the given mount is another: correct one, or set scan_mount to robot")
+        self.remark = f"{there}, which is not the preset's mount, and counts"
+        return self._body._replace(scan=Mount(frame, x, y, yaw))
 
     def told(self, command: Command, now: float) -> None:
         """Record the command of the wheels from now on."""

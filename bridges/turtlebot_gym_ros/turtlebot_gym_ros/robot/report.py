@@ -98,6 +98,8 @@ class Report:
                 return WARN, why
         if robots == 0:
             return WARN, f"{topics[0]} has no listener"
+        if monitor and monitor.remark:
+            return WARN, f"{self._arbiter.state}, collision monitor: {monitor.remark}"
         return OK, self._arbiter.state
 
     def _mismatch(self, topics: list[str]) -> str:

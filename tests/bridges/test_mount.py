@@ -1,0 +1,169 @@
+"""The mount of the LiDAR by /tf_static: what the robot does depends on what is there, and not on how its LiDAR is mounted."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Transform, TransformStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Range
+from std_msgs.msg import Header
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.mounts import StaticFrames
+from turtlebot_gym.rooms import scan as rooms
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
+from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.node.block import Aged
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.collision import Scan
+
+PRESET, OTHER = Pose(-0.032, 0.0, 0.0), Pose(0.05, -0.04, 2.0)
+"""Where a Burger's LiDAR is, and where somebody else mounted it."""
+BEAMS, T = 3600, 100.0
+
+
+def transform(parent, child, x, y, yaw, roll=0.0):
+    made = TransformStamped(header=Header(frame_id=parent), child_frame_id=child, transform=Transform())
+    made.transform.translation.x, made.transform.translation.y, made.transform.translation.z = x, y, 0.1
+    half, q = 0.5 * yaw, made.transform.rotation
+    q.w, q.x = math.cos(half) * math.cos(0.5 * roll), math.cos(half) * math.sin(0.5 * roll)
+    q.z, q.y = math.sin(half) * math.cos(0.5 * roll), math.sin(half) * math.sin(0.5 * roll)
+    return made
+
+
+def stated(mount, *, frame="base_scan", **tilt):
+    """Return the frames of a robot that states its LiDAR's mount, on a link of its own."""
+    said = StaticFrames()
+    chain = (
+        transform("base_footprint", "base_link", 0.02, 0.01, 0.0),
+        transform("base_link", frame, mount.x - 0.02, mount.y - 0.01, mount.theta, **tilt),
+    )
+    said.hear(SimpleNamespace(transforms=list(chain)))
+    return lambda frame: said.mount("base_footprint", frame)
+
+
+def unstated(frame):
+    """Know of no mount: the planted defect, and a robot that states none."""
+
+
+def ranges(mount, heading):
+    """Return the ranges of a LiDAR in a room of 3 m by 2 m, whose wall is 0.3 m below a robot with a heading."""
+    at = (mount.x + 1j * mount.y) * np.exp(1j * heading)
+    ways = np.exp(1j * (heading + mount.theta + 2.0 * math.pi * np.arange(BEAMS) / BEAMS))
+    with np.errstate(divide="ignore"):
+        x = (np.where(ways.real > 0.0, 2.0, -1.0) - at.real) / ways.real
+        y = (np.where(ways.imag > 0.0, 1.7, -0.3) - at.imag) / ways.imag
+    return np.minimum(np.abs(x), np.abs(y)).astype(np.float32)
+
+
+def commands(mount, mount_of, heading, **parameters):
+    """Return the policy's command, the monitor's verdict on one, and the monitor, with a LiDAR at a mount."""
+    lengths = ranges(mount, heading)
+    controller = VelocityController(VelocityController.Params(policy="vfh", goal_tolerance=0.0))
+    estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01))), 0.0, 0.0)
+    seen = Aged(rooms.Scan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, mount_of("base_scan"))
+    driven = controller.step(0.1, estimate, Pose(1.0, 0.0, 0.0), None, scan=seen)["command"]
+    arbiter = Arbiter(Parameters(collision_monitor=True, **parameters), T, mount_of)
+    arbiter.hear_scan(Scan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
+    return driven, arbiter.monitor.limit(Command(0.2, 0.2), T), arbiter.monitor
+
+
+HEADINGS = np.linspace(-math.pi, math.pi, 24, endpoint=False)
+
+
+def differences(mount_of):
+    """Return by how much commands and verdicts differ from those with the preset's mount, as shares of the limits."""
+    told = []
+    for heading in HEADINGS:
+        expected, got = commands(PRESET, unstated, heading)[:2], commands(OTHER, mount_of, heading)[:2]
+        told.append([np.abs(np.subtract(a, b) / (0.21, 2.6)).max() for a, b in zip(expected, got, strict=True)])
+    return np.max(told, axis=0)
+
+
+def test_with_its_mount_stated_a_lidar_may_be_anywhere():
+    """A policy's sectors have corners that move a little with the LiDAR, and the monitor's error grows with a point's range."""
+    assert differences(stated(OTHER)) == pytest.approx([0.0, 0.0], abs=0.05)
+
+
+def test_a_mount_that_is_ignored_is_noticed():
+    assert min(differences(unstated)) > 0.2
+
+
+@pytest.mark.parametrize("mount", [PRESET, Pose(-0.04, 0.01, 0.02)])
+def test_a_mount_that_is_the_presets_changes_nothing(mount):
+    for heading in HEADINGS[::6]:
+        (driven, verdict, monitor), expected = commands(PRESET, stated(mount), heading), commands(PRESET, unstated, heading)
+        assert (verdict, monitor.remark) == (expected[1], "")
+        assert mount != PRESET or driven == expected[0]
+
+
+def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_is_not_overruled():
+    *_, monitor = commands(OTHER, stated(OTHER), 0.0)
+    where = "'base_scan' is at x 0.050 m, y -0.040 m, turned by 2.000 rad"
+    assert (monitor.trouble(T), monitor.remark) == (
+        "",
+        f"/tf_static says that {where}, which is not the preset's mount, and counts",
+    )
+    given = {"scan_mount": "given", "scan_x": 0.05, "scan_y": -0.04, "scan_yaw": 2.0}
+    assert commands(OTHER, stated(OTHER), 0.0, **given)[2].trouble(T) == ""
+    *_, verdict, monitor = commands(OTHER, stated(OTHER), 0.0, **{**given, "scan_yaw": 0.0})
+    assert verdict == STOP
+    assert f"{where}, and the given mount is another: correct one" in monitor.trouble(T)
+
+
+def test_a_controller_that_is_given_another_direction_stands_and_says_why():
+    for yaw, stands in ((2.0, False), (0.0, False), (1.5, True)):
+        block = VelocityController(VelocityController.Params(policy="vfh", lidar_yaw=yaw))
+        seen = Aged(rooms.Scan(ranges(OTHER, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, OTHER)
+        belief = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01)))
+        command = block.step(0.1, Estimate(belief, 0.0, 0.0), Pose(1.0, 0.0, 0.0), None, scan=seen)["command"]
+        assert (command == STOP) is stands
+        assert ("lidar_yaw is 1.500, but /tf_static says 2.000 rad: correct one of them" in (block.notice or "")) is stands
+
+
+@pytest.mark.parametrize(("tilt", "degrees"), [(math.pi, 180), (0.5, 29)])
+def test_a_lidar_upside_down_or_tilted_is_refused_on_one_line(tilt, degrees):
+    said = f"/tf_static says that 'base_scan' is tilted by {degrees} degrees, and a scan must be level"
+    arbiter = Arbiter(Parameters(collision_monitor=True), T, stated(PRESET, roll=tilt))
+    arbiter.hear_scan(Scan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
+    assert arbiter.monitor.limit(Command(0.2, 0.2), T) == STOP
+    assert arbiter.monitor.trouble(T) == f"a scan was refused: {said}"
+
+
+@pytest.mark.nightly
+def test_a_robot_that_states_its_mount_crosses_a_room_without_a_parameter_for_it(runner, peer, wait_for, launch):
+    """A TurtleBot 4, whose LiDAR looks to the left, by real messages of tf2_msgs."""
+    pytest.importorskip("tf2_msgs")
+    goals, truths = peer.hear("room_goal", PoseStamped), peer.hear("true_state", Odometry)
+    clearances, reports = peer.hear("clearance", Range), peer.hear("/diagnostics", DiagnosticArray)
+    commanded = peer.hear("cmd_vel", TwistStamped)
+    given = ("robot:=turtlebot4", "collision_monitor:=true", "scan_period:=0.135", "reaction:=0.1", "collision_margin:=0.04")
+    launch("-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", *(word for each in given for word in ("-p", each)))
+    for make, overrides, arguments in (
+        (TurtlebotSimulator, {"robot": "turtlebot4", "world": "dense", "seed": 3, "speaks_as": "turtlebot4"}, ()),
+        (KalmanFilter, {}, ()),
+        (WaypointGenerator, {"waypoints": "room"}, ()),
+        (
+            VelocityController,
+            {"robot": "turtlebot4", "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0},
+            ("-r", "cmd_vel:=cmd_vel_in"),
+        ),
+    ):
+        runner.add(Shell(make, make.Params, context=runner.context, overrides=overrides, arguments=arguments))
+
+    def to_go():
+        if not (goals and truths):
+            return math.inf
+        here, there = truths[-1].pose.pose.position, goals[-1].pose.position
+        return math.hypot(there.x - here.x, there.y - here.y)
+
+    wait_for(lambda: to_go() < math.inf)
+    start = to_go()
+    wait_for(lambda: to_go() < max(start - 1.5, 0.3), patience=60.0)
+    assert commanded
+    assert min(clearance.range for clearance in clearances) > 0.0
+    assert not any("refused" in status.message for message in reports for status in message.status)
