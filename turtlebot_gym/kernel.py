@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+import numpy as np
+
 F = TypeVar("F", bound=Callable)
 
 try:
@@ -62,6 +64,11 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
+def lower(row: Any, by: Any, more: int) -> None:
+    """Lower each number of a row, shape (n,), to that of another one plus ``more``, where this is less."""
+    np.minimum(row, by + more, out=row)
+
+
 def scratch(size: int) -> Any:
     """Return room for ``size`` numbers; compiled code uses `compiled_scratch`."""
     return [0.0] * size
@@ -105,6 +112,11 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int |
     return load, store
 
 
+def _lower_each(row, by, more):  # without types, as numba wants of what stands for another function
+    for k in range(len(row)):
+        row[k] = min(row[k], by[k] + more)
+
+
 if HAS_NUMBA:
     from numba import int64
 
@@ -117,3 +129,4 @@ if HAS_NUMBA:
     _inlined(plus, lambda a, b: lambda a, b: _add(int64(a), int64(b)))
     _inlined(split, lambda x: lambda x: _split(x))
     _inlined(borrowed, lambda array: lambda array: _without_owner(array))
+    _inlined(lower, lambda row, by, more: _lower_each)  # whole slices would bring numpy's checks of shapes with them

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import kernel, lower
 
 REACH = 1.0
 """Greatest distance in a field, m: beams that end farther from a surface pull no longer."""
@@ -36,19 +36,20 @@ def _squares_to_nearest(marked: Any, reach: int) -> Any:
     """Return the squared distance from each cell to the nearest marked one, in cells; at least (reach + 1)^2 beyond the reach.
 
     First along columns, then along rows: since only distances up to the reach count, the lower envelope of parabolas is the
-    minimum over that many shifts, in whole numbers and whole arrays, which is fast with and without numba.
+    minimum over that many shifts, in whole numbers and a row at a time, which is fast with and without numba.
     """
     rows, columns = marked.shape
-    along = np.where(marked, 0, reach + 1).astype(np.int32)
+    along = ((reach + 1) * (1 - marked)).astype(np.int32)
     for row in range(1, rows):
-        along[row] = np.minimum(along[row], along[row - 1] + 1)
+        lower(along[row], along[row - 1], 1)
     for row in range(rows - 2, -1, -1):
-        along[row] = np.minimum(along[row], along[row + 1] + 1)
+        lower(along[row], along[row + 1], 1)
     squares = along * along
     nearest = squares.copy()
     for shift in range(1, min(reach + 1, columns)):
-        nearest[:, shift:] = np.minimum(nearest[:, shift:], squares[:, : columns - shift] + shift * shift)
-        nearest[:, : columns - shift] = np.minimum(nearest[:, : columns - shift], squares[:, shift:] + shift * shift)
+        for row in range(rows):
+            lower(nearest[row, shift:], squares[row, : columns - shift], shift * shift)
+            lower(nearest[row, : columns - shift], squares[row, shift:], shift * shift)
     return nearest
 
 
@@ -62,8 +63,10 @@ def field_of_cells(occupied: Any, side: float, out: Any) -> None:
         out: Output, the same shape, float32, m.
     """
     reach = int(REACH / side) + 1
-    outside, inside = np.sqrt(_squares_to_nearest(occupied, reach)), np.sqrt(_squares_to_nearest(~occupied, reach))
-    out[:] = np.minimum(np.maximum(np.where(occupied, 0.5 - inside, outside - 0.5) * side, -REACH), REACH)
+    away = occupied - 0.5  # half a cell from a centre to the border; one of the two distances that are added is 0
+    for sign in (1.0, -1.0):
+        away = away + sign * np.sqrt(_squares_to_nearest(occupied == (sign > 0.0), reach))
+    out[:] = np.minimum(np.maximum(away * side, -REACH), REACH)
 
 
 @kernel
