@@ -57,9 +57,8 @@ def command(*arguments: object) -> None:
 def true_noise(values: dict[str, float]) -> Noise:
     """Return the noise model of a simulated drive."""
     names = ("alpha1", "alpha2", "alpha3", "alpha4", "scale", "turn_scale", "veer")
-    odometry = {name: values[name] for name in ("spike_probability", "spike", "dropout_probability")}
-    for name in ("R", "bias"):
-        odometry[name] = tuple(values[f"{name}_{axis}"] for axis in ("x", "y", "theta"))
+    odometry: dict[str, Any] = {name: values[name] for name in ("spike_probability", "spike", "dropout_probability")}
+    odometry |= {name: tuple(values[f"{name}_{axis}"] for axis in ("x", "y", "theta")) for name in ("R", "bias")}
     return Noise(process=ProcessNoise(**{name: values[name] for name in names}), odometry=OdometryNoise(**odometry))
 
 
@@ -73,7 +72,8 @@ def write_log(drive: Drive, path: Path) -> None:
 def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
     """Return what is found of a robot, and the times of its square after either training."""
     folder.mkdir(parents=True, exist_ok=True)
-    drive, values = simulated(0, "euler", "pose", "noisy", rate=10, **USUAL | {"track": track})
+    given: dict[str, Any] = USUAL | {"track": track}
+    drive, values = simulated(0, "euler", "pose", "noisy", rate=10, **given)
     files = {"truth": folder / "truth.yaml", "calibrated": folder / "calibrated.yaml"}
     write_parameters(true_noise(values), files["truth"])
     write_log(drive, folder / "log.csv")

@@ -9,6 +9,7 @@ import pytest
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_noise
 from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.drives import read
+from turtlebot_gym.presets import WHEEL
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, simulated_log
 
@@ -59,6 +60,27 @@ def test_a_drive_that_the_model_does_not_describe_gives_no_file_unless_forced(tm
     assert not out.exists()
     assert main([*command, "--force"]) == 0
     assert "The model does not describe the drive" in out.read_text()
+
+
+def test_wheels_by_tape_need_no_truth(tmp_path, capsys):
+    # Ten metres ahead, then ten turns, by the wheels; the tape says 9.8 m and 6.2 turns.
+    v, omega = np.repeat([(0.2, 0.0), (0.0, 0.8)], (251, 393), axis=0).T
+    table, out = tmp_path / "wheels.csv", tmp_path / "mine.yaml"
+    theta = np.remainder(np.cumsum(0.2 * omega) + np.pi, 2.0 * np.pi) - np.pi
+    columns = np.column_stack([0.2 * np.arange(len(v)), v, omega, np.cumsum(0.2 * v), np.zeros(len(v)), theta])
+    np.savetxt(table, columns, delimiter=",", header="t,v,omega,x,y,theta", comments="")
+    command = ["calibrate", str(table), "--distance", "9.8", "--turns", "6.2", "--out", str(out)]
+    assert main(command) == 0
+    assert "wheels by tape, 2 numbers" in " ".join(capsys.readouterr().out.split())
+    process = make_noise(str(out)).process
+    assert (process.scale, process.scale * process.turn_scale) == pytest.approx((0.98, 0.62), rel=0.01)
+    assert process.alpha1 == WHEEL.process.alpha1
+    assert "alpha1: unknown; the preset's" in out.read_text()
+    assert main([*command[:2], "--loop", "--plot", str(tmp_path / "no.png")]) == 2
+    assert "--plot" in capsys.readouterr().err
+    (tmp_path / "tape.csv").write_text("start,end,distance,turns\n0,50,9.8,\n50,,,6.2\n")
+    assert main([*command[:2], "--measured", str(tmp_path / "tape.csv"), "--out", str(out), "--force"]) == 0
+    assert make_noise(str(out)).process.scale == pytest.approx(0.98, rel=0.01)
 
 
 def test_what_innovations_cannot_tell_is_said(table, capsys):

@@ -225,13 +225,6 @@ class TestMeasures:
     def test_a_robot_that_did_not_move_says_nothing(self):
         assert self.judge(0.0, 0.01).verdict == REFUSED
 
-    def test_a_ratio_has_the_interval_of_both(self):
-        turn, straight = Figure("", 0.62, "", 0.6138, 0.6262), Figure("", 1.0, "", 0.99, 1.01)
-        ratio = findings.ratio(turn, straight)
-        off = 0.62 * math.hypot(0.01, 0.01)
-        assert (ratio.value, ratio.low, ratio.high) == pytest.approx((0.62, 0.62 - off, 0.62 + off))
-        assert findings.ratio(straight, straight)[1:] == (1.0, "", 1.0, 1.0)
-
     def test_a_slow_chain_is_said(self):
         assert findings.judge_latency([0.003] * 99 + [0.01]).verdict == FINE
         assert findings.judge_latency([0.3] * 100).verdict == WARNING

@@ -2,5 +2,6 @@
 
 from turtlebot_gym.calibration.calibrate import KINDS, Calibration, calibrate, detect_kind
 from turtlebot_gym.calibration.estimates import Estimate
+from turtlebot_gym.calibration.tape import Leg, calibrate_by_tape
 
-__all__ = ["KINDS", "Calibration", "Estimate", "calibrate", "detect_kind"]
+__all__ = ["KINDS", "Calibration", "Estimate", "Leg", "calibrate", "calibrate_by_tape", "detect_kind"]

@@ -36,7 +36,7 @@ class Shift(NamedTuple):
     """Whether the shift is far likelier than none."""
 
 
-_NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
+NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
 
 
 class Frame(NamedTuple):
@@ -52,7 +52,7 @@ class Frame(NamedTuple):
     """Whether the two frames differ, rather than one frame with a bias."""
 
 
-_SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
+SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
 
 
 def aligned(
@@ -66,7 +66,7 @@ def aligned(
         has_truth: Whether the truth is used.
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
     """
-    remarks, frame, late = [], _SAME_FRAME, _NO_SHIFT
+    remarks, frame, late = [], SAME_FRAME, NO_SHIFT
     if has_truth and kind == "pose":
         frame = _find_frame(drive)
         if frame.is_other:
@@ -147,7 +147,7 @@ def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shi
     """Return how long the motion lags behind the recorded twist."""
     begin = np.arange(drive.time[0] + REACH, drive.time[-1] - REACH - window, 0.5 * window)
     if len(begin) < 20:
-        return _NO_SHIFT
+        return NO_SHIFT
     driven = _progress(drive)
     first, last = _at(drive.time, poses, begin), _at(drive.time, poses, begin + window)
     middle = 0.5 * (first[:, 2] + last[:, 2])
@@ -169,7 +169,7 @@ def _truth_delay(drive: Drive) -> Shift:
     """Return how long the measured poses lag behind the true ones."""
     inside = known(drive.odometry) & (drive.time > drive.time[0] + REACH) & (drive.time < drive.time[-1] - REACH)
     if inside.sum() < 20:
-        return _NO_SHIFT
+        return NO_SHIFT
     z, time = drive.odometry[inside], drive.time[inside]
     step = max(0.1 * drive.period, 0.002)
     reach = math.floor(REACH / step)

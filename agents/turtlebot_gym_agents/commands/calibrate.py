@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,14 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from turtlebot_gym.files import SUFFIXES
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.outputs import Output
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
+    from turtlebot_gym import Robot
     from turtlebot_gym.calibration import Calibration
+    from turtlebot_gym.drives import Drive
 
 PARTS = 3
 """Parts of a calibration for its progress bar: alignment, and two that depend on what it is fitted to."""
@@ -29,8 +32,9 @@ class Calibrate(Writing, Recorded):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
-    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would. If the
-    model does not describe the drive, no file is written.
+    from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
+    wheels instead: scale, turn_scale and veer. The report lists what the log does not determine, and the motion that would. If
+    the model does not describe the drive, no file is written.
     """
 
     log: tyro.conf.Positional[Path]
@@ -42,6 +46,19 @@ class Calibrate(Writing, Recorded):
     where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and perhaps theta."""
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
+    distance: float | None = None
+    """By tape: straight from the start of the log to its end, m."""
+    turns: float | None = None
+    """By tape: turns in all, such as 10, to the side to which odometry turns."""
+    loop: bool = False
+    """By tape: the log ends where it begins, with the same heading."""
+    measured: File = None
+    """Table of parts that were measured by tape (FILE.csv), with some of the columns log (a file beside the table; LOG if
+    empty), start and end (s from the log's first row), distance, x, y (of the end, from the start), m, and turns."""
+    tape_std: float = 0.0025
+    """Standard deviation of a distance and a place by tape, m."""
+    heading_std_deg: float = 1.0
+    """Standard deviation of a measured turn, degrees."""
     robot: str = "burger"
     """Robot whose speed limits a log must satisfy: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     integrator: str | None = None
@@ -60,24 +77,28 @@ class Calibrate(Writing, Recorded):
     def run(self) -> None:
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym.calibration import calibrate
-        from turtlebot_gym.calibration.plausibility import check
-        from turtlebot_gym.drives import read
         from turtlebot_gym_agents.commands.calibration_report import calibration_figure, calibration_tables, comment
         from turtlebot_gym_agents.provenance import provenance
 
-        drive = read(self.log, **self.reading())
-        check(drive, make_robot(self.robot), str(self.log))
-        parts, refused = itertools.count(1), ""
+        robot, parts, refused = make_robot(self.robot), itertools.count(1), ""
+        drive = self._read(self.log, robot)
+        by_tape = self.loop or any(each is not None for each in (self.distance, self.turns, self.measured))
+        if by_tape and self.plot is not None:
+            raise ValueError("--plot shows errors along a drive, and a tape measures its ends alone: leave one of them out.")
         try:
             with progress(PARTS) as advance_to:
-                fitted = calibrate(
-                    drive,
-                    kind=self.odometry,
-                    use_truth=self.truth != "none",
-                    integrator=self.integrator,
-                    segment=self.segment,
-                    delay=self.delay,
-                    progress=lambda part: advance_to(next(parts)),
+                fitted = (
+                    self._by_tape(drive, robot)
+                    if by_tape
+                    else calibrate(
+                        drive,
+                        kind=self.odometry,
+                        use_truth=self.truth != "none",
+                        integrator=self.integrator,
+                        segment=self.segment,
+                        delay=self.delay,
+                        progress=lambda part: advance_to(next(parts)),
+                    )
                 )
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
@@ -94,9 +115,31 @@ class Calibrate(Writing, Recorded):
         if refused:
             raise ValueError(refused)
 
+    def _read(self, path: Path, robot: Robot) -> Drive:
+        from turtlebot_gym.calibration.plausibility import check
+        from turtlebot_gym.drives import read
+
+        drive = read(path, **self.reading())
+        check(drive, robot, str(path))
+        return drive
+
+    def _by_tape(self, drive: Drive, robot: Robot) -> Calibration:
+        from turtlebot_gym.calibration.legs import leg_of, read_legs
+        from turtlebot_gym.calibration.tape import calibrate_by_tape
+
+        deviations = {"place_deviation": self.tape_std, "heading_deviation": math.radians(self.heading_std_deg)}
+        legs = read_legs(self.measured, drive, lambda path: self._read(path, robot), **deviations) if self.measured else []
+        if self.loop or self.distance is not None or self.turns is not None:
+            measured = {name: value for name in ("distance", "turns") if (value := getattr(self, name)) is not None}
+            legs.append(leg_of(drive, loop=self.loop, **measured, **deviations))
+        return calibrate_by_tape(legs)
+
 
 def _result_of(fitted: Calibration) -> dict[str, object]:
-    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "segment", "segments", "remarks")}
+    plain = {
+        name: getattr(fitted, name)
+        for name in ("kind", "has_truth", "integrator", "segment", "segments", "measured", "remarks")
+    }
     return plain | {
         "noise": asdict(fitted.noise),
         "likeliest": asdict(fitted.likeliest),

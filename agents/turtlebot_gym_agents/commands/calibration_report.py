@@ -21,6 +21,8 @@ BINS = 60
 
 
 def _basis(fitted: Calibration) -> str:
+    if fitted.measured:
+        return f"wheels by tape, {fitted.measured} numbers"
     what = "measured poses" if fitted.kind == "pose" else "wheel odometry"
     to = "the truth" if fitted.has_truth else "the innovations alone"
     by = f", alphas over segments, {fitted.segments} of them of {fitted.segment:g} m" if fitted.segment else ""

@@ -274,15 +274,6 @@ def judge_measure(name: str, unit: str, *, by_odometry: float, measured: float |
     return Finding(name, FINE, "Odometry agrees.", figures)
 
 
-def ratio(one: Figure, other: Figure) -> Figure:
-    """Return the ratio of two independent figures with intervals of the same share."""
-    value = one.value / other.value
-    off = (
-        math.hypot((one.high - one.low) / one.value, (other.high - other.low) / other.value) / 2.0 if one is not other else 0.0
-    )
-    return Figure("", value, "", value * (1.0 - off), value * (1.0 + off))
-
-
 def judge_latency(ages: ArrayLike) -> Finding:
     """Judge the times from the arrival of odometry to that of the command that rests on it, s."""
     ages = np.asarray(ages, np.float64)

@@ -12,10 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.calibration import Leg
+from turtlebot_gym.drives import Drive
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros.field.findings import Figure
 from turtlebot_gym_ros.field.session import Listener
 from turtlebot_gym_ros.node.geometry import read_pose
 
@@ -57,8 +58,8 @@ class Field:
     """Half of the 95 % interval of a measured turn, degrees."""
     stamped: bool = True
     """Whether velocities are stamped, as the robot hears them."""
-    measured: dict[str, Figure] = field(default_factory=dict)
-    """Measured over odometry, by what was driven."""
+    measured: list[Leg] = field(default_factory=list)
+    """Drives that were measured."""
     paths: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """Driven paths, shape (n, 2), m."""
     scan: NDArray[np.float64] | None = None
@@ -72,6 +73,13 @@ class Field:
 def poses_since(at: Field, first: int) -> list[Pose]:
     """Return odometry's poses from a message on."""
     return [read_pose(each.message.pose.pose) for each in at.listener.heard["odom"][first:]]
+
+
+def drive_since(at: Field, first: int) -> Drive:
+    """Return odometry from a message on."""
+    poses = np.array(poses_since(at, first))
+    heard = at.listener.heard["odom"][first : first + len(poses)]
+    return Drive(time=np.array([each.stamp or each.arrival for each in heard]), odometry=poses)
 
 
 def turned(poses: Sequence[Pose]) -> float:

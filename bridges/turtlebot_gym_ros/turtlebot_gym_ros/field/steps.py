@@ -6,14 +6,14 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from turtlebot_gym import Noise, write_parameters
-from turtlebot_gym.presets import WHEEL
+from turtlebot_gym.calibration import Leg, calibrate_by_tape
+from turtlebot_gym.calibration.fit import Z
 from turtlebot_gym.rooms.scan import scan_of
 from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.field import findings
@@ -21,7 +21,7 @@ from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Fi
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.processes import processes
 from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
-from turtlebot_gym_ros.field.shared import Field, ends_of, poses_since, relative, turned
+from turtlebot_gym_ros.field.shared import Field, drive_since, ends_of, poses_since, relative, turned
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
@@ -123,8 +123,10 @@ def _measured(at: Field, name: str, unit: str, amount: float, *, turns: bool, un
     by_odometry = turned(poses) / scale if turns else math.hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
     measured = at.person.number(name.replace(" ", "_"), ask)
     judged = findings.judge_measure(name, unit, by_odometry=by_odometry, measured=measured, uncertainty=uncertainty)
-    if judged.verdict in (FINE, WARNING):
-        at.measured[name] = judged.figures[-1]
+    if judged.verdict in (FINE, WARNING) and measured is not None:
+        deviations = {"place_deviation": at.tape / Z, "heading_deviation": math.radians(at.protractor) / Z}
+        told: dict[str, float] = {"turn" if turns else "distance": measured * scale}
+        at.measured.append(Leg(drive=drive_since(at, at.begun), **told, **deviations))
     return [judged]
 
 
@@ -196,15 +198,16 @@ def calibrate(at: Field) -> list[Finding]:
 
 
 def _by_tape(at: Field) -> tuple[Noise | None, list[Finding]]:
-    """Return the preset ``wheel`` with the scales that were measured, if any were."""
+    """Return the preset ``wheel`` with the wheels that were measured, if any were."""
     if not at.measured:
         return None, []
-    exact = Figure("", 1.0, "", 1.0, 1.0)
-    straight = at.measured.get("a straight", exact)
-    turn = findings.ratio(at.measured.get("a turn", straight), straight)
-    noise = replace(WHEEL, process=replace(WHEEL.process, scale=straight.value, turn_scale=turn.value))
-    figures = (straight._replace(name="scale"), turn._replace(name="turn_scale"))
-    return noise, [Finding("by tape", FINE, "The wheels' scales, for the preset `wheel`.", figures)]
+    try:
+        fitted = calibrate_by_tape(at.measured)
+    except ValueError as error:
+        return None, [Finding("by tape", SKIPPED, str(error))]
+    found = {name: each for name, each in fitted.estimates.items() if each.is_determined}
+    figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in found.items())
+    return fitted.noise, [Finding("by tape", FINE, "The wheels' scales, for the preset `wheel`.", figures)]
 
 
 def _drive(at: Field, parts: Sequence[Part], *, timeout: float) -> str:

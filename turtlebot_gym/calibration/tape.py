@@ -1,0 +1,192 @@
+"""Wheels by tape: what a person measures of parts of a drive, against what its odometry says.
+
+Each measurement is a number of the pose at a part's end in the frame of its start. Generalized least squares over all parts
+gives the wheels' parameters. Its covariance is that of the tape plus that of the execution, propagated along the path.
+
+References:
+    Borenstein, Feng, "Measurement and correction of systematic odometry errors in mobile robots", *IEEE Transactions on
+        Robotics and Automation* 12 (1996): UMBmark, squares driven both ways.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import least_squares
+
+from turtlebot_gym.calibration.alignment import NO_SHIFT, SAME_FRAME
+from turtlebot_gym.calibration.calibrate import Calibration
+from turtlebot_gym.calibration.coordinates import ALPHAS, PARAMETERS, value_of, with_values
+from turtlebot_gym.calibration.diagnosis import Verdict
+from turtlebot_gym.calibration.estimates import FINE, MOTIONS, WHEELS, Estimate
+from turtlebot_gym.calibration.execution import TYPICAL
+from turtlebot_gym.calibration.fit import Z
+from turtlebot_gym.calibration.legs import Leg, Steps, steps_of
+from turtlebot_gym.calibration.regression import FREE, LINEAR, USUAL
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
+from turtlebot_gym.presets import WHEEL
+
+Array = NDArray[np.float64]
+
+NAMES = LINEAR[:3]
+"""Parameters of the wheels."""
+GUESSED = (2, 0, 1)
+"""The order in which parameters that nothing determines take the preset's value: veer, scale, turn scale."""
+LEVEL = 1e-4
+"""Level of the test whether the measurements agree."""
+ROUNDS = 3
+"""Rounds of least squares, each with the covariance of the one before it."""
+RATIOS = (0.2, 5.0)
+"""Ratios of a measurement to odometry that wheels reach; others are a mistake of units or of the log."""
+
+
+class _Driven(NamedTuple):
+    measured: Array
+    """Distance, x, y, and the turn in all, in the frame of the start, shape (4,)."""
+    heading: Array
+    """In the middle of each step, shape (n,), rad."""
+    steps: Array
+    """In x and y, shape (2, n), m."""
+
+
+def _driven(path: Steps, wheels: Array) -> _Driven:
+    """Return how wheels drive a path."""
+    scale, turn_scale, veer = wheels
+    turn = scale * (turn_scale * path.turn + veer * path.ahead)
+    heading = np.cumsum(turn) - 0.5 * turn
+    steps = scale * path.ahead * np.stack([np.cos(heading), np.sin(heading)])
+    x, y = steps.sum(axis=1)
+    return _Driven(np.array([math.hypot(x, y), x, y, turn.sum()]), heading, steps)
+
+
+def _covariance(leg: Leg, path: Steps, wheels: Array, noise: Noise) -> Array:
+    """Return the covariance of distance, x, y and turn by the noise of the execution and of the tape, shape (4, 4)."""
+    (distance, x, y, _), heading, steps = _driven(path, wheels)
+    scale, turn_scale, _ = wheels
+    # What is left to drive from the middle of each step is the lever of its turn.
+    left_x, left_y = np.array([[x], [y]]) - np.cumsum(steps, axis=1) + 0.5 * steps
+    of_ahead = np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)])
+    of_turn = np.stack([-left_y, left_x, np.ones_like(heading)])
+    p = noise.process
+    a, t = (REFERENCE_PERIOD / path.dt) * np.stack([path.ahead**2, path.turn**2])
+    moved, turned = scale**2 * (p.alpha1 * a + p.alpha2 * t), (scale * turn_scale) ** 2 * (p.alpha3 * a + p.alpha4 * t)
+    covariance = (of_ahead * moved) @ of_ahead.T + (of_turn * turned) @ of_turn.T
+    of_pose = np.array([[x / max(distance, 1e-9), y / max(distance, 1e-9), 0.0], *np.eye(3)])
+    at_start = leg.heading_deviation * np.array([0.0, -y, x, 0.0])  # the frame of x and y is laid out by hand, too
+    tape = np.diag([leg.place_deviation**2] * 3 + [leg.heading_deviation**2]) + np.outer(at_start, at_start)
+    return of_pose @ covariance @ of_pose.T + tape
+
+
+class _Fit(NamedTuple):
+    wheels: Array
+    covariance: Array
+    """Of `NAMES`, shape (3, 3)."""
+    chi_squared: float
+    """Sum of the squared whitened residuals."""
+
+
+def _fitted(legs: Sequence[Leg], paths: Sequence[Steps], start: Noise, free: NDArray[np.bool_]) -> _Fit:
+    """Return the likeliest free parameters; the others have the values of the start."""
+    both = list(zip(legs, paths, strict=True))
+    seen = [np.isfinite(leg.measured) for leg in legs]
+    usual = np.array([value_of(start, name) for name in NAMES])
+    roots = np.sqrt(FREE[:3])[free]
+    wheels, info, z = usual.copy(), np.zeros((3, 3)), np.zeros(0)
+    for _ in range(ROUNDS if free.any() else 0):
+        V = [_covariance(leg, path, wheels, start)[np.ix_(s, s)] for (leg, path), s in zip(both, seen, strict=True)]
+        whiten = [np.linalg.inv(np.linalg.cholesky(each)) for each in V]
+
+        def rest(x: Array, whiten: Sequence[NDArray[Any]] = whiten) -> Array:
+            tried = usual.copy()
+            tried[free] = x
+            off = [leg.measured - _driven(path, tried).measured for leg, path in both]
+            parts = [W @ each[s] for W, each, s in zip(whiten, off, seen, strict=True)]
+            return np.concatenate([*parts, roots * (x - usual[free])])
+
+        found = least_squares(rest, wheels[free], x_scale=TYPICAL[:3][free])
+        wheels[free], z = found.x, found.fun[: -int(free.sum())]
+        info[np.ix_(free, free)] = found.jac.T @ found.jac
+    covariance = np.zeros((3, 3))
+    covariance[np.ix_(free, free)] = np.linalg.inv(info[np.ix_(free, free)])
+    return _Fit(wheels, covariance, float(z @ z))
+
+
+def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibration:
+    """Fit the wheels' parameters to what was measured of parts of drives.
+
+    Args:
+        legs: The parts.
+        start: Noise model whose alphas are the odometry's noise, and whose wheels stand where nothing was measured.
+
+    Raises:
+        ValueError: If there are no legs, or a measurement is far from odometry.
+    """
+    if not legs:
+        raise ValueError("legs must hold at least one measurement, got none.")
+    paths = [steps_of(leg.drive) for leg in legs]
+    for leg, path in zip(legs, paths, strict=True):
+        _require_likely(leg, path)
+    free = np.ones(3, np.bool_)
+    fit = _fitted(legs, paths, start, free)
+    estimates = {}
+    for at in GUESSED:
+        if math.sqrt(fit.covariance[at, at]) > FINE[NAMES[at]]:
+            free[at], estimates[NAMES[at]] = False, _estimate(fit, at, f"{MOTIONS[NAMES[at]]}, and measure it")
+            fit = _fitted(legs, paths, start, free)
+    estimates |= {NAMES[at]: _estimate(fit, at, "") for at in range(3) if free[at]}
+    noise = with_values(start, {name: float(fit.wheels[at]) for at, name in enumerate(NAMES)})
+    numbers = int(sum(np.isfinite(leg.measured).sum() for leg in legs))
+    return Calibration(
+        noise=noise,
+        likeliest=noise,
+        estimates={name: estimates[name] for name in NAMES},
+        unknown=dict.fromkeys(ALPHAS, "the preset's: a tape says nothing about noise; record the truth"),
+        verdict=_verdict(fit.chi_squared, numbers, int(free.sum())),
+        kind=WHEELS,
+        has_truth=False,
+        integrator="midpoint",
+        segment=0.0,
+        segments=0,
+        delay=NO_SHIFT,
+        truth_delay=NO_SHIFT,
+        frame=SAME_FRAME,
+        remarks=tuple(dict.fromkeys(remark for leg in legs for remark in leg.drive.remarks)),
+        drive=legs[0].drive,
+        measured=numbers,
+    )
+
+
+def _estimate(fit: _Fit, at: int, remedy: str) -> Estimate:
+    value, off = float(fit.wheels[at]), Z * math.sqrt(fit.covariance[at, at])
+    unit = PARAMETERS[NAMES[at]].unit
+    return Estimate(
+        value=value, low=value - off, high=value + off, unit=unit, is_profile=False, is_determined=not remedy, remedy=remedy
+    )
+
+
+def _require_likely(leg: Leg, path: Steps) -> None:
+    distance, _, _, turn = _driven(path, USUAL[:3]).measured
+    for name, measured, said, least in (("distance", leg.distance, distance, 0.2), ("turn", leg.turn, turn, 1.0)):
+        if abs(measured) > least and not RATIOS[0] < said / measured < RATIOS[1]:
+            text = f"the {name} by tape is {measured:.4g}, and by odometry {said:.4g} (m, rad)"
+            raise ValueError(f"{text}: is it of this part of the log, and in the right unit?")
+
+
+def _verdict(chi_squared: float, numbers: int, parameters: int) -> Verdict:
+    """Return whether the measurements agree with each other."""
+    degrees = numbers - parameters
+    nees = chi_squared / degrees if degrees > 0 else 1.0
+    if not parameters:
+        return Verdict(False, False, "The measurements determine no parameter of the wheels.", nees, 3.0)
+    if degrees <= 0:
+        text = "As many numbers as parameters: nothing tests whether they agree. Measure again, or both ways."
+        return Verdict(True, False, text, nees, 3.0)
+    told = f"chi-squared {chi_squared:.1f} for {degrees}"
+    if stats.chi2.sf(chi_squared, degrees) < LEVEL:
+        return Verdict(False, False, f"The measurements contradict each other or the model ({told}).", nees, 3.0)
+    return Verdict(True, False, f"The measurements agree ({told}).", nees, 3.0)
