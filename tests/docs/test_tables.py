@@ -143,3 +143,15 @@ def test_the_table_of_rooms_by_a_robots_messages_is_what_was_measured():
         else:
             clearance = f"{arm['least clearance']:.3f}"
             assert cells == [str(arm["drives"]), percent(arm["success"]), str(arm["contacts"]), clearance], name
+
+
+def test_the_table_of_policies_on_calibrated_files_is_what_was_measured():
+    results = measured("calibration_policy")
+    rows = rows_after("docs/howto/calibrate.md", "The last table is about policies")
+    for name, *cells in rows:
+        row = results["robots"][name]
+        times = [", ".join(f"{each['time']:.2f}" for each in row["times"][side]) for side in ("calibrated", "truth")]
+        assert cells == [f"{row['turn_scale']:.3f}", f"{row['found']:.3f}", *times, f"{row['ratio']:.3f}"], name
+        assert abs(row["error"]) < 0.02
+    assert len(rows) == len(results["robots"])
+    assert (results["config"]["seeds"], results["config"]["episodes"]) == (3, 500)
