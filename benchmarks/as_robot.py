@@ -67,6 +67,8 @@ class Config:
     """The policy."""
     speaks_as: str = "turtlebot3"
     """The recorded robot."""
+    safety_margin: float = 0.08
+    """Clearance that the policy keeps behind the guard, m: as on a robot."""
     workers: int = 2
     """Number of graphs that run at the same time."""
     kept: Path = Path("out/as_robot")
@@ -127,6 +129,7 @@ def drive(config: Config, speaks: bool, guarded: bool, seed: int) -> dict[str, A
     """Drive a room to its end, and return how it ended."""
     options: dict[str, Any] = {"world": config.world, "policy": config.policy, "seed": seed, "goal_tolerance": 0.0}
     options["speaks_as"] = config.speaks_as if speaks else "none"
+    options["safety_margin"] = config.safety_margin if guarded else 0.0
     with patch("turtlebot_gym_ros.graph.graph.load", load_guarded if guarded else load), Graph(**options) as graph:
         until, ended = 0.0, {"goal reached": 0.0, "collision": 0.0}
         while until < LONGEST and not (ended["goal reached"] or ended["collision"]):
@@ -147,7 +150,9 @@ def enter(numbers: Any) -> None:
 
 def drives(config: Config) -> Iterator[dict[str, Any]]:
     """Yield all drives: those of an earlier run of the same commit first."""
-    file = config.kept / f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}.jsonl"
+    file = (
+        config.kept / f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}-{config.safety_margin}.jsonl"
+    )
     file.parent.mkdir(parents=True, exist_ok=True)
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     yield from done

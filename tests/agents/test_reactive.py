@@ -208,27 +208,103 @@ def layered(forward, turn, seen, **numbers):
     return SafetyLayer(lambda observations: np.broadcast_to(action, (*observations.shape[:-1], 2)), **numbers)(seen)
 
 
-def test_the_safety_layer_slows_before_a_wall_and_changes_nothing_else():
-    near, far = sight(shares=wall_ahead(0.13)), sight(shares=wall_ahead(0.6))
-    assert layered(1.0, 0.2, near).tolist() == pytest.approx([0.0, 0.2])
+def test_the_safety_layer_drives_the_nearest_arc_that_is_free_and_changes_nothing_else():
+    near, far, gate = sight(shares=wall_ahead(0.15)), sight(shares=wall_ahead(0.6)), np.ones(SECTORS)
+    assert layered(1.0, 0.2, far).tolist() == pytest.approx([1.0, 0.2])
     assert layered(-1.0, 0.0, near).tolist() == [-1.0, 0.0]
-    assert layered(1.0, 0.0, far).tolist() == [1.0, 0.0]
-    # 0.2 m less the radius and the margin is 0.045 m: 0.5 s at 0.09 m/s, so 0.4 of 0.2108 m/s is the first that will do.
-    assert layered(1.0, 0.0, sight(shares=wall_ahead(0.2)))[0] == pytest.approx(0.4)
+    assert layered(1.0, 0.0, near)[0] == pytest.approx(0.0, abs=1e-6)
+    # 0.207 m less the LiDAR's place, the radius and the margin is 0.05 m: 0.5 s at 0.1 m/s, so 0.4 of 0.2108 m/s is the first
+    # that will do.
+    assert layered(1.0, 0.0, sight(shares=wall_ahead(0.207)))[0] == pytest.approx(0.4)
+    gate[[0, -1, -2]] = 0.232 / SIGHT  # a post ahead on the right: around it on the left, at full speed
+    forward, turn = layered(1.0, 0.0, sight(shares=gate))
+    assert forward == 1.0
+    assert turn > 0.1
     rows, changed = random_sights(500), 0
-    for forward, turn in ((1.0, 0.0), (1.0, 0.6), (-1.0, 0.3), (0.0, 1.0)):
-        limited = layered(forward, turn, rows)
-        assert (limited[:, 1] == np.float32(turn)).all()
-        share = limited[:, 0] * np.sign(forward)
-        assert ((share >= 0.0) & (share <= abs(forward))).all()
-        changed += int((limited[:, 0] != forward).sum())
+    for wish in ((1.0, 0.0), (1.0, 0.6), (-1.0, 0.3), (0.0, 1.0)):
+        limited = layered(*wish, rows, way_out=0.0)
+        share = limited[:, 0] * np.sign(wish[0])
+        assert ((share >= 0.0) & (share <= abs(wish[0]))).all()
+        changed += int((limited != np.float32(wish)).any(axis=1).sum())
     assert 50 < changed < 1500
 
 
-@pytest.mark.parametrize("number", ["reserve", "margin", "lag"])
+def least_clearance(drive, *, delay, robots=300, steps=60, seed=0):
+    """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
+
+    Args:
+        drive: The policy, from observations to actions.
+        delay: Steps by which commands are late.
+        robots: Number of robots.
+        steps: Number of steps.
+        seed: Seed of the posts.
+    """
+    random = np.random.default_rng(seed)
+    posts = random.uniform(-1.2, 1.2, (robots, 40)) + 1j * random.uniform(-1.2, 1.2, (robots, 40))
+    posts[np.abs(posts) < BURGER.radius + 0.03] = UNSEEN
+    at, heading = np.zeros(robots, complex), np.zeros(robots)
+    commands, least = [np.zeros((robots, 2))] * (delay + 1), np.inf
+    for _ in range(steps):
+        seen = (posts - at[:, None]) * np.exp(-1j * heading)[:, None]
+        sector = np.round(np.angle(seen) / (2.0 * np.pi) * SECTORS).astype(int) % SECTORS
+        shares = np.ones((robots, SECTORS))
+        np.minimum.at(shares, (np.arange(robots)[:, None], sector), np.minimum(np.abs(seen) / SIGHT, 1.0))
+        belief = np.tile(sight()[:13], (robots, 1))
+        belief[:, 5:7] = commands[-1]
+        commands.append(np.asarray(drive(np.column_stack([belief, shares, np.zeros(robots)]).astype(np.float32)), float))
+        v, omega = commands[-1 - delay].T * np.array([[BURGER.max_linear], [BURGER.max_angular]])
+        for _ in range(10):
+            step, turned = arc(v, omega, 0.01)
+            at, heading = at + step * np.exp(1j * heading), heading + np.angle(turned)
+            least = min(least, np.abs(posts - at[:, None]).min() - BURGER.radius)
+    return least
+
+
+def reckless(seed):
+    """Return a policy that drives at full speed, either way, and turns as it likes, for half a second each time."""
+    random, state = np.random.default_rng(seed), {"left": 0}
+
+    def drive(rows):
+        if state["left"] == 0:
+            forward = np.where(random.random(len(rows)) < 0.8, 1.0, -1.0)
+            state.update(left=5, action=np.column_stack([forward, random.uniform(-1.0, 1.0, len(rows))]).astype(np.float32))
+        state["left"] -= 1
+        return state["action"]
+
+    return drive
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+def test_within_the_layer_nobody_touches_a_post_from_where_a_stop_was_possible(delay):
+    """300 reckless robots among posts that stand still, with a perfect LiDAR, whose commands are in time or a step late."""
+    assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=delay) > 0.0
+
+
+def test_a_layer_that_admits_every_arc_is_noticed(monkeypatch):
+    monkeypatch.setattr(SafetyLayer, "_admits", lambda self, actions, points: np.ones(actions.shape[:-1], bool))
+    assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=0) < -0.05
+
+
+def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_its_row_is_forgotten():
+    """A robot that only wants to drive straight into a wall: it turns along it, and then may try again."""
+    ahead = lambda rows: np.broadcast_to(np.float32([1.0, 0.0]), (*rows.shape[:-1], 2))  # noqa: E731
+    layer, wall, free = (
+        SafetyLayer(ahead, way_out=0.3),
+        *(np.array([sight((2.0, 1.0), shares=s)] * 2) for s in (wall_ahead(0.13), None)),
+    )
+    assert (layer(wall)[:, 1] != 0.0).all()
+    layer.reset(np.array([False, True]))
+    for expected in (True, True, False):
+        guided, own = layer(free)[:, 1] != 0.0
+        assert guided == expected
+        assert not own
+
+
+@pytest.mark.parametrize("number", ["reserve", "margin", "margin_behind", "lag"])
 def test_every_number_of_the_safety_layer_tells_and_is_checked(number):
     rows = random_sights(300)
-    assert (layered(1.0, 0.5, rows, **{number: 0.05}) != layered(1.0, 0.5, rows, **{number: 0.5})).any()
+    forward = -1.0 if number == "margin_behind" else 1.0
+    assert (layered(forward, 0.5, rows, **{number: 0.05}) != layered(forward, 0.5, rows, **{number: 0.5})).any()
     with pytest.raises(ValueError, match=number):
         layered(1.0, 0.5, rows, **{number: -1.0})
 

@@ -26,6 +26,7 @@ from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import SAFETY, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
+from turtlebot_gym_agents.policies.protection import SafetyLayer
 
 _POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
 _COVARIANCE = "3 variances, or a 3 x 3 matrix"
@@ -40,7 +41,8 @@ class Deployment:
     poses are those of odometry; otherwise they are a localization's, with its covariance. `command` is the part without checks,
     which the node uses too.
 
-    It avoids nothing that the policy does not avoid, and stops nothing: whoever calls it stops the robot when it raises.
+    Without ``safety_margin`` it avoids nothing that the policy does not avoid. It stops nothing: whoever calls it stops the
+    robot when it raises.
 
     Args:
         policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
@@ -51,6 +53,7 @@ class Deployment:
         integrator: How that filter predicts, "euler" or "midpoint".
         lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
         lidar_beams: Number of beams that a scan must have; 0 for any.
+        safety_margin: Clearance that a policy that sees keeps within a `SafetyLayer`, m; 0 for no layer.
 
     Raises:
         ValueError: If the policy is unknown or made for another robot or period, or the filter reads more than odometry.
@@ -68,6 +71,7 @@ class Deployment:
         integrator: str = "euler",
         lidar_yaw: float = 0.0,
         lidar_beams: int = 0,
+        safety_margin: float = 0.0,
     ) -> None:
         bundle = bundle_of(str(policy).removesuffix(SAFETY))
         if bundle and (robot is None or period is None):
@@ -83,6 +87,9 @@ class Deployment:
         self._policy = make_policy(str(policy), robot=robot, dt=self.period)
         self.layout = layout_of(self._policy) or OBSERVATION_LAYOUT
         """Layout of the policy's observation; with 2 it needs scans."""
+        if NON_NEGATIVE.check("safety_margin", safety_margin) and self.layout == ROOM_LAYOUT:
+            behind = max(safety_margin, SafetyLayer.margin_behind)
+            self._policy = SafetyLayer(self._policy, self.robot, self.period, margin=safety_margin, margin_behind=behind)
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
         """Pools a scan that was read into the sectors of the observation."""
         self.filter = None if filter is None else _inside(make_filter(filter, make_noise(noise)), self.period, integrator)

@@ -37,7 +37,7 @@ class Sight(NamedTuple):
     """Turning rate until then, shape (...), rad/s."""
 
 
-def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges: bool = False) -> Sight:
+def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges: bool = False, lidar_x: float = 0.0) -> Sight:
     """Return a policy's view.
 
     A scan is old, and the robot has moved since its measurement, approximately at its current speeds.
@@ -48,6 +48,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
         dt: Control interval, s; a command acts one interval late.
         lag: Mean age of the beams beyond the stated age of the scan, s.
         edges: Whether to place an obstacle at both edges of its sector too, which makes three points for each.
+        lidar_x: Place of the LiDAR ahead of the axle, m.
 
     Raises:
         ValueError: If the observations have another layout.
@@ -61,7 +62,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
     points = np.where(shares < 1.0, shares * SIGHT, UNSEEN) * DIRECTIONS
     if edges:
         points = np.concatenate([points * EDGE, points, points * np.conj(EDGE)], axis=-1)
-    return Sight(upcoming(rows, robot, dt).waypoint, (points - moved[..., None]) * np.conj(turned)[..., None], omega)
+    return Sight(upcoming(rows, robot, dt).waypoint, (points + lidar_x - moved[..., None]) * np.conj(turned)[..., None], omega)
 
 
 def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -70,14 +71,14 @@ def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[
     return v * time * np.sinc(half / np.pi) * np.exp(1j * half), np.exp(2j * half)
 
 
-def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: float) -> NDArray[np.float64]:
+def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: Any) -> NDArray[np.float64]:
     """Return the time at which a round robot on an arc meets points, s; infinite if never, 0 if it already does.
 
     Args:
         points: Shape (..., n).
         v: Speed, broadcastable to (..., 1), m/s.
         omega: Turning rate, of the shape of ``v``, rad/s.
-        radius: Radius of the robot, m.
+        radius: Radius of the robot, of the shape of ``v`` or a number, m.
 
     Returns:
         Shape (..., n).

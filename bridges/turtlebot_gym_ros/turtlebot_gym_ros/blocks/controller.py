@@ -72,6 +72,10 @@ class VelocityController:
         lidar_returns: Annotated[float, Range(0.0, 1.0)] = 0.0
         """Least share of a scan's beams that return something. With less for 0.5 s the robot stands: it may be covered."""
 
+        safety_margin: Annotated[float, NON_NEGATIVE.of("m")] = 0.0
+        """Clearance that a policy that sees keeps, within its safety layer, m; 0 for no layer. On a robot it is 0.08 m: then
+        the guard's collision monitor hardly ever intervenes."""
+
         def __post_init__(self) -> None:
             typed(self, "")
             if 0.0 < self.goal_tolerance < 0.01:
@@ -88,8 +92,10 @@ class VelocityController:
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("estimate", period=params.period)
-        lidar = {"lidar_yaw": params.lidar_yaw, "lidar_beams": params.lidar_beams}
-        self.deployment = Deployment(params.policy, robot=params.robot, period=params.period, **lidar)
+        self.deployment = Deployment(
+            params.policy, robot=params.robot, period=params.period, lidar_yaw=params.lidar_yaw, lidar_beams=params.lidar_beams,
+            safety_margin=params.safety_margin,
+        )  # fmt: skip
         """The policy; it stores its last observation and action."""
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
