@@ -215,3 +215,19 @@ class TestTheFilterInside:
         tuning = replace(make_filter("matched", make_noise("wheel")), kind=Gyro(variance=1e-4, bias_deviation=0.01))
         with pytest.raises(ValueError, match=r"^filter must read odometry only, but this one also reads imu"):
             Deployment("bearing", filter=tuning)
+
+
+def test_with_a_margin_a_policy_that_sees_drives_within_its_layer():
+    """Towards a wall that is 0.25 m ahead of the LiDAR: bare, with little clearance, and with more."""
+    angles = 2.0 * math.pi * np.arange(360) / 360.0
+    with np.errstate(divide="ignore"):
+        wall = np.where(np.cos(angles) > 0.05, 0.25 / np.cos(angles), np.inf).astype(np.float32)
+    scan = Scan(wall, 0.0, 2.0 * math.pi / 360.0, 0.12, 3.5)
+    drives = [Deployment("dwa", safety_margin=margin) for margin in (0.0, 0.02, 0.15)]
+    speeds = [drive.act((0.0, 0.0, 0.0), np.zeros(3), (0.0, 0.0), scan, (0.3, 0.0, 0.0)).v for drive in drives]
+    assert speeds[0] >= speeds[1] > speeds[2] == pytest.approx(0.0, abs=1e-6)
+    assert (
+        Deployment("bearing", safety_margin=0.02).act((0.0, 0.0, 0.0), np.zeros(3), (0.0, 0.0), None, (1.0, 0.0, 0.0)).v > 0.2
+    )
+    with pytest.raises(ValueError, match="safety_margin must be"):
+        Deployment("vfh", safety_margin=-0.1)

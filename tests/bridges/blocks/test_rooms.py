@@ -48,10 +48,10 @@ class Loop:
         return said
 
 
-def differences(loop, env, steps):
+def differences(loop, env, steps, policy):
     """Compare a loop with the environment over one episode, and return its outcome."""
     observation, info = env.reset()
-    policy = make_policy("vfh")
+    policy = make_policy(policy)
     for _ in range(steps):
         said = loop.step()
         np.testing.assert_array_equal(loop.controller.deployment.observation, observation)
@@ -69,21 +69,22 @@ def differences(loop, env, steps):
 
 
 @pytest.mark.parametrize(
-    ("world", "lidar", "noise"),
+    ("world", "lidar", "noise", "policy"),
     [
-        ("office", "lds01", "tutorial"),
-        ("dense", "a1", "rough"),
-        *(pytest.param(world, "lds01", "tutorial", marks=pytest.mark.nightly) for world in ROOMS if world != "office"),
-        *(pytest.param("dense", lidar, "rough", marks=pytest.mark.nightly) for lidar in LIDARS if lidar != "a1"),
+        ("office", "lds01", "tutorial", "vfh"),
+        ("dense", "a1", "rough", "vfh"),
+        ("dense", "lds01", "tutorial", "bearing+safety"),
+        *(pytest.param(world, "lds01", "tutorial", "vfh", marks=pytest.mark.nightly) for world in ROOMS if world != "office"),
+        *(pytest.param("dense", lidar, "rough", "vfh", marks=pytest.mark.nightly) for lidar in LIDARS if lidar != "a1"),
     ],
 )
-def test_they_are_the_environment_to_the_bit(world, lidar, noise):
+def test_they_are_the_environment_to_the_bit(world, lidar, noise, policy):
     env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=world, lidar=lidar, noise=noise)
     env.reset(seed=3)
-    loop = Loop(world=world, lidar=lidar, noise=noise, seed=3)
+    loop = Loop(world=world, lidar=lidar, noise=noise, seed=3, policy=policy)
     for block in (loop.plant, loop.filter, loop.generator, loop.controller):
         block.reset()  # the second episode
-    differences(loop, env, 80)
+    differences(loop, env, 80, policy)
 
 
 def test_a_contact_is_noticed_once_and_the_next_episode_forgets_it():
