@@ -66,6 +66,8 @@ class Robot:
         self._qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         self.heard: list[tuple[float, float, float]] = []
         """Time at which each command for the wheels was published, s, with its v, m/s, and omega, rad/s."""
+        self.arrived: list[tuple[float, bool]] = []
+        """Time at which each of them arrived, s, and whether it is a motion: one whose writer was suspended arrives late."""
         self.measured: list[tuple[float, float]] = []
         """Times at which what the robot may move on was sent, s, each with the newest time at which such was measured."""
         self.moving: list[tuple[float, float]] = []
@@ -311,10 +313,23 @@ class Robot:
 
     def hold(self, since: float) -> float:
         """Return the longest time from the newest measurement to the zero that ends its motion, s."""
-        measured, heard = list(self.measured), [message for message in list(self.heard) if message[0] > since]
+        measured, heard = list(self.measured), sorted(message for message in list(self.heard) if message[0] > since)
         sent = [at for at, _ in measured]
         ends = [at for (_, *before), (at, *now) in pairwise(heard) if before != [0.0, 0.0] == now]
         return max((at - measured[bisect_right(sent, at) - 1][1] for at in ends), default=0.0)
+
+    def revived(self, since: float, age: float) -> float:
+        """Return the longest time from a motion's arrival to the next zero's, s, if it arrived so long, s, after a measurement.
+
+        Such a motion is not late by its source time: its writer was suspended between reading the clock and sending.
+        """
+        measured, arrived = list(self.measured), [each for each in list(self.arrived) if each[0] > since]
+        sent = [at for at, _ in measured]
+        longest = 0.0
+        for k, (at, moves) in enumerate(arrived):
+            if moves and at - measured[bisect_right(sent, at) - 1][1] > age:
+                longest = max(longest, next((end for end, on in arrived[k:] if not on), math.inf) - at)
+        return longest
 
     def nearest(self, since: float) -> float:
         """Return the least distance to the wall ahead at which the robot still moved towards it, m."""
@@ -323,7 +338,7 @@ class Robot:
     def forget(self) -> None:
         """Forget all but the end of what was recorded."""
         with self.lock:
-            for each in (self.heard, self.measured, self.moving):
+            for each in (self.heard, self.arrived, self.measured, self.moving):
                 del each[:-100]
 
     def close(self) -> None:
@@ -341,7 +356,9 @@ class Robot:
         self._reports |= {status.name: status.message for status in message.status}
 
     def _hear(self, message: Any, info: Any) -> None:
-        self.heard.append((info["source_timestamp"] * 1e-9, message.twist.linear.x, message.twist.angular.z))
+        command = message.twist.linear.x, message.twist.angular.z
+        self.heard.append((info["source_timestamp"] * 1e-9, *command))
+        self.arrived.append((info["received_timestamp"] * 1e-9, command != (0.0, 0.0)))
 
 
 def _ray(x: float, y: float, angle: float, walls: tuple[float, float, float]) -> float:
