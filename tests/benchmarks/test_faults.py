@@ -29,7 +29,7 @@ BEGUN = (SUSPENDED + 0.01, CONTINUED, 0.1)
 def test_a_motion_that_comes_out_after_a_suspension_lasts_until_the_next_zero(pause, lasts):
     after = [] if pause is None else [(CONTINUED + pause, CONTINUED + pause, 0.0)]
     robot = judge(STANDBY, BEGUN, *after)
-    assert robot.lag(0.0) == pytest.approx(0.01)  # by its source time it is none: this alone would call the robot safe
+    assert robot.lag(0.0) == pytest.approx(0.01)  # by its source time it is early, and looks safe
     assert robot.revived(0.0, AGE) == pytest.approx(lasts)
     assert (robot.revived(0.0, AGE) > REVIVED) == (lasts > REVIVED)
 
