@@ -19,7 +19,7 @@ from turtlebot_gym_ros.node.feed import Feed, resting_on
 class FakeNode:
     """A node as far as an input knows it: it notes what is subscribed to, in a namespace."""
 
-    def create_subscription(self, kind, topic, hear, qos, *, callback_group, qos_overriding_options):
+    def create_subscription(self, kind, topic, hear, qos, *, callback_group, qos_overriding_options, raw):
         self.kind, self.hear, self.qos = kind, hear, qos
         self.group, self.overridable = callback_group, qos_overriding_options
         return SimpleNamespace(topic_name=f"/robot/{topic}")

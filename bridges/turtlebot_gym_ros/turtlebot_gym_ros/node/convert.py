@@ -9,7 +9,7 @@ A robot's own odometry, with zeros or variances in the covariance, counts as mea
 
 A `Fix` states its variances; -1 for the heading means that it was not measured. Off-diagonal terms are ignored.
 
-Headings survive the conversion to a quaternion bit-exactly, see `geometry.quaternion_of`.
+Headings survive the conversion to a quaternion bit-exactly, see `geometry.half_turn`.
 
 Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. Quantities that a planar robot does not know, height, roll,
 pitch and sideways speed, have the variance -1 by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -34,6 +35,7 @@ from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import Nis
+from turtlebot_gym_ros.node.cdr import blank
 from turtlebot_gym_ros.node.geometry import Conversion, finite, read_pose, read_twist, write_pose, write_twist
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
@@ -96,7 +98,7 @@ def _state_of(message: Odometry) -> State:
 
 
 def _state_to_message(state: State, header: Header) -> Odometry:
-    message = Odometry(header=header)
+    message = blank(Odometry, header)
     write_pose(message.pose.pose, state[:3])
     write_twist(message.twist.twist, state.v, state.omega)
     return message
@@ -118,7 +120,7 @@ def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
 
 
 def _estimate_of(message: Odometry) -> Estimate:
-    pose, twist = message.pose.covariance.tolist(), message.twist.covariance.tolist()  # floats are faster than NumPy's
+    pose, twist = (tuple(map(float, each.covariance)) for each in (message.pose, message.twist))  # faster than NumPy's
     finite("the covariance", (*pose, *twist))
     P = Covariance(
         pose[0], pose[1], pose[5], 0.0, 0.0, pose[7], pose[11], 0.0, 0.0, pose[35], 0.0, 0.0, twist[0], twist[5], twist[35]
@@ -146,7 +148,7 @@ def state_covariance(message: Odometry, P: Covariance) -> None:
     twist[0], twist[35] = P.vv, P.ww
     twist[5] = twist[30] = P.vw
     if not measured:
-        pose[:] = 0.0
+        pose[:] = [0.0] * len(pose)
     for at in _UNUSED_IN_POSE if measured else (*_PLANAR_POSE, *_UNUSED_IN_POSE):
         pose[at] = _NOT_KNOWN
     for at in _UNUSED_IN_TWIST:
@@ -182,7 +184,7 @@ def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
 
 
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
-    message = TwistStamped(header=header)
+    message = blank(TwistStamped, header)
     write_twist(message.twist, *command)
     return message
 
@@ -206,18 +208,20 @@ def _nis_of(message: DiagnosticArray) -> Nis:
     return Nis(value)
 
 
-def _nis_to_message(nis: Nis, header: Header) -> DiagnosticArray:
+def _nis_to_message(nis: Nis, header: Any) -> Any:
     value = float(nis.value)
     finite("the NIS", (value,))
     surprising = value > SURPRISING
-    status = DiagnosticStatus(
+    kinds: Any = DiagnosticArray, DiagnosticStatus, KeyValue
+    array, part, pair = (SimpleNamespace,) * 3 if isinstance(header, SimpleNamespace) else kinds
+    status = part(
         level=DiagnosticStatus.WARN if surprising else DiagnosticStatus.OK,
         name="innovation",
         message=f"above {SURPRISING}, as one in a thousand is" if surprising else "as expected",
         hardware_id=header.frame_id,
-        values=[KeyValue(key=_NIS, value=repr(value))],
+        values=[pair(key=_NIS, value=repr(value))],
     )
-    return DiagnosticArray(header=header, status=[status])
+    return array(header=header, status=[status])
 
 
 _UNSTAMPED = Conversion(Twist, read_twist, _command_to_message, False)

@@ -44,7 +44,13 @@ def _yaw_of(q: Quaternion) -> float:
 
 
 def quaternion_of(yaw: float) -> Quaternion:
-    """Return the rotation about the vertical axis by a heading, rad.
+    """Return the rotation about the vertical axis by a heading, rad."""
+    z, w = half_turn(yaw)
+    return Quaternion(x=0.0, y=0.0, z=z, w=w)
+
+
+def half_turn(yaw: float) -> tuple[float, float]:
+    """Return the quaternion's z and w of the rotation about the vertical axis by a heading, rad.
 
     Sine and cosine are rounded; if that would change the heading, both are moved by a few units in the last place until
     `_yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other end of a topic.
@@ -52,7 +58,7 @@ def quaternion_of(yaw: float) -> Quaternion:
     z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     if yaw_of_rotation(w, 0.0, 0.0, z) != yaw and -math.pi <= yaw < math.pi:
         z, w = next(((a, b) for a, b in _neighbours(z, w) if yaw_of_rotation(b, 0.0, 0.0, a) == yaw), (z, w))
-    return Quaternion(x=0.0, y=0.0, z=z, w=w)
+    return z, w
 
 
 def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
@@ -79,7 +85,8 @@ def write_pose(message: Any, pose: Iterable[float]) -> None:
     """Write a planar pose, or raise ``ValueError``."""
     x, y, theta = pose
     finite("the pose", (x, y, theta))
-    message.position.x, message.position.y, message.orientation = float(x), float(y), quaternion_of(theta)
+    message.position.x, message.position.y = float(x), float(y)
+    message.orientation.z, message.orientation.w = half_turn(theta)
 
 
 def read_twist(message: Twist) -> Command:

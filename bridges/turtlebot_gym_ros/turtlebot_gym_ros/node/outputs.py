@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
+from types import SimpleNamespace
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -20,6 +21,7 @@ from turtlebot_gym.values import Command
 from turtlebot_gym_ros.base.frames import Common, Mount
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.block import Aged, Output
 from turtlebot_gym_ros.node.convert import conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint
@@ -88,8 +90,10 @@ class Outputs:
         own = self._common.sensor(mount) if mount else self._common.body
         frame = self._common.world if way.in_world else own
         rests = is_command and not self._common.lock_step
-        at = Time(nanoseconds=self._time() if rests else stamp).to_msg()
-        message = way.write(value, Header(stamp=at, frame_id=frame))
+        at = self._time() if rests else stamp
+        is_light = way.message in cdr.KINDS and key not in self._transforms and key not in self._tellers
+        header = cdr.header(at, frame) if is_light else Header(stamp=Time(nanoseconds=at).to_msg(), frame_id=frame)
+        message = way.write(value, header)
         if hasattr(message, "child_frame_id"):
             message.child_frame_id = self._common.body
         if (covariance := self._declared[key].covariance) is not None:
@@ -100,7 +104,8 @@ class Outputs:
         """Publish messages in the order of the declared outputs."""
         for key, publisher in self._publishers.items():
             if key in messages:
-                publisher.publish(messages[key])
+                is_light = isinstance(message := messages[key], SimpleNamespace)
+                publisher.publish(cdr.write(self._ways[key].message, message) if is_light else message)
 
     def publish_answer(self, messages: Mapping[str, Any], stamp: int) -> None:
         """Publish the messages of a step, which may have to be repeated, and which messages are the newest."""

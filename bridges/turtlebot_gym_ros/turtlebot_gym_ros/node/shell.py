@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.time import Time
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
@@ -31,7 +30,7 @@ from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
 from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
 from turtlebot_gym_ros.base.swift import Swift
-from turtlebot_gym_ros.node.block import Block, Every, Notices
+from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
 from turtlebot_gym_ros.node.drives import Hands, make_drive
@@ -173,9 +172,10 @@ class Shell:
         if feed.declared.wakes:
             for other in self._feeds.values():
                 other.poll()
-        present = drive.present()
-        stamp = Time.from_msg(message.header.stamp).nanoseconds if hasattr(message, "header") else present
         try:
+            message = feed.open(message)
+            at = message.header.stamp if hasattr(message, "header") else None
+            stamp = at.sec * SECOND + at.nanosec if at else drive.present()
             steady = self._look()
             feed.count(info, steady)
             age = feed.age(message, info, steady)
@@ -186,7 +186,8 @@ class Shell:
             if feed.refuse(str(error)):
                 self._log.warning(f"{feed.topic}: refused: {error}")
             return
-        feed.accept(value, self._now(), stamp, age, present - round(age.sent * SECOND))
+        sent = 0 if stamp else drive.present() - round(age.sent * SECOND)  # reading the clock takes long
+        feed.accept(value, self._now(), stamp, age, sent)
         drive.heard(key, stamp)
 
     def _step(self, stamp: int) -> bool:
@@ -213,7 +214,7 @@ class Shell:
                 switch.safety.end()
         self._steps += 1
         self._overruns += self._now() - now > drive.limit > 0.0
-        notice = self.block.notice if isinstance(self.block, Notices) else None
+        notice = getattr(self.block, "notice", None)  # of `Notices`, whose check takes long
         if notice and notice != self._notice:
             self._log.warning(notice)
         self._notice = notice
