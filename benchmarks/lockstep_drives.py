@@ -34,6 +34,7 @@ class RoomDrive(NamedTuple):
     lidar: str = "lds01"
     noise: str = "tutorial"
     seed: int = 0
+    localizer: str | None = None
 
 
 class SquareDrive(NamedTuple):

@@ -255,3 +255,11 @@ def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_tha
     assert rare.step == 12
     rare.forget()
     assert rare.step is None
+
+
+@pytest.mark.parametrize("latched", [False, True])
+def test_what_is_published_once_outlasts_a_reset(latched):
+    feed, _ = make(latched=latched, max_age=None)
+    feed.accept(State(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 1)
+    feed.forget()
+    assert (feed.missing(1.0) is None) == latched

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -148,3 +149,30 @@ def test_the_graph_hears_the_map_and_drives_on_it(hall, wait_for):
         assert graph.trajectory().true_state[:20, 3].any()
     assert grid.origin == Pose(*ORIGIN)
     np.testing.assert_array_equal(grid.cells[::-1], np.vectorize(VALUES.get)(HALL))
+
+
+def test_the_localizer_in_the_graph_is_the_environments(compare, hall):
+    drive = compare.RoomDrive(world=str(hall), noise="wheel", seed=3, localizer="match")
+    expected = compare.first(compare.room_episode(drive), 60)
+    differ = compare.room_differences(expected, compare.room_live(drive, 60))
+    assert max(differ.values()) == 0.0, differ
+    other = compare.first(compare.room_episode(drive._replace(localizer=None)), 60)
+    assert compare.room_differences(expected, other)["estimate"] > 1e-3
+
+
+@pytest.mark.nightly
+def test_a_robot_finds_itself_and_drives_to_rvizs_goal(hall, peer, wait_for):
+    goals, poses = peer.speak("goal_pose", PoseStamped), peer.hear("amcl_pose", PoseWithCovarianceStamped)
+    parameters = {"policy": "vfh", "noise": "wheel", "localizer": "match", "start": "unknown", "when_lost": "stop"}
+    with Graph(world=str(hall), speed=1.0, seed=2, **parameters) as graph:
+        wait_for(goals.get_subscription_count)
+        start = graph.latest["true_state"]
+        goal = PoseStamped(header=Header(frame_id="odom"))
+        goal.pose.position.x, goal.pose.position.y = start.x + np.cos(start.theta), start.y + np.sin(start.theta)
+        goals.publish(goal)
+        graph.wait_until(lambda graph: "its frame is 'odom' instead of 'map'" in graph.reports["waypoint_generator"][1])
+        goal.header.frame_id = "map"
+        goals.publish(goal)
+        x, y = goal.pose.position.x, goal.pose.position.y
+        graph.wait_until(lambda graph: math.dist(graph.latest["true_state"][:2], (x, y)) < 0.3)
+        assert poses[-1].header.frame_id == "map"

@@ -67,7 +67,7 @@ def test_a_plain_installation_is_thin_and_the_extras_bring_the_rest():
 NODES = """
 from importlib import import_module
 nodes = "blocks.waypoints blocks.controller blocks.kalman_filter robot.guard node.shell graph.status graph.markers"
-for name in [*nodes.split(), "recording.logger"]:
+for name in [*nodes.split(), "blocks.localizer", "recording.logger"]:
     import_module(f"turtlebot_gym_ros.{name}")
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 print(*sorted(thin.installed()))
@@ -82,7 +82,7 @@ def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not
     assert foreign <= {"numpy", "yaml", "typing_extensions", *brought_by_rosbags}
 
 
-@pytest.mark.parametrize("node", ["cmd_vel_guard", "kalman_filter", "velocity_controller", "waypoint_generator"])
+@pytest.mark.parametrize("node", ["cmd_vel_guard", "kalman_filter", "localizer", "velocity_controller", "waypoint_generator"])
 def test_a_robots_node_comes_up_and_ends_without_what_trains_and_draws(launch, peer, wait_for, node):
     body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
     process = launch(*without(body))

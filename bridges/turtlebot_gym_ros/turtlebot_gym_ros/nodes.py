@@ -46,6 +46,10 @@ NODES = {
     "kalman_filter": Entry(
         "blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", "filter", modes=BOTH, place=(1, 0)
     ),
+    "localizer": Entry(
+        "blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose", "localizer",
+        place=(0, 0),
+    ),
     "simulated_teleop": Entry(
         "blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel", "person",
         place=(2, 2), guarded="cmd_vel_teleop",

@@ -46,6 +46,10 @@ class Common:
         """The world frame with its prefix."""
         return self.frame_prefix + self.frame
 
+    def fixed(self, frame: str | None) -> str:
+        """A frame that does not move with the robot, with its prefix; None for the world frame."""
+        return self.world if frame is None else self.frame_prefix + frame
+
     @property
     def body(self) -> str:
         """The robot's frame with its prefix."""

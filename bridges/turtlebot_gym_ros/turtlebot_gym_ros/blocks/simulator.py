@@ -125,6 +125,8 @@ class TurtlebotSimulator:
         ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
         late and has covariances of 0, and its LiDAR's mount on ``/tf_static`` if tf2_msgs is installed. "none" for perfect
         messages."""
+        odom_frame: str = ""
+        """Frame of the odometry, if it is not the world's: the map's then, with a localizer."""
         own_clock: bool = True
         """Whether its clock is ahead and its odometry late, which lock-step does not allow."""
         plant: str = "unicycle"
@@ -203,7 +205,9 @@ class TurtlebotSimulator:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
         covariance = None if speech else self._uncertainty.covariance
-        stated = replace(self.outputs["odometry"], covariance=covariance, transform=params.publish_tf)
+        stated = replace(
+            self.outputs["odometry"], covariance=covariance, transform=params.publish_tf, frame=params.odom_frame or None
+        )
         self.outputs = {**self.outputs, "odometry": stated}
         self._driver, self._rng = driver, np.random.default_rng(params.seed)
         self._ahead, self._held_up = (speech.ahead, speech.held_up) if speech and params.own_clock else (0.0, 0.0)

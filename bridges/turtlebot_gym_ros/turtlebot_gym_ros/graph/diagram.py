@@ -137,6 +137,7 @@ PLACES = {name: entry.place for name, entry in NODES.items() if entry.place}
 """Column and row of each node of the loop, which runs clockwise; pure listeners are below, other nodes above."""
 WORDS = {name: entry.word for name, entry in NODES.items()} | {
     "/reference": "waypoint",
+    "/amcl_pose": "pose in the map",
     "/next_reference": "next waypoint",
     "/cmd_vel": "command",
     "/cmd_vel_in": "command",

@@ -28,6 +28,8 @@ from turtlebot_gym_ros.nodes import MODES, load
 
 OWN_CLOCK = ("-r", "/clock:=clock")
 """Remapping of /clock, to which rclpy listens regardless of the namespace, so that each graph has its own."""
+LOCALIZED = {"frame": "map", "odom_frame": "odom", "hits": False, "start": "odometry", "when_lost": "drive", "noise": "wheel"}
+"""Parameters of a graph with a localizer: as in the environment, it knows its start and the obstacles, and always answers."""
 PATIENCE = 60.0
 """Longest wait for the graph to start, s."""
 
@@ -45,7 +47,8 @@ class Graph:
     its command, so that the drive is bit-identical to the environment's with the same seed, on any machine. A person's commands
     belong to no step: teleoperation runs in real time by default, and on a faster or slower clock otherwise.
 
-    With a ``world`` the simulator is in a room, and the waypoint is the room's goal.
+    With a ``world`` the simulator is in a room, and the waypoint is the room's goal. With a ``localizer``, in the world of a
+    map, the estimate is the localizer's, in the frame ``map``, instead of the filter's.
 
     Args:
         mode: "autonomous" or "teleoperation".
@@ -76,6 +79,11 @@ class Graph:
         self._namespace = absolute(namespace)
         parameters = {"frame_prefix": prefix_of(namespace) if frame_prefix is None else frame_prefix, **parameters}
         self._names = choose("mode", mode, MODES)
+        if parameters.get("localizer") is not None:
+            self._names = tuple("localizer" if name == "kalman_filter" else name for name in self._names)
+            parameters = {**LOCALIZED, **parameters}
+        else:
+            parameters.pop("localizer", None)
         self._processes: list[subprocess.Popen[bytes]] = []
         self._in_processes = processes
         self._domain = domain

@@ -43,6 +43,10 @@ class Input:
     """Whether ``step`` receives the value with its age by the stamps, as an `Aged`, and with the mount of its frame."""
     reliable: bool = True
     """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
+    latched: bool = False
+    """Whether it was published once, perhaps before this node started."""
+    frame: str | None = None
+    """Frame of its messages, without the prefix; None for the world's."""
     wakes: bool = True
     """Whether its messages wake the node. If not, outside lock-step they are read when another input's message arrives."""
 
@@ -68,6 +72,8 @@ class Output:
     latched: bool = False
     """Whether late joiners receive the last value, for outputs that are published once. Such values belong to no step of
     lock-step."""
+    frame: str | None = None
+    """Frame of its messages, without the prefix; None for the world's."""
     covariance: Callable[[], Covariance] | None = None
     """Function that returns the covariance of a value sent as Odometry, if the value has none; called after each step."""
     transform: bool = False
@@ -92,6 +98,15 @@ class Aged(NamedTuple):
     """The step's stamp minus the value's, s; negative for a value from after the step's stamp."""
     mount: Pose | None = None
     """Pose of an input's frame in the robot's, by ``/tf_static``; None if that does not state it."""
+
+
+class Correction(NamedTuple):
+    """The transform from the world frame to that of the odometry, which drifts in it."""
+
+    pose: Pose
+    """Pose of that frame in the world's."""
+    child: str
+    """Name of that frame, without the prefix."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +149,8 @@ class On:
 class Notices(Protocol):
     """A block with a notice for users, which is logged and shown in the diagnostics.
 
-    It may also have ``figures``, numbers by name, which the diagnostics show.
+    It may also have ``figures``, numbers by name, which the diagnostics show, and ``services``, functions without arguments by
+    name, which the node offers as ``std_srvs/Empty``.
     """
 
     @property

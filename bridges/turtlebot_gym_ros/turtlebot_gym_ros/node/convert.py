@@ -27,16 +27,17 @@ from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.block import Nis
+from turtlebot_gym_ros.node.block import Correction, Nis
 from turtlebot_gym_ros.node.cdr import blank
-from turtlebot_gym_ros.node.geometry import Conversion, finite, read_pose, read_twist, write_pose, write_twist
+from turtlebot_gym_ros.node.geometry import Conversion, finite, quaternion_of, read_pose, read_twist, write_pose, write_twist
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
@@ -45,6 +46,10 @@ _NOT_KNOWN = -1.0
 _NIS = "nis"
 SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
+
+
+NO_TF = "publish_tf needs tf2_msgs, which a ROS installation has and PyPI does not: source one, or leave it false."
+"""Refusal of a node that would publish on ``/tf``."""
 
 
 CONVERSIONS: dict[type, Conversion] = dict(ROOM_CONVERSIONS)
@@ -82,6 +87,8 @@ def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
     """
     if value_type is Command and not stamped:
         return _UNSTAMPED
+    if value_type is Correction and value_type not in CONVERSIONS:
+        raise ValueError(NO_TF)
     if value_type not in CONVERSIONS:
         raise ValueError(f"No message is known for values of type {value_type.__name__}: call register(...) first.")
     return CONVERSIONS[value_type]
@@ -183,6 +190,40 @@ def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
     return message
 
 
+def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceStamped:
+    mean, P = located.belief
+    finite("the covariance", P)
+    message = PoseWithCovarianceStamped(header=header)
+    write_pose(message.pose.pose, mean[:3])
+    covariance = message.pose.covariance
+    covariance[0], covariance[7], covariance[35] = P.xx, P.yy, P.tt
+    covariance[1] = covariance[6] = P.xy
+    covariance[5] = covariance[30] = P.xt
+    covariance[11] = covariance[31] = P.yt
+    return message
+
+
+def _register_correction() -> None:
+    """Register the transform to the odometry's frame, whose message comes with a ROS installation and is not on PyPI."""
+    try:
+        from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
+    except ImportError:
+        return
+
+    def write(correction: Correction, header: Header) -> Any:
+        made = TransformStamped(header=header, child_frame_id=correction.child)
+        (x, y, theta), to = correction.pose, made.transform.translation
+        finite("the pose", correction.pose)
+        to.x, to.y, made.transform.rotation = x, y, quaternion_of(theta)
+        return TFMessage(transforms=[made])
+
+    register(Correction, TFMessage, _unread, write, in_world=True)
+
+
+def _unread(message: Any) -> Any:
+    raise ValueError("no node takes it as an input")
+
+
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
     message = blank(TwistStamped, header)
     write_twist(message.twist, *command)
@@ -239,4 +280,6 @@ register(
     in_world=True,
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
+register(Located, PoseWithCovarianceStamped, _unread, _located_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
+_register_correction()

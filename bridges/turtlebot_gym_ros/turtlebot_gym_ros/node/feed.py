@@ -15,7 +15,7 @@ from sensor_msgs.msg import TimeReference
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
 from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
 from turtlebot_gym_ros.base.swift import Swift, Unawaited, take
 from turtlebot_gym_ros.node import cdr
@@ -92,7 +92,7 @@ class Feed:
             kind,
             self.declared.topic,
             hear,
-            LOCK_STEP if self._lock_step else qos,
+            LATCHED if self.declared.latched else (LOCK_STEP if self._lock_step else qos),
             callback_group=Unawaited() if self._waits_for_others else self._group and self._group(),
             qos_overriding_options=overridable(),
             raw=kind in cdr.KINDS,
@@ -173,7 +173,9 @@ class Feed:
         return news
 
     def forget(self) -> None:
-        """Forget the latest value, and all that is known of the senders' clocks."""
+        """Forget the latest value, unless nobody will say it again, and all that is known of the senders' clocks."""
+        if self.declared.latched:
+            return
         self._latest = self.stamp = self._newest = None
         self.ages.begin()
 

@@ -23,7 +23,7 @@ from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.block import Aged, Output
-from turtlebot_gym_ros.node.convert import conversion, state_covariance
+from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.triggers import SECOND
 
@@ -88,7 +88,7 @@ class Outputs:
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
         own = self._common.sensor(mount) if mount else self._common.body
-        frame = self._common.world if way.in_world else own
+        frame = self._common.fixed(self._declared[key].frame) if way.in_world else own
         rests = is_command and not self._common.lock_step
         at = self._time() if rests else stamp
         is_light = way.message in cdr.KINDS and key not in self._transforms and key not in self._tellers
@@ -96,6 +96,8 @@ class Outputs:
         message = way.write(value, header)
         if hasattr(message, "child_frame_id"):
             message.child_frame_id = self._common.body
+        for each in getattr(message, "transforms", ()):
+            each.child_frame_id = self._common.fixed(each.child_frame_id)
         if (covariance := self._declared[key].covariance) is not None:
             state_covariance(message, covariance())
         return message
@@ -178,9 +180,7 @@ class _Transforms:
         try:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
-            raise ValueError(
-                "publish_tf needs tf2_msgs, which a ROS installation has and PyPI does not: source one, or leave it false."
-            ) from None
+            raise ValueError(NO_TF) from None
         self._message = TFMessage
         self._publisher = node.create_publisher(TFMessage, "/tf", BROADCAST)
         if mounts:

@@ -19,6 +19,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
+from std_srvs.srv import Empty as Call
 from std_srvs.srv import Trigger
 
 from turtlebot_gym.rooms.scan import Scan
@@ -141,6 +142,8 @@ class Shell:
         ]
         self._reporter = Reporter(node, [*self.outputs.endpoints, *endpoints], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
+        for name, call in getattr(block, "services", {}).items():
+            node.create_service(Call, name, partial(_serve, call))
         if self._is_plant:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
         elif not lock_step:  # in lock-step the stamps show where an episode begins
@@ -179,7 +182,7 @@ class Shell:
             steady = self._look()
             feed.count(info, steady)
             age = feed.age(message, info, steady)
-            value = feed.read(message, self.common.world)
+            value = feed.read(message, self.common.fixed(feed.declared.frame))
             if not drive.takes(key, stamp):
                 return
         except ValueError as error:
@@ -332,6 +335,12 @@ class Shell:
         self.outputs.flush()
         self._ros_clock.close()
         self.node.destroy_node()
+
+
+def _serve(call: Callable[[], None], request: Any, response: Any) -> Any:
+    """Serve a function without arguments."""
+    call()
+    return response
 
 
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:

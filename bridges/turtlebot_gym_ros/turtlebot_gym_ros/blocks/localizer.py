@@ -1,0 +1,247 @@
+"""The localizer: the environment's own, on a robot, in the place of AMCL."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
+from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.localization.seek import look, nowhere
+from turtlebot_gym.localization.tuning import make_localizer
+from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
+from turtlebot_gym.presets import make_filter, make_noise
+from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.lidar import aim
+from turtlebot_gym.rooms.maps import read_map
+from turtlebot_gym.rooms.scan import EDGE, Scan
+from turtlebot_gym.rooms.worlds import find_lidar
+from turtlebot_gym.systems.localizing import drift_of
+from turtlebot_gym.validation import Names, Range, typed
+from turtlebot_gym.values import Fix, Odometry, Pose
+from turtlebot_gym_ros.node.block import Aged, Correction, Input, Nis, On, Output
+
+TRAIL = 64
+"""Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
+FAR = 20.0
+"""Greatest range that is used, m: the end of a longer beam moves by its heading's error more than a map's cells are wide."""
+SILENT = 2.0
+"""Time without a scan that says anything after which the localizer is unsure, s."""
+AHEAD = 0.1
+"""Time by which the transform to ``odom`` is stamped ahead, s, so that it holds until the next one."""
+STATES = {TRACKING: "tracking", UNSURE: "unsure", LOST: "lost"}
+"""States of the localizer in the diagnostics."""
+
+
+class Localizer:
+    """Estimate the pose in a known map from wheel odometry and LiDAR scans.
+
+    It moves its belief with each odometry, and corrects it by each scan as soon as the odometry reaches the scan's last beam.
+    A scan counts as the LiDAR's preset if it agrees with it to single precision; otherwise as the message says. Its mount
+    is that of ``/tf_static``, or the preset's.
+
+    Where it starts, ``start`` says. A robot that is lost looks for itself in the whole map; while it is lost, nothing is
+    published, so that everything that rests on the estimate stops by the age of its inputs, unless ``when_lost`` is "drive".
+    A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
+    look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
+
+    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
+    ``seat`` (`Fix`, on ``initialpose``, optional), and without a map's file ``map`` (`GridMap`, on ``map``).
+    Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
+    ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp, in the frame ``frame``; and with ``publish_tf`` the
+    transform from ``frame`` to ``odom_frame`` on ``/tf``.
+    Parameters: those of `Params`.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the localizer."""
+
+        frame: str = "map"
+        """Frame of the map, and of the estimate."""
+        odom_frame: str = "odom"
+        """Frame of the odometry."""
+        map: str = ""
+        """Map, as map_server takes it (FILE.yaml); if empty, that on the topic ``map``."""
+        hits: bool = True
+        """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
+        localizer: str = "robot"
+        """Assumptions: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file of them."""
+        lidar: str = "lds01"
+        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`: its timing, and its mount if ``/tf_static`` states none."""
+        noise: str = "wheel"
+        """Noise of the wheels: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
+        start: Annotated[str, Names(("unknown", "odometry"))] = "unknown"
+        """Where the robot starts: "unknown", somewhere in the map; or "odometry", where its odometry says, for a robot that is
+        switched on at the map's origin."""
+        when_lost: Annotated[str, Names(("stop", "drive"))] = "stop"
+        """What happens while the robot is lost: "stop", nothing is published; or "drive", it goes on by its belief. In
+        lock-step "drive", since each step needs an answer."""
+        max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
+        """Gap in the odometry after which it starts anew, s."""
+        publish_tf: bool = False
+        """Whether to publish the transform from ``frame`` to ``odom_frame``; needs a ROS installation."""
+
+        def __post_init__(self) -> None:
+            typed(self, "")
+
+    inputs = {
+        "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
+        "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
+        "seat": Input(topic="initialpose", type=Fix, required=False, once=True),
+    }
+    outputs = {
+        "pose": Output(topic="amcl_pose", type=Located),
+        "nis": Output(topic="nis", type=Nis),
+        "estimate": Output(topic="estimate", type=Estimate),
+    }
+
+    def __init__(self, params: Params) -> None:
+        self._params, self._lidar = params, find_lidar(params.lidar)
+        self.trigger = On("odometry", max_gap=params.max_gap)
+        self.inputs = {**self.inputs, "odometry": replace(self.inputs["odometry"], frame=params.odom_frame)}
+        self._grid: GridMap | None = None
+        if params.map:
+            self._take_map(read_map(params.map).map)
+        else:
+            self.inputs = {**self.inputs, "map": Input(topic="map", type=GridMap, max_age=None, latched=True)}
+        if params.publish_tf:
+            self.outputs = {**self.outputs, "tied": Output(topic="/tf", type=Correction)}
+        self._q: Any = make_localizer(params.localizer, self._lidar)
+        self._tuning = make_filter("matched", make_noise(params.noise))
+        self._beams = np.zeros((3, self._lidar.beams))
+        aim(self._beams, self._lidar)
+        self._points = np.empty((5, self._q.beams))
+        self.services = {"reinitialize_global_localization": self.seek}
+        """Functions that the node offers as services without arguments, by name."""
+        self.notice: str | None = None
+        """Why the localizer is not sure, if so."""
+        self.figures: dict[str, Any] = {}
+        """Its state, and the evidence for it."""
+        self.reset()
+
+    def _take_map(self, grid: GridMap | None) -> None:
+        assert grid is not None
+        self._grid, self._field = grid, grid.field(hits=self._params.hits)
+
+    def reset(self) -> None:
+        """Start anew with the next odometry."""
+        self._located: Located | None = None
+        self._trail = np.empty((TRAIL, 4))
+        self._since = self._time = self._dt = 0.0
+        self._ticks = 0
+        self.notice = None
+
+    def seek(self) -> None:
+        """Look for the robot in the whole map, whatever is believed."""
+        if self._located is not None:
+            mean, scans, moves = self._located.belief.mean, self._located.scans, self._located.moves
+            self._located = nowhere(Pose(mean.x, mean.y, mean.theta), self._q)._replace(scans=scans, moves=moves)
+
+    def step(
+        self, dt: float, odometry: Odometry, scan: Aged, map: GridMap | None = None, seat: Fix | None = None
+    ) -> dict[str, Any]:
+        """Return the belief after odometry that is ``dt`` later than the one before, s; nothing if the robot is lost."""
+        if map is not None and map is not self._grid:
+            self._take_map(map)
+        if self._located is None:
+            after = self._begin(odometry, scan)
+        else:
+            self._tick(dt)
+            before, drift = self._odometry, drift_of(self._odometry.twist, self._tuning, dt)
+            after = move(self._located, before.pose, odometry.pose, odometry.twist, drift, self._q)
+            if odometry.measured:
+                remember(self._trail, self._time, odometry.pose)
+        if seat is not None:
+            after = self._take_seat(after, seat)
+        self._located, self._odometry = self._correct(after, scan), odometry
+        return self._answer(self._located, odometry)
+
+    def _begin(self, odometry: Odometry, scan: Aged) -> Located:
+        """Return the belief at the first odometry; scans from before it are not used."""
+        rest(self._trail, 0.0, odometry.pose)
+        self._measured, self._used = -scan.age, 0.0
+        if self._params.start == "odometry":
+            x, y, heading = self._tuning.R
+            return locate(odometry.pose, (x, y, heading), self._q)
+        return nowhere(odometry.pose, self._q)
+
+    def _tick(self, dt: float) -> None:
+        """Advance the time; by equal steps it is a multiple of them, as in the environment, and not their sum."""
+        if dt != self._dt:
+            self._since, self._ticks, self._dt = self._time, 0, dt
+        self._ticks += 1
+        self._time = self._since + self._ticks * dt
+
+    def _take_seat(self, located: Located, seat: Fix) -> Located:
+        """Return the belief where a person says that the robot is."""
+        x, y, heading = seat.R
+        if heading == math.inf:
+            return located
+        there = locate(seat.pose, (x, y, heading), self._q)
+        return there._replace(scans=located.scans, moves=located.moves)
+
+    def _correct(self, located: Located, scan: Aged) -> Located:
+        """Condition the belief on a scan, if it is new and the odometry has reached its last beam."""
+        stamp = self._time - scan.age
+        if stamp <= self._measured + 1e-6:
+            return located
+        beams, timing = self._seen(scan, stamp)
+        if timing.last > self._time + 1e-6:
+            return located  # the next odometry says from where it was seen
+        assert self._grid is not None
+        self._measured, ranges, q = stamp, scan.value.ranges, self._q
+        every = max(-(-len(ranges) // q.beams), 1)
+        number = to_points(ranges, beams, int(located.scans) % every, every, timing, self._trail, self._points)
+        after = look(located, self._field, self._grid.frame, self._points, number, q)
+        if after.scans > located.scans:
+            self._used = self._time
+        return after
+
+    def _seen(self, scan: Aged, stamp: float) -> tuple[NDArray[np.float64], Timing]:
+        """Return the directions of a scan's beams in the robot's frame, and when and from where they were measured."""
+        lidar, sent, mount = self._lidar, scan.value, scan.mount
+        number, turn = len(sent.ranges), sent.increment * len(sent.ranges)
+        at = mount or Pose(lidar.x, lidar.y, lidar.yaw)
+        beams, interval = self._beams, 1.0 / (lidar.rate * number) if lidar.turning else 0.0
+        is_preset = number == lidar.beams and abs(sent.first) < EDGE and abs(turn - TWO_PI) < EDGE
+        if not is_preset or abs(wrap(at.theta - lidar.yaw)) > EDGE:
+            beams = directions(at.theta + sent.first + sent.increment * np.arange(number))
+            interval = sent.beam_period or interval
+        last = stamp if lidar.stamped_at_end else stamp + interval * number
+        return beams, Timing(round(last, 9), interval, at.x, at.y, min(float(sent.range_max), FAR))
+
+    def _answer(self, located: Located, odometry: Odometry) -> dict[str, Any]:
+        """Return what is published of a belief, and report its state."""
+        state, silent = state_of(located, self._q), self._time - self._used
+        state = max(state, UNSURE) if silent > SILENT else state
+        fits = f"{100.0 * located.fits:.0f} % of the beams fit the map"
+        if state == TRACKING:
+            self.notice = None
+        elif silent > SILENT and state == UNSURE:
+            self.notice = f"unsure: no scan has said anything for {SILENT:g} s"
+        else:
+            self.notice = f"{STATES[state]}: {fits}"
+        self.figures = {
+            "localization": STATES[state], "fitting beams": f"{located.fits:.2f}",
+            "scans without a fit": int(located.misfits), "scans used": int(located.scans),
+        }  # fmt: skip
+        if state == LOST and self._params.when_lost == "stop":
+            return {}
+        said = {"pose": located, "nis": Nis(located.nis), "estimate": Estimate(located.belief, located.nis, 0.0)}
+        if self._params.publish_tf:
+            said["tied"] = Aged(Correction(_between(located, odometry.pose), self._params.odom_frame), -AHEAD)
+        return said
+
+
+def _between(located: Located, wheels: Pose) -> Pose:
+    """Return the pose of the odometry's frame in the map's."""
+    mean = located.belief.mean
+    theta = wrap(mean.theta - wheels.theta)
+    sine, cosine = sincos(theta)
+    return Pose(mean.x - cosine * wheels.x + sine * wheels.y, mean.y - sine * wheels.x - cosine * wheels.y, theta)
