@@ -21,7 +21,7 @@ _TRUTHS = ("ground_truth", "true_state", "truth")
 """Topics that are searched for the truth."""
 _ASKED = ("odom", "true_state", "fix", "twist")
 """Topics whose names `Topics` holds; the others are searched beside that of the odometry, and in the root."""
-_CLOCKED = ("true_state", "fix", "twist", "scan", "estimate")
+_CLOCKED = ("true_state", "fix", "twist", "scan", "estimate", "imu")
 """Topics that may come from another computer."""
 _UNREADABLE = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 _MAGIC = {b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap", b"#ROSBAG V2.0": ".bag"}

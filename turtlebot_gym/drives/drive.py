@@ -31,6 +31,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "nis": (),
     "clearance": (),
     "level": (),
+    "gyro": (),
 }
 
 
@@ -103,6 +104,8 @@ class Drive:
     """Distance from the footprint to the nearest surface, shape (T,), m."""
     level: NDArray[np.float64] = _UNKNOWN
     """Level of the guard's report, shape (T,), as in ``diagnostic_msgs/DiagnosticStatus``."""
+    gyro: NDArray[np.float64] = _UNKNOWN
+    """Turning rate measured by a gyro at each row, shape (T,), rad/s."""
     report: tuple[str, ...] = ()
     """The guard's report at each row."""
     circles: tuple[NDArray[np.float64], ...] = ()

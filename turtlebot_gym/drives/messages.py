@@ -52,6 +52,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "nis": ("diagnostic_msgs/msg/DiagnosticArray",),
     "clearance": ("sensor_msgs/msg/Range",),
     "scan": ("sensor_msgs/msg/LaserScan",),
+    "imu": ("sensor_msgs/msg/Imu",),
     "tf_static": TRANSFORMS,
     "obstacles": ("visualization_msgs/msg/MarkerArray",),
     "map": ("nav_msgs/msg/OccupancyGrid",),
@@ -122,6 +123,7 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "nis": _nis,
     "clearance": lambda message: message.range,
     "scan": _scan,
+    "imu": lambda message: (message.angular_velocity.z,),
     "obstacles": _room,
     "map": _grid,
 }
@@ -227,6 +229,7 @@ class Listener:
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
             nis=self["nis"].held(time, fresh=held),
             clearance=self["clearance"].held(time, fresh=HELD),
+            gyro=self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else np.full(len(time), np.nan),
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),

@@ -42,8 +42,8 @@ class Format(NamedTuple):
 FORMATS = (
     Format(
         "bag", "a folder, `.mcap`, `.db3` (ROS 2), `.bag` (ROS 1)",
-        "odometry, commands, scans, maps; truth and fixes as Odometry, PoseStamped, PoseWithCovarianceStamped, "
-        "TransformStamped, PointStamped or `/tf`", is_bag, read_bag, ("topics", "lidar"),
+        "odometry, commands, scans, a gyro on `/imu`, maps; truth and fixes as Odometry, PoseStamped, "
+        "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`", is_bag, read_bag, ("topics", "lidar"),
     ),
     Format(
         "CARMEN log", "text: `ODOM`, `FLASER`, `ROBOTLASER1`, `TRUEPOS`",

@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -41,6 +41,8 @@ class Calibrate(Writing, Recorded):
     """A bag of ROS 2 or ROS 1, a log of CARMEN or MRCLAM, or a table with named columns."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
+    imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
+    """Write the noise of the gyro, if the log has one, here (FILE.yaml), for --imu; it needs stands, or the truth."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag (TOPIC:FRAME
     where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and perhaps theta."""
@@ -82,6 +84,7 @@ class Calibrate(Writing, Recorded):
 
         robot, parts, refused = make_robot(self.robot), itertools.count(1), ""
         drive = self._read(self.log, robot)
+        self._fit_gyro(drive)
         by_tape = self.loop or any(each is not None for each in (self.distance, self.turns, self.measured))
         if by_tape and self.plot is not None:
             raise ValueError("--plot shows errors along a drive, and a tape measures its ends alone: leave one of them out.")
@@ -122,6 +125,23 @@ class Calibrate(Writing, Recorded):
         drive = read(path, **self.reading())
         check(drive, robot, str(path))
         return drive
+
+    def _fit_gyro(self, drive: Drive) -> None:
+        """Print and write the noise of the gyro, whatever the log says of the rest."""
+        from turtlebot_gym import write_parameters
+        from turtlebot_gym.calibration.gyro import fit_gyro
+        from turtlebot_gym_agents.commands.calibration_report import gyro_table
+
+        try:
+            fitted = fit_gyro(drive)
+        except ValueError as error:
+            if self.imu_out is not None:
+                raise ValueError(f"{self.log}: {self.imu_out} is not written: {error}") from error
+            return
+        print_tables(gyro_table(fitted, title=self.log.name))
+        if self.imu_out is not None:
+            noise: Any = fitted.noise  # a sensor's own parameters are written as those of noise are
+            write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
 
     def _by_tape(self, drive: Drive, robot: Robot) -> Calibration:
         from turtlebot_gym.calibration.legs import leg_of, read_legs

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from turtlebot_gym.calibration.gyro import GyroFit
+
 BINS = 60
 """Bins of the histograms."""
 
@@ -52,6 +54,16 @@ def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
             remarks.add_row(remark)
         tables.append(remarks)
     return tables
+
+
+def gyro_table(fitted: GyroFit, *, title: str) -> Table:
+    """Return the estimates of a gyro's noise."""
+    against = "against the truth's turning rate" if fitted.by_truth else "while the robot stands"
+    table = Table("", "value", "95 % interval", "unit", title=f"{title}: gyro, {against}")
+    for name, estimate in fitted.estimates.items():
+        note = "" if estimate.is_determined else " (not determined)"
+        table.add_row(name, f"{estimate.value:.4g}{note}", _interval(estimate), estimate.unit)
+    return table
 
 
 def _interval(estimate: Estimate) -> str:

@@ -63,7 +63,7 @@ class Watcher:
         self._around = Surroundings("live")
         for topic, (kind, *_) in TYPES.items():
             package, folder, name = kind.split("/")
-            if topic not in ("fix", "twist") and find_spec(package):  # PyPI does not have tf2_msgs
+            if topic not in ("fix", "twist", "imu") and find_spec(package):  # PyPI does not have tf2_msgs
                 message = getattr(import_module(f"{package}.{folder}"), name)
                 named = f"/{topic}" if topic in _COMMON else topic
                 self.node.create_subscription(message, named, self._hear(topic), _OTHER.get(topic, _QOS))
