@@ -167,6 +167,9 @@ bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, a
 bench-calibration-intervals: $(READY)  ## whether intervals hold the truth, by a simulator that shares no code: 200 drives in 8 settings (20 minutes; resumes)
 	$(RUN)python benchmarks/calibration_intervals.py --kept $(OUT)/calibration_intervals.jsonl
 
+bench-calibration-by-map: $(READY)  ## whether intervals by a map hold the truth in 200 simulated offices, and halves of a building (30 minutes; resumes)
+	$(RUN)python benchmarks/calibration_by_map.py --data $(DATA) --kept $(OUT)/calibration_by_map.jsonl
+
 bench-calibration: $(READY)  ## whether intervals from innovations alone hold the truth, and what a calibration is worth (20 minutes; resumes)
 	$(RUN)python benchmarks/calibration.py --kept $(OUT)/calibration
 	$(RUN)python benchmarks/calibration.py --part recorded --data $(DATA)

@@ -171,6 +171,30 @@ def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
     return {"drives": len(drives), "all": hits / count, "right": right, "parameters": parameters}
 
 
+def finished(judge: Any, wanted: list[tuple[int, str]], kept: Path, processes: int) -> dict[tuple[int, str], Any]:
+    """Return what judging seeds and settings says, by both; those in the file of finished ones are taken from there."""
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
+    rows = {(row["seed"], row["setting"]): row for row in map(json.loads, lines)}
+    jobs = [job for job in wanted if job not in rows]
+    with ProcessPoolExecutor(processes) as pool, progress(len(jobs)) as advance_to, kept.open("a") as file:
+        for at, row in enumerate(pool.map(judge, *zip(*jobs, strict=True)) if jobs else (), start=1):
+            rows[row["seed"], row["setting"]] = row
+            file.write(json.dumps(plain(row)) + "\n")
+            file.flush()
+            advance_to(at)
+    return rows
+
+
+def show(name: str, row: dict[str, Any]) -> None:
+    """Print the summary of a setting."""
+    print(f"{name}: {row['all']:.4f}, right {row['right']}")
+    for key, told in row["parameters"].items():
+        low, high = told["interval"]
+        mark = "" if low <= 0.95 <= high else "   <- not 95 %"
+        print(f"    {key:20} {told['coverage']:.3f} of {told['drives']}, bias {told['bias'] / told['spread']:+.2f} sd{mark}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Config:
     """Count how often intervals contain the truth."""
@@ -193,26 +217,11 @@ def main() -> None:
     """Judge all settings, print, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     chosen = ["-".join(setting) for setting in SETTINGS if config.only in "-".join(setting)]
-    config.kept.parent.mkdir(parents=True, exist_ok=True)
-    lines = config.kept.read_text(encoding="utf-8").splitlines() if config.kept.is_file() else []
-    rows = {(row["seed"], row["setting"]): row for row in map(json.loads, lines)}
     wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in chosen]
-    jobs = [job for job in wanted if job not in rows]
-    with ProcessPoolExecutor(config.processes) as pool, progress(len(jobs)) as advance_to, config.kept.open("a") as file:
-        for at, row in enumerate(pool.map(judged, *zip(*jobs, strict=True)) if jobs else (), start=1):
-            rows[row["seed"], row["setting"]] = row
-            file.write(json.dumps(plain(row)) + "\n")
-            file.flush()
-            advance_to(at)
+    rows = finished(judged, wanted, config.kept, config.processes)
     result = {name: summary([rows[seed, other] for seed, other in wanted if other == name]) for name in chosen}
     for name, row in result.items():
-        print(f"{name}: {row['all']:.4f}, right {row['right']}")
-        for key, told in row["parameters"].items():
-            low, high = told["interval"]
-            mark = "" if low <= 0.95 <= high else "   <- not 95 %"
-            print(
-                f"    {key:20} {told['coverage']:.3f} of {told['drives']}, bias {told['bias'] / told['spread']:+.2f} sd{mark}"
-            )
+        show(name, row)
     if config.results is not None:
         write_json(config.results, {"coverage": result}, config=settings_of(config))
 

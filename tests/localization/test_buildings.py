@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from turtlebot_gym import make_noise
 from turtlebot_gym.drives import read
 from turtlebot_gym.drives.drive import heading_error, position_error
 from turtlebot_gym.kernel import HAS_NUMBA
@@ -104,7 +105,7 @@ def test_scans_with_a_pose_of_their_own_count_where_the_rows_of_a_drive_are_fart
     assert np.array_equal(seen.time[where], drive.time)
 
 
-def test_the_command_localizes_a_log_in_a_map_file(stretch, tmp_path, capsys):
+def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, tmp_path, capsys):
     image = pytest.importorskip("PIL.Image")
     drive, chart = stretch
     recorded, side = drive.recorded, float(chart.frame[4])
@@ -125,7 +126,13 @@ def test_the_command_localizes_a_log_in_a_map_file(stretch, tmp_path, capsys):
     assert content["shares"]["lost"] == 0.0
     assert len(content["poses"]) == len(content["time"])
     assert (tmp_path / "path.png").stat().st_size > 0
+    noise, start = tmp_path / "noise.yaml", [str(each) for each in drive.reference[0]]
+    written = ["--json", str(result), "--out", str(noise), "--force", "--odometry", "wheel"]
     np.savez(log, **columns)
+    assert main(["calibrate", str(log), "--map", str(map_file), "--start", *start, *written]) == 0
+    assert "scans; the localizer tracks at 100 % of them" in " ".join(json.loads(result.read_text())["remarks"])
+    assert make_noise(noise).process.alpha1 > 0.0
+    capsys.readouterr()
     assert main(["localize", str(log), "--map", str(map_file)]) == 2
     assert "--start must say" in capsys.readouterr().err
     wheels = tmp_path / "drive.csv"

@@ -17,7 +17,7 @@ from turtlebot_gym.models.angles import wrap_all
 WINDOW = 0.1
 """Window over which motions are compared if the truth is known, s ..."""
 NOISY_WINDOW = 1.0
-"""... and if only measured poses are known, s."""
+"""... and if only measured poses are known, or poses by scans, s."""
 REACH = 0.6
 """Largest clock offset that is searched, s."""
 SURE = 10.0
@@ -56,7 +56,7 @@ SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
 
 
 def aligned(
-    drive: Drive, kind: str, has_truth: bool, delay: float | None
+    drive: Drive, kind: str, has_truth: bool, delay: float | None, is_noisy: bool = False
 ) -> tuple[Drive, tuple[Shift, Shift], Frame, list[str]]:
     """Return a drive with one clock and one frame, and the shifts, frame and remarks that this took.
 
@@ -65,6 +65,7 @@ def aligned(
         kind: Kind of its odometry; only that which measures the pose has a clock and a frame of its own.
         has_truth: Whether the truth is used.
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
+        is_noisy: Whether the truth is no better than measured poses.
     """
     remarks, frame, late = [], SAME_FRAME, NO_SHIFT
     if has_truth and kind == "pose":
@@ -82,9 +83,11 @@ def aligned(
             if frame.is_other:
                 again = _find_frame(drive)
                 drive = _into_measured_frame(drive, again)
-    poses, window = (drive.truth, WINDOW) if has_truth else (drive.odometry, NOISY_WINDOW)
+    poses, window = drive.truth if has_truth else drive.odometry, WINDOW if has_truth and not is_noisy else NOISY_WINDOW
     if delay is None:
         twist_late = _twist_delay(drive, poses, max(window, drive.period))
+        if is_noisy and twist_late.low <= 0.0 <= twist_late.high:
+            twist_late = twist_late._replace(is_sure=False)
         rows = twist_late.value / drive.period
         if abs(rows - round(rows)) < 0.25:  # delays by steps are whole steps
             twist_late = twist_late._replace(value=round(rows) * drive.period)

@@ -14,6 +14,7 @@ from turtlebot_gym.calibration.diagnosis import Verdict
 from turtlebot_gym.calibration.estimates import ONLY_TRUTH, POSE, WHEELS, Estimate, by_innovations, by_truth, of_share
 from turtlebot_gym.calibration.execution import Execution, fit_execution
 from turtlebot_gym.calibration.fit import Z
+from turtlebot_gym.calibration.poses import Scanned, fit_poses
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
@@ -104,6 +105,7 @@ def calibrate(
     *,
     kind: str | None = None,
     use_truth: bool = True,
+    scanned: Scanned | None = None,
     integrator: str | None = None,
     segment: float | None = None,
     delay: float | None = None,
@@ -116,6 +118,8 @@ def calibrate(
         drive: The drive.
         kind: "pose" for odometry that measures the pose, "wheel" for wheel odometry; None to detect it.
         use_truth: Use the truth where the drive has it; if false, the innovations alone.
+        scanned: What is known of the truth if it is that of scans in a map; wheels only, and ``segment`` does not count.
+            None for a truth whose errors are independent from row to row.
         integrator: "euler" or "midpoint"; None for the one that explains the motion better.
         segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if the
             errors are not correlated, and `execution.SEGMENTS` otherwise. With truth only.
@@ -133,18 +137,26 @@ def calibrate(
             "wheel odometry alone says nothing about its error: record the truth or measured poses (a fix) beside it, or "
             "measure the drive by tape."
         )
+    if kind == POSE and scanned is not None:
+        raise ValueError("by a map only wheel odometry is calibrated, and its poses look measured: if they are not, say so.")
     if kind == POSE and not drive.has_odometry:
         raise ValueError("there are no measured poses to calibrate.")
-    drive, delays, frame, remarks = aligned(drive, kind, has_truth, delay)
+    drive, delays, frame, remarks = aligned(drive, kind, has_truth, delay, scanned is not None)
     progress("alignment")
     exact = replace(start, scale=1.0, turn_scale=1.0, veer=0.0, slip=0.0)
     started = Noise(process=exact, odometry=OdometryNoise(wheel=kind == WHEELS))
     if has_truth:
-        execution = fit_execution(drive, started, integrator, segment)
+        if scanned is None:
+            execution = fit_execution(drive, started, integrator, segment)
+        else:
+            execution = fit_poses(drive, scanned, started, integrator)
         drive, integrator, verdict = execution.drive, execution.integrator, execution.verdict
         longest, segments = execution.segment, execution.segments
         estimates, likeliest = dict(execution.estimates), execution.noise
         remarks += _remarks(execution)
+        if scanned is not None:
+            far, turned = execution.truth_deviations
+            remarks.append(f"single scans in the map are off by {far:.4f} m along an axis and {turned:.4f} rad, by the fit")
         progress("execution")
         if kind == POSE:
             fitted = by_truth(drive, likeliest, execution.truth_deviations)
@@ -160,7 +172,8 @@ def calibrate(
         estimates["dropout_probability"] = of_share(missing, among, "record for longer")
         share = missing / max(among, 1)
         likeliest = replace(likeliest, odometry=replace(likeliest.odometry, dropout_probability=share))
-    noise = _wary(likeliest, estimates, started, is_certain=longest == 0.0)
+    is_certain = longest == 0.0 or (scanned is not None and not verdict.is_correlated)
+    noise = _wary(likeliest, estimates, started, is_certain=is_certain)
     verdict = _capped(verdict, estimates)
     unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
     if kind == WHEELS:

@@ -10,6 +10,7 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -56,19 +57,31 @@ def diagnose(problem: Problem, fitted: Regression) -> Verdict:
     moving = np.abs(v) + LEVER * np.abs(omega) > SLOW
     axes = (0, 2) if problem.is_exact else (0, 1, 2)  # an exact truth leaves nothing to the side
     residuals = fitted.residuals[moving] if problem.is_exact else fitted.residuals
-    faults = []
-    jumps, rows = len(problem.jumps), len(problem.jumps) + len(problem.motions.row)
+    rows = len(problem.motions.row)
+    return judge(residuals[:, axes], len(problem.jumps), rows, lambda: _uneven(problem, fitted.residuals, axes))
+
+
+def judge(residuals: NDArray[np.float64], jumps: int, kept: int, uneven: Callable[[], list[str]] = lambda: []) -> Verdict:
+    """Test white residuals.
+
+    Args:
+        residuals: Shape (n, axes).
+        jumps: Number of errors that were left out ...
+        kept: ... and of those that were not.
+        uneven: Returns further faults, where the others leave room for them.
+    """
+    faults, rows = [], jumps + kept
     if jumps > max(JUMPS * rows, 10.0):
         faults.append(f"{jumps} of {rows} errors are far beyond the rest: heavy tails, or a truth or twist that jumps")
-    kurtosis = max(float(stats.kurtosis(residuals[:, axis], fisher=False)) for axis in axes)
-    has_tails = len(residuals) >= FEWEST and any(_has_heavy_tails(residuals[:, axis]) for axis in axes)
+    kurtosis = max(float(stats.kurtosis(errors, fisher=False)) for errors in residuals.T)
+    has_tails = len(residuals) >= FEWEST and any(_has_heavy_tails(errors) for errors in residuals.T)
     least = SMALL if has_tails else 0.0  # rare large errors look weakly correlated
-    is_correlated = len(residuals) >= FEWEST and any(_is_correlated(residuals[:, axis], least) for axis in axes)
+    is_correlated = len(residuals) >= FEWEST and any(_is_correlated(errors, least) for errors in residuals.T)
     if has_tails and not is_correlated:
         faults.append(f"errors have heavy tails (kurtosis {kurtosis:.1f} instead of 3)")
     if not has_tails and not is_correlated and len(residuals) >= FEWEST:
-        faults += _uneven(problem, fitted.residuals, axes)
-    nees = float((residuals[:, axes] ** 2).mean())
+        faults += uneven()
+    nees = float((residuals**2).mean())
     if faults:
         text = "The model does not describe the drive: " + "; ".join(faults) + "."
     elif is_correlated:

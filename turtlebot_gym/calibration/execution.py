@@ -102,7 +102,9 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: f
         problem, fit, best = _fitted(problem_of(motions, middle, prior=WHEELS_ONLY), middle)
     linear, covariance = _by_blocks(best) if verdict.is_correlated else (best.linear, best.covariance)
     estimates = _linear_estimates(linear, covariance, blocks=BLOCKS * verdict.is_correlated)
-    drive = _corrected(drive, problem, np.where(np.abs(linear) > SEEN * np.sqrt(np.diag(covariance)), linear, 0.0))
+    seen = np.where(np.abs(linear) > SEEN * np.sqrt(np.diag(covariance)), linear, 0.0)
+    drive = at_axle(drive, *seen[4:])
+    drive = _corrected(drive, problem, seen[3])
     written = _without_guesses(linear, covariance) if verdict.is_correlated else linear
     wheels = with_values(start, dict(zip(LINEAR[:3], written.tolist(), strict=False)))
     lengths = (segment,) if segment else ()
@@ -197,18 +199,23 @@ def _without_guesses(linear: Array, covariance: Array) -> Array:
     return linear
 
 
-def _corrected(drive: Drive, problem: Problem, linear: Array) -> Drive:
-    """Return a drive with its truth at the point that the wheels move, its twist without drift, and interrupted by jumps."""
-    _, _, _, drift, x, y, direction = linear
-    scale, turn_scale = problem.guess[:2]
-    state, twist, joined = drive.true_state.copy(), drive.twist.copy(), drive.joined.copy()
+def at_axle(drive: Drive, x: float, y: float, direction: float) -> Drive:
+    """Return a drive with its truth at the point that the wheels move, from that of a marker there; m, m, rad."""
+    state = drive.true_state.copy()
     heading = state[:, 2] - direction
     state[:, 0] -= x * np.cos(heading) - y * np.sin(heading)
     state[:, 1] -= x * np.sin(heading) + y * np.cos(heading)
     state[:, 2] = wrap_all(heading)
+    return replace(drive, true_state=state)
+
+
+def _corrected(drive: Drive, problem: Problem, drift: float) -> Drive:
+    """Return a drive with its twist without drift, and interrupted by jumps."""
+    scale, turn_scale = problem.guess[:2]
+    twist, joined = drive.twist.copy(), drive.joined.copy()
     twist[:, 1] -= drift / (scale * turn_scale)
     joined[problem.jumps] = False
-    return replace(drive, true_state=state, twist=twist, joined=joined)
+    return replace(drive, twist=twist, joined=joined)
 
 
 def _over(sets: Sequence[Rows], middle: float) -> Likelihood:

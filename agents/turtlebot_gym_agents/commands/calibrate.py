@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +14,7 @@ import tyro
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
+from turtlebot_gym_agents.commands.placed import Placed
 from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.outputs import Output
 from turtlebot_gym_agents.provenance import write_json
@@ -22,19 +24,20 @@ if TYPE_CHECKING:
     from turtlebot_gym.calibration import Calibration
     from turtlebot_gym.drives import Drive
 
-PARTS = 3
-"""Parts of a calibration for its progress bar: alignment, and two that depend on what it is fitted to."""
+PARTS = 4
+"""Most parts of a calibration for its progress bar: alignment and fit, of motion and measurements, or twice by a map."""
 
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(Writing, Recorded):
+class Calibrate(Writing, Placed, Recorded):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
     from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
-    wheels instead: scale, turn_scale and veer. The report lists what the log does not determine, and the motion that would. If
-    the model does not describe the drive, no file is written.
+    wheels instead: scale, turn_scale and veer; in a known place (--map) the scans of the log do, and the noise of the wheels.
+    The report lists what the log does not determine, and the motion that would. If the model does not describe the drive, no
+    file is written.
     """
 
     log: tyro.conf.Positional[Path]
@@ -61,6 +64,8 @@ class Calibrate(Writing, Recorded):
     """Standard deviation of a distance and a place by tape, m."""
     heading_std_deg: float = 1.0
     """Standard deviation of a measured turn, degrees."""
+    map: Path | None = None
+    """Map of the place, as map_server takes it (FILE.yaml): the poses of the log's scans in it are the truth."""
     robot: str = "burger"
     """Robot whose speed limits a log must satisfy: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     integrator: str | None = None
@@ -80,12 +85,19 @@ class Calibrate(Writing, Recorded):
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym.calibration import calibrate
         from turtlebot_gym_agents.commands.calibration_report import calibration_figure, calibration_tables, comment
+        from turtlebot_gym_agents.evaluation.by_map import calibrate_by_map
         from turtlebot_gym_agents.provenance import provenance
 
         robot, parts, refused = make_robot(self.robot), itertools.count(1), ""
         drive = self._read(self.log, robot)
         self._fit_gyro(drive)
+        fit: Callable[..., Calibration] = calibrate
+        options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
+        if self.map is not None:
+            fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
         by_tape = self.loop or any(each is not None for each in (self.distance, self.turns, self.measured))
+        if by_tape and self.map is not None:
+            raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
         if by_tape and self.plot is not None:
             raise ValueError("--plot shows errors along a drive, and a tape measures its ends alone: leave one of them out.")
         try:
@@ -93,14 +105,13 @@ class Calibrate(Writing, Recorded):
                 fitted = (
                     self._by_tape(drive, robot)
                     if by_tape
-                    else calibrate(
+                    else fit(
                         drive,
                         kind=self.odometry,
-                        use_truth=self.truth != "none",
                         integrator=self.integrator,
-                        segment=self.segment,
                         delay=self.delay,
                         progress=lambda part: advance_to(next(parts)),
+                        **options,
                     )
                 )
         except ValueError as error:

@@ -12,6 +12,7 @@ import tyro
 
 from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
+from turtlebot_gym_agents.commands.placed import Placed
 from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.provenance import write_json
 
@@ -25,21 +26,13 @@ if TYPE_CHECKING:
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Localize(Writing, Recorded):
+class Localize(Writing, Placed, Recorded):
     """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""
 
     file: tyro.conf.Positional[Path]
     """Recording with odometry and scans: a bag, or a log of CARMEN."""
     map: Path
     """Map, as map_server takes it (FILE.yaml)."""
-    localizer: str = "robot"
-    """Assumptions: robot, match, or a file of them (FILE.toml)."""
-    lidar: str = "lds01"
-    """LiDAR preset that match assumes."""
-    hits: bool = True
-    """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
-    start: tuple[float, float, float] | None = None
-    """Pose in the map at the first row, to 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
     json: JsonFile = None
     """Write configuration, results and the belief at each row here."""
     plot: FigureFile = None
@@ -50,26 +43,15 @@ class Localize(Writing, Recorded):
 
         from turtlebot_gym.drives import read
         from turtlebot_gym.drives.drive import known
-        from turtlebot_gym.localization.tuning import make_localizer
-        from turtlebot_gym.rooms.lidar import LIDARS
-        from turtlebot_gym.rooms.maps import read_map
-        from turtlebot_gym.validation import choose
-        from turtlebot_gym.values import Pose
         from turtlebot_gym_agents.evaluation.localize import STATES, errors_of, localize, recorded_of
 
-        tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(self.map).map
         drive = read(self.file, **self.reading())
         for remark in drive.remarks:
             print(remark, file=sys.stderr)
+        grid, (field, frame, tuning, start, R, first) = self.place(self.map, drive, self.file)
         rows = np.flatnonzero(known(drive.truth))
-        if self.start is None and not len(rows):
-            raise ValueError(f"{self.file} holds no truth: --start must say where in the map the drive begins.")
-        first = 0 if self.start is not None else int(rows[0])
-        start = Pose(*(self.start if self.start is not None else drive.truth[first].tolist()))
-        assert grid is not None
-        field, R = grid.field(hits=self.hits), (0.01, 0.01, 0.001) if self.start is None else (0.02, 0.02, 0.02)
         recorded, where = recorded_of(drive)
-        course = localize(recorded, field, grid.frame, tuning, start, R, int(where[first]))
+        course = localize(recorded, field, frame, tuning, start, R, int(where[first]))
         states = {name: float(np.mean(course.states[where[first] :] == state)) for name, state in STATES.items()}
         judged = rows[rows >= first]
         errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}

@@ -67,6 +67,8 @@ class Course(NamedTuple):
     """`localizer.TRACKING`, `UNSURE` or `LOST`, shape (T,)."""
     scans: int
     """Number of scans used."""
+    scale: float
+    """Share by which ranges are too long, at the end."""
 
 
 def _follow(
@@ -129,19 +131,27 @@ def localize(
         R: Variances of that pose; m^2, m^2, rad^2.
         first: The first row; those before are NaN.
     """
-    rows, time, last, interval = recorded.rows.astype(np.int64), recorded.time, recorded.last, recorded.interval
-    if not (np.diff(time) > 0.0).all():  # stamps that do not increase are no clock: the rows count instead
-        time, last, interval = np.arange(len(recorded.odometry), dtype=np.float64), rows.astype(np.float64), 0.0
+    recorded = clocked(recorded)
+    time = recorded.time
     q: Any = as_tuple(tuning)
     course, states = np.full((len(time), 10), np.nan), np.zeros(len(time), np.int64)
-    timing = Timing(0.0, interval, *recorded.mount, recorded.range_max)
+    timing = Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max)
     located = _follower()(
-        time, recorded.odometry, rows, last, recorded.ranges, directions(recorded.angles), timing, field, frame, q,
-        locate(start, R, q), first, course, states,
+        time, recorded.odometry, recorded.rows, recorded.last, recorded.ranges, directions(recorded.angles), timing, field,
+        frame, q, locate(start, R, q), first, course, states,
     )  # fmt: skip
     a, b, c, d, e, f = course[:, 3:9].T
     covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
-    return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans))
+    return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
+
+
+def clocked(recorded: Recorded) -> Recorded:
+    """Return a recording whose time increases: stamps that do not are no clock, and the rows count instead."""
+    rows = recorded.rows.astype(np.int64)
+    if (np.diff(recorded.time) > 0.0).all():
+        return recorded._replace(rows=rows)
+    time = np.arange(len(recorded.odometry), dtype=np.float64)
+    return recorded._replace(time=time, rows=rows, last=rows.astype(np.float64), interval=0.0)
 
 
 def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:

@@ -1,0 +1,49 @@
+"""The options of every command that localizes a recording in a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from turtlebot_gym.drives.drive import Drive
+    from turtlebot_gym.rooms.grid import GridMap
+    from turtlebot_gym_agents.evaluation.by_map import Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """How a recording is localized."""
+
+    localizer: str = "robot"
+    """Assumptions: robot, match, or a file of them (FILE.toml)."""
+    lidar: str = "lds01"
+    """LiDAR preset that match assumes."""
+    hits: bool = True
+    """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
+    start: tuple[float, float, float] | None = None
+    """Pose in the map at the first row, to 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+
+    def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, Place]:
+        """Return a map, and the place of a drive in it."""
+        from turtlebot_gym.drives.drive import known
+        from turtlebot_gym.localization.tuning import make_localizer
+        from turtlebot_gym.rooms.lidar import LIDARS
+        from turtlebot_gym.rooms.maps import read_map
+        from turtlebot_gym.validation import choose
+        from turtlebot_gym.values import Pose
+        from turtlebot_gym_agents.evaluation.by_map import Place
+
+        tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(map).map
+        assert grid is not None
+        rows = np.flatnonzero(known(drive.truth))
+        if self.start is not None:
+            return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, Pose(*self.start))
+        if not len(rows):
+            raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins.")
+        first = int(rows[0])
+        start, R = Pose(*drive.truth[first].tolist()), (0.01, 0.01, 0.001)
+        return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, start, R, first)
