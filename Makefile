@@ -161,6 +161,9 @@ bench-arrival: $(READY)  ## when a robot should believe that it has arrived: rul
 bench-localization: $(READY)  ## the localizer in rooms: errors, honesty, wrong maps and wheels, speed (10 minutes)
 	$(RUN)python benchmarks/localization.py
 
+bench-missions: $(READY)  ## goals in turn for ten minutes: on wheels, localized, and on the truth (10 minutes)
+	$(RUN)python benchmarks/missions.py
+
 bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, and late but taken for new (5 minutes)
 	$(RUN)python benchmarks/fix.py
 

@@ -31,9 +31,10 @@ from scenarios import kept, name_of, results_folder, run_all, slug
 from turtlebot_gym.rooms.gazebo import enclosed
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.commands.console import ROOMS, print_tables
+from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
+from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
 AT_ONCE = 20

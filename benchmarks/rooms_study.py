@@ -26,11 +26,12 @@ from scenarios import best_of_trainings, described, kept, name_of, results_folde
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
-from turtlebot_gym_agents.commands.console import ROOMS, print_tables
+from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import SAFETY, pretrained_folder
 from turtlebot_gym_agents.provenance import settings_of, write_json
 

@@ -75,7 +75,8 @@ __all__ = [
 def _register_environments() -> None:
     from gymnasium.envs.registration import register
 
-    for name, task, steps in (("Nav", "nav", 300), ("Pose", "pose", 300), ("Square", "square", 600), ("Rooms", "room", 600)):
+    ids = {"Nav": ("nav", 300), "Pose": ("pose", 300), "Square": ("square", 600), "Rooms": ("room", 600)}
+    for name, (task, steps) in (ids | {"Missions": ("mission", 6000)}).items():
         register(
             id=f"turtlebot_gym/TurtleBot{name}-v0",
             entry_point="turtlebot_gym.envs.navigation:NavigationEnv",

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
-from turtlebot_gym.models.random import ROOM, sub_key, uniforms
+from turtlebot_gym.models.random import GOALS, ROOM, sub_key, uniforms
 from turtlebot_gym.rooms.geodesic import MARGIN, block, cell_of, is_free, spread
 from turtlebot_gym.rooms.rays import distance_to_circle
-from turtlebot_gym.rooms.rules import CELLULAR, GIVEN, OFFICE, RoomRules
+from turtlebot_gym.rooms.rules import ANYWHERE, CELLULAR, GIVEN, OFFICE, RoomRules
 from turtlebot_gym.rooms.scene import UNREACHED, Scene
 from turtlebot_gym.values import Pose
 
@@ -26,6 +26,8 @@ _DOOR = 0.9
 """Width of a door, m."""
 _WALL = 0.05
 """Half the thickness of an inner wall, m."""
+_END = 0.8
+"""Share of the room's length at which its last fifth begins."""
 _SHUT = 0.25
 """Share of walled-up doors."""
 OFFICE_ROOMS = (3, 2)
@@ -181,11 +183,11 @@ def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: floa
 
 
 @kernel
-def _goal_near(scene: Scene, rules: RoomRules, start: Pose, key: int, at: int) -> Pose:
-    """Return a given goal, or one drawn close enough to the start."""
+def _goal_near(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, start: Pose, key: int, at: int) -> Pose:
+    """Return a given goal, or one drawn close enough to the start, in a fifth of the room or anywhere."""
     walls, far = scene.walls, rules.max_distance
-    goal = _place(scene, rules, rules.goal, 0.8, key, at)
-    if not math.isnan(rules.goal[0]) or far == math.inf:
+    goal = _place(scene, rules, given, share, key, at)
+    if not math.isnan(given[0]) or far == math.inf:
         return goal
     u1, u2 = uniforms(key, at, 0)
     x = _between(max(start.x - far, walls[0] - walls[2]), min(start.x + far, walls[0] + walls[2]), u1)
@@ -232,7 +234,7 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
         to_be_blocked = rules.kind != GIVEN
         for place in range(ATTEMPTS):
             start = _place(scene, rules, rules.start, 0.0, room_key, first + _PLACES + 2 * place)
-            goal = _goal_near(scene, rules, start, room_key, first + _PLACES + 2 * place + 1)
+            goal = _goal_near(scene, rules, rules.goal, _END, start, room_key, first + _PLACES + 2 * place + 1)
             dx, dy = goal.x - start.x, goal.y - start.y
             far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
             taken = math.isnan(rules.start[0]) and _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
@@ -245,3 +247,31 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
                 break
     block(scene, radius + MARGIN)  # there is no path, so the grid must show none
     return start, goal
+
+
+@kernel
+def draw_next(scene: Scene, rules: RoomRules, before: Pose, key: int, number: int) -> Pose:
+    """Draw the goal after another one: far enough from it, and with a path to it, or the farthest of `ATTEMPTS`.
+
+    It depends on the goals before it alone, and not on where the robot is. In rooms that are driven through, goals are at both
+    ends in turn.
+
+    Args:
+        scene: The drawn room, with the paths to the goal before.
+        rules: Rules by which the room was drawn.
+        before: The goal before.
+        key: The episode's key.
+        number: Number of goals before, from 1.
+    """
+    goal, farthest, goals_key = before, -1.0, sub_key(key, GOALS)
+    for attempt in range(ATTEMPTS):
+        at = number * ATTEMPTS + attempt
+        drawn = _goal_near(scene, rules, ANYWHERE, _END if number % 2 == 0 else 0.0, before, goals_key, at)
+        row, column = cell_of(scene, drawn.x, drawn.y)
+        dx, dy = drawn.x - before.x, drawn.y - before.y
+        far = sqrt(dx * dx + dy * dy)
+        if scene.ways[row, column] < UNREACHED - 1 and far > farthest:
+            goal, farthest = drawn, far
+        if farthest >= rules.min_distance:
+            break
+    return goal

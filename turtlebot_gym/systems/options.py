@@ -51,8 +51,8 @@ class Options:
     """
 
     task: str | Task | None = None
-    """What to reach: nav, pose, square or room; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps`` truncates
-    too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
+    """What to reach: nav, pose, square, room or mission; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps``
+    truncates too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
     """Robot: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml); in Python also a `turtlebot_gym.Robot` or
     a mapping of its fields."""
@@ -82,9 +82,12 @@ class Options:
     """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
     of your own (FILE.yaml); in Python also a `turtlebot_gym.localization.tuning.LocalizerTuning` or a mapping of its fields.
     None for none."""
+    goals: int | None = None
+    """Missions only: most goals that are drawn in turn, with a minute for each: one that the robot does not reach by then is
+    given up. None for as many as the time allows, or what a Task says."""
     arrival: str | None = None
-    """Pose that decides on arrival: truth (the default), or belief, the pose that the policy observes, as on a robot; in Python
-    None leaves it to a Task."""
+    """Pose that decides on arrival: truth, or belief, the pose that the policy observes, as on a robot; None for the task's
+    own, which is truth but in missions."""
     switch: str | None = None
     """Square only: the next waypoint becomes current on arrival, or after a time of 15 s, reached or not."""
     laps: int | None = None
@@ -129,7 +132,7 @@ class Options:
     @property
     def in_room(self) -> bool:
         """Whether there is a room around the robot."""
-        return self.task == "room" or self.world is not None or self.lidar is not None
+        return self.task in ("room", "mission") or self.world is not None or self.lidar is not None
 
     def course(self) -> tuple[Task, tuple[Pose, ...]]:
         """Return the task and its waypoints.
@@ -146,6 +149,10 @@ class Options:
                 f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task {shown(name)}."
             )
         changes: dict[str, Any] = {}
+        if self.goals is not None:
+            if not (self.in_room and task.laps > 1):
+                raise ValueError(f"goals are for turtlebot_gym/TurtleBotMissions-v0 and its task 'mission', got {shown(name)}.")
+            changes["laps"] = whole("goals", self.goals, 1)
         if self.arrival is not None:
             changes["on_belief"] = choose("arrival", self.arrival, {"truth": False, "belief": True})
         if self.switch is not None:

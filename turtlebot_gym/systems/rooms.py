@@ -26,12 +26,13 @@ from turtlebot_gym.rooms.sensing import clearance, measure, walk
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.localizing import localizing
+from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
-from turtlebot_gym.systems.world import Outcome
+from turtlebot_gym.systems.world import Around, Outcome
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
@@ -42,25 +43,6 @@ ROOM_LAYOUT = 2
 
 SIZES = {OBSERVATION_LAYOUT: len(OBSERVATION_LOW), ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1}
 """Size of the observation, by layout."""
-
-
-class Around(NamedTuple):
-    """State of the robot in its room."""
-
-    pose: Pose
-    """True pose at the end of the previous step."""
-    way: float
-    """Length of the shortest path to the goal, m."""
-    clearance: float
-    """Distance from the robot's footprint to the nearest surface, m; negative on contact."""
-    least: float
-    """Least clearance since the start, m."""
-    path_length: float
-    """Distance driven since the start, m."""
-    scan_age: float
-    """Age of the newest scan by its stamp, s."""
-    collided: bool
-    """Whether the robot touches something."""
 
 
 class _RoomObservation(NamedTuple):
@@ -92,7 +74,7 @@ def _first_look(world, key, p, scene):
     leave_out_blind(scene.spans, scene.beams, int(lidar.beams))
     measure(scene, pose, pose, -int(lidar.beams), 0, 0.0, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
-    return Around(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0)
+    return Around(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0, 0.0)
 
 
 @kernel
@@ -107,7 +89,7 @@ def _look_round(world, key, p, scene):
     way = way_left(scene, pose.x, pose.y)
     return Around(
         pose, way if way >= 0.0 else before.way, near, min(before.least, near), before.path_length + sqrt(dx * dx + dy * dy),
-        age_of_scan(at, lidar, p.dt), near < 0.0,
+        age_of_scan(at, lidar, p.dt), near < 0.0, before.given,
     )  # fmt: skip
 
 
@@ -182,6 +164,7 @@ def system_of(parameters: Parameters) -> System:
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
     system = localizing(system) if parameters.localizer else system
+    system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
     for name in SENSORS:
         if getattr(parameters, name):
             system = system.with_sensor(_SENSORS[name](parameters))

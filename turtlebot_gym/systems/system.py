@@ -44,6 +44,9 @@ class Surroundings(NamedTuple):
     returns: a NamedTuple before them and one number after them."""
     seen: int
     """Number of ranges."""
+    renew: Callable[..., Any] | None = None
+    """``renew(world, outcome, key, p, scene)`` ends a step: it returns world and outcome, with the next goal where one was
+    reached; None if an episode has one goal."""
 
 
 class System(NamedTuple):
@@ -131,6 +134,11 @@ def _leave(world: Snapshot, room: tuple[()], outcome: Outcome, p: Any) -> Outcom
     return outcome
 
 
+@kernel
+def _keep(world: Snapshot, outcome: Outcome, key: int, p: Any, scene: Any) -> tuple[Snapshot, Outcome]:
+    return world, outcome
+
+
 @cache
 def step_of(system: System) -> Step:
     """Return the step of a system.
@@ -147,6 +155,7 @@ def step_of(system: System) -> Step:
     first_look, look, complete = (
         (around.first_look, around.look, around.complete) if around else (_see_nothing, _see_nothing, _leave)
     )
+    renew = around.renew if around and around.renew else _keep
 
     @kernel
     def begin(pose, key, waypoints, p, scene):
@@ -182,13 +191,14 @@ def step_of(system: System) -> Step:
         return Snapshot(world.body, world.senses, world.estimate, course, world.steps, world.room), told
 
     @kernel
-    def completed(world, room, outcome, p):
+    def completed(world, room, outcome, key, p, scene):
         outcome = complete(world, room, outcome, p)
-        return Snapshot(world.body, world.senses, world.estimate, world.course, world.steps, room), outcome
+        world = Snapshot(world.body, world.senses, world.estimate, world.course, world.steps, room)
+        return renew(world, outcome, key, p, scene)
 
     @kernel
     def look_round(world, outcome, key, p, scene):
-        return completed(world, look(world, key, p, scene), outcome, p)
+        return completed(world, look(world, key, p, scene), outcome, key, p, scene)
 
     @kernel
     def transition(world, command, key, waypoints, p, scene):
@@ -204,7 +214,7 @@ def step_of(system: System) -> Step:
         estimate = estimate_of(world.estimate, world.senses, senses, p, room, scene)
         world, outcome = conclude(world, body, senses, estimate, len(waypoints), p)
         world, outcome = retarget(world, outcome, waypoints, p) if outcome.reached else (world, outcome)
-        return completed(world, room, outcome, p)
+        return completed(world, room, outcome, key, p, scene)
 
     chosen = transition_by_scan if system.reads_scan else transition
     return Step(begin, chosen, system.observe, advance, retarget, look_round)

@@ -31,6 +31,27 @@ class Course(NamedTuple):
     """Number of waypoints done."""
 
 
+class Around(NamedTuple):
+    """State of the robot in its room."""
+
+    pose: Pose
+    """True pose at the end of the previous step."""
+    way: float
+    """Length of the shortest path to the goal, m."""
+    clearance: float
+    """Distance from the robot's footprint to the nearest surface, m; negative on contact."""
+    least: float
+    """Least clearance since the start, m."""
+    path_length: float
+    """Distance driven since the start, m."""
+    scan_age: float
+    """Age of the newest scan by its stamp, s."""
+    collided: bool
+    """Whether the robot touches something."""
+    given: float
+    """Steps from the start until the goal was given."""
+
+
 class Snapshot(NamedTuple):
     """The whole state of an environment."""
 
@@ -43,7 +64,7 @@ class Snapshot(NamedTuple):
     steps: float
     """Steps since the start."""
     room: Any = ()
-    """State of the robot in its room, `systems.rooms.Around`; an empty tuple on open ground."""
+    """State of the robot in its room, `Around`; an empty tuple on open ground."""
 
 
 class Outcome(NamedTuple):

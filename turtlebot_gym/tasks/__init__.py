@@ -15,11 +15,13 @@ from turtlebot_gym.tasks.rules import (
     distance_to,
     draw_goal,
     due,
+    overdue,
     remaining,
     reward_of,
     start_pose,
 )
 from turtlebot_gym.tasks.task import (
+    MISSION,
     NAV,
     POSE,
     ROOM,
@@ -31,6 +33,7 @@ from turtlebot_gym.tasks.task import (
 )
 
 __all__ = [
+    "MISSION",
     "NAV",
     "OBSERVATION_HIGH",
     "OBSERVATION_LAYOUT",
@@ -50,6 +53,7 @@ __all__ = [
     "draw_goal",
     "due",
     "observe",
+    "overdue",
     "remaining",
     "reward_of",
     "start_pose",

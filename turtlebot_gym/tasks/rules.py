@@ -86,6 +86,12 @@ def due(steps: float, visited: float, task: Task, dt: float) -> bool:
     return steps * dt > (visited + 1.0) * task.switch_period - 0.5 * dt
 
 
+@kernel
+def overdue(steps: float, task: Task, dt: float) -> bool:
+    """Return whether a goal is to be given up that has been the current one for so many steps of ``dt`` s."""
+    return steps * dt > task.patience - 0.5 * dt
+
+
 @algebra
 def remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -> float:
     """Return the remaining distance up to the reference, m; negative beyond it.

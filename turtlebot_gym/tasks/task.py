@@ -35,7 +35,9 @@ class Task:
     switch_period: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
     laps: Annotated[int, ONE_OR_MORE] = 1
-    """Number of rounds through the waypoints."""
+    """Number of rounds through the waypoints; in a room, number of goals that are drawn in turn ..."""
+    patience: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """... and the time after which one of several that the robot does not reach is given up for the next, s."""
     max_steps: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Steps after which an episode is truncated; infinite to leave that to the environment."""
 
@@ -54,6 +56,8 @@ SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
 
 ROOM = Task(radius=0.2, max_steps=600.0)
 """A goal point in a room, which determines start and goal."""
+MISSION = Task(radius=0.2, on_belief=True, laps=1000, patience=60.0, max_steps=6000.0)
+"""Goals in a room, one after another until the time is over."""
 
 SQUARE_WAYPOINTS = (
     Pose(2.0, 0.0, 0.0),
@@ -66,5 +70,5 @@ SQUARE_PERIOD = 15.0
 """The tutorial's time for each of its waypoints, s."""
 
 
-TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE, "room": ROOM}
+TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE, "room": ROOM, "mission": MISSION}
 """Tasks by name."""

@@ -37,9 +37,6 @@ class Writing:
         return {name: value for name, value in asdict(self).items() if name != "force"}
 
 
-ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
-
-
 _OF_A_DRIVE = ("switch", "laps", "plant")
 _IN_PYTHON = ("task", "waypoints", "reward", "dt", "integrator")
 _ENVIRONMENT = flags(*(name for name in OPTIONS if name not in (*_OF_A_DRIVE, *_IN_PYTHON)))
@@ -48,8 +45,8 @@ _ENVIRONMENT = flags(*(name for name in OPTIONS if name not in (*_OF_A_DRIVE, *_
 @dataclass(frozen=True, kw_only=True)
 class _Episodes:
     env: str = "turtlebot_gym/TurtleBotNav-v0"
-    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0 or
-    .../TurtleBotRooms-v0."""
+    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0,
+    .../TurtleBotRooms-v0 or .../TurtleBotMissions-v0."""
     seed: int = 0
     """The first seed."""
 

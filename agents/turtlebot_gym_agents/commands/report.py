@@ -58,7 +58,21 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> t
     tables = [driven, estimate, odometry]
     if all("collision" in evaluation.summary() for evaluation in evaluations.values()):
         tables.insert(1, _rooms_table(evaluations))
+    if all("goals" in evaluation.summary() for evaluation in evaluations.values()):
+        tables.insert(1, _missions_table(evaluations))
     return tuple(tables)
+
+
+def _missions_table(evaluations: Mapping[str, Evaluation]) -> Table:
+    table = Table(
+        "", "truly reached, %", "falsely, %", "truly reached an hour", "lost, % of the time",
+        title="goals, of those given", caption="lost: the observed pose is more than 0.5 m off",
+    )  # fmt: skip
+    for label, evaluation in evaluations.items():
+        s = evaluation.summary()
+        true, false, lost = (_percent(s[name]) for name in ("goals", "false_goals", "lost"))
+        table.add_row(label, true, false, _number(s["goals_an_hour"], 1), lost)
+    return table
 
 
 def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:

@@ -58,6 +58,12 @@ class Episodes(NamedTuple):
     """Squared speed and turning rate as shares of their limits, summed; mean over the steps."""
     reached: NDArray[np.int64]
     """Number of waypoints that the true pose reached while they were current."""
+    given: NDArray[np.int64]
+    """Number of waypoints that were completed or given up, or on the way to which the robot collided."""
+    arrivals: NDArray[np.int64]
+    """Number of those at whose completion the true pose was there ..."""
+    false_arrivals: NDArray[np.int64]
+    """... and of those at whose completion it was not, although the policy's pose was."""
     miss: NDArray[np.float64]
     """True distance to a waypoint at its completion; mean over waypoints, m."""
     false_arrival: NDArray[np.bool_]
@@ -74,6 +80,12 @@ class Episodes(NamedTuple):
     """Errors of the filter's estimate over the steps."""
     odometry: Errors
     """Errors of the measured odometry over the steps."""
+    astray: NDArray[np.float64]
+    """Share of the steps in which the pose that the policy observed was farther than `ASTRAY` from the truth."""
+
+
+ASTRAY = 0.5
+"""Error of the position from which on a robot counts as lost, m."""
 
 
 def concatenate(parts: Sequence[Episodes]) -> Episodes:
@@ -104,30 +116,39 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
 
     away = _distance(truth, due)
     there = _at(truth, due, running, task, arrived)
-    seen_there = _at(_observed(record, p), due, running, task, believed_to_arrive)
+    observed = _observed(record, p)
+    seen_there = _at(observed, due, running, task, believed_to_arrive)
     legs = [leg == number for number in range(int(leg.max()) + 1)]
     first_seen = np.any([_first(seen_there & leg) for leg in legs], axis=0)
     effort = ((record.command[1:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
     sides = _distance(record.reference[1:], due)
 
+    collision = np.any(record.collision[1:] & running, axis=0)
+    success = np.any(record.is_success[1:] & running, axis=0)
+    ended = changed | (done_with & (collision | success))
+
     top_speed = min(p.robot.max_linear, p.robot.max_wheel)
     straight = _distance(record.true_state[0], record.reference[0]) + np.sum(sides, axis=0, where=changed)
     return Episodes(
         seed=seed + np.arange(steps.size),
-        success=np.any(record.is_success[1:] & running, axis=0),
+        success=success,
         time=steps * p.dt,
         ideal=(straight - task.radius) / top_speed,
         path=np.sum(_distance(truth, record.true_state[:-1]), axis=0, where=running),
         effort=_mean(effort, running),
         reached=np.sum([(there & leg).any(axis=0) for leg in legs], axis=0),
+        given=ended.sum(axis=0),
+        arrivals=(ended & there & ~record.collision[1:]).sum(axis=0),
+        false_arrivals=(ended & seen_there & ~there).sum(axis=0),
         miss=_mean(away, done_with),
         false_arrival=np.any(first_seen & ~there, axis=0),
         arrival_distance=_mean(away, first_seen),
-        collision=np.any(record.collision[1:] & running, axis=0),
+        collision=collision,
         clearance=np.min(record.clearance, axis=0, where=record.running, initial=np.inf),
         shortest=record.way_left[0] - task.radius,
         estimate=_errors(record.estimate[1:], truth, running),
         odometry=_errors(record.odometry[1:], truth, running),
+        astray=_mean(_distance(observed, truth) > ASTRAY, running),
     )
 
 

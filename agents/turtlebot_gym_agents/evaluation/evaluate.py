@@ -71,9 +71,20 @@ class Evaluation:
             "effort": metrics.mean(e.effort),
             "false_arrival": metrics.share(e.false_arrival),
             "arrival_distance": metrics.mean(e.arrival_distance),
+            **(self._on_missions() if e.given.max() > 1 and np.isfinite(e.clearance).all() else {}),
             **(self._in_rooms() if np.isfinite(e.clearance).all() else {}),
             **{f"estimate_{name}": metrics.mean(values) for name, values in e.estimate._asdict().items()},
             **{f"odometry_{name}": metrics.mean(values) for name, values in e.odometry._asdict().items()},
+        }
+
+    def _on_missions(self) -> dict[str, Interval]:
+        """Return the summary of missions: shares of the goals given, and of the time."""
+        e = self.episodes
+        return {
+            "goals": metrics.ratio(e.arrivals, e.given),
+            "false_goals": metrics.ratio(e.false_arrivals, e.given),
+            "goals_an_hour": metrics.ratio(e.arrivals, e.time / 3600.0),
+            "lost": metrics.ratio(e.astray * e.time, e.time),
         }
 
     def _in_rooms(self) -> dict[str, Interval]:

@@ -18,6 +18,7 @@ from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Command, Pose
+from turtlebot_gym_agents.evaluation.episodes import ASTRAY
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan."""
@@ -25,10 +26,6 @@ FAR = 20.0
 """Greatest range that is used, m: the end of a longer beam moves by its heading's error more than a map's cells are wide."""
 STILL, UNTURNED = 0.02, 0.01
 """Way and turn since the last scan up to which a scan says nothing new, m and rad: it is left out."""
-
-
-ASTRAY = 0.5
-"""Error of the position from which on a robot counts as lost, m."""
 
 
 class Recorded(NamedTuple):

@@ -72,6 +72,20 @@ def share(happened: ArrayLike) -> Interval:
     return wilson(float(flags.mean()), flags.size, float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)))
 
 
+def ratio(parts: ArrayLike, wholes: ArrayLike) -> Interval:
+    """Return the ratio of two sums over independent cases, with the interval of its linearization.
+
+    Args:
+        parts: Shape (n,), n > 0.
+        wholes: Shape (n,), positive in sum.
+    """
+    parts, wholes = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
+    size = wholes.mean()
+    value = float(parts.mean() / size)
+    _, low, high = mean((parts - value * wholes) / size)
+    return Interval(value, value + low, value + high)
+
+
 def wilson(p: float, n: float, z: float) -> Interval:
     """Return Wilson's interval for a share.
 

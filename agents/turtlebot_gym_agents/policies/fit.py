@@ -13,6 +13,9 @@ from turtlebot_gym.files import is_file
 from turtlebot_gym.validation import made, shown
 from turtlebot_gym_agents.provenance import plain
 
+ROOMS, MISSIONS = "turtlebot_gym/TurtleBotRooms-v0", "turtlebot_gym/TurtleBotMissions-v0"
+"""A mission is the task of rooms, goal after goal."""
+
 
 def describe_robot(robot: str | Robot) -> dict[str, Any]:
     """Return the description of a robot in a policy's file."""
@@ -43,6 +46,7 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
         ValueError: If task or observation differs; the message names both.
     """
     card: Any = getattr(policy, "card", None)
+    env = ROOMS if env == MISSIONS else env
     if card is not None and (card.env, card.observation) != (env, observation):
         raise ValueError(
             f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; "
