@@ -1,6 +1,7 @@
 """Missions: goals in turn, the same compiled and in plain Python, and counted by the truth."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def test_the_goals_depend_on_the_episode_and_not_on_how_the_robot_drives():
     assert here[:both] == there[:both]
     assert here[:both] != goals_of(Command(0.0, 0.0), 5)[:both]
     p, _ = mission()
-    assert all(np.hypot(b.x - a.x, b.y - a.y) >= p.room.rules.min_distance for a, b in zip(here, here[1:], strict=False))
+    assert all(np.hypot(b.x - a.x, b.y - a.y) >= p.room.rules.min_distance for a, b in pairwise(here))
 
 
 def test_a_goal_that_is_not_reached_in_time_is_given_up_and_the_mission_ends_with_its_goals():
