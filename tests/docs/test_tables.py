@@ -67,10 +67,10 @@ def test_the_table_of_the_localizer_is_what_was_measured():
 
 def test_the_table_of_missions_is_what_was_measured():
     results, names = measured("missions"), {"wheels": "wheels alone", "localizer": "localizer", "truth": "the truth"}
-    rows = [[x["world"], f"`{x['policy']}`", names[x["belief"]], shown(x["goals"], digits=0),
-             *(f"{unit * x[name]['value']:.0f}" for name, unit in (("false_goals", 100.0), ("goals_an_hour", 1.0), ("lost", 100.0)))]
-            for x in results["missions"]]  # fmt: skip
-    assert rows_after("docs/concepts/belief.md", "## Goals in turn") == rows
+    units = {"false_goals": 100.0, "goals_an_hour": 1.0, "lost": 100.0}
+    for row, x in zip(rows_after("docs/concepts/belief.md", "## Goals in turn"), results["missions"], strict=True):
+        others = [f"{unit * x[name]['value']:.0f}" for name, unit in units.items()]
+        assert row == [x["world"], f"`{x['policy']}`", names[x["belief"]], shown(x["goals"], digits=0), *others]
     assert f"On {results['config']['missions']} missions" in (ROOT / "docs/concepts/belief.md").read_text(encoding="utf-8")
 
 
