@@ -27,6 +27,7 @@ SHOWN = {
     "TurtleBotPose": Shown("rotate-drive-rotate", 80, 2, "a pose: within 0.15 m and 0.2 rad, the sector, and not spinning"),
     "TurtleBotSquare": Shown("corner", 250, 0, "the corners of a square in turn, each within 0.3 m"),
     "TurtleBotRooms": Shown("vfh", 140, 1, "a point in a room, by the beams of a LiDAR"),
+    "TurtleBotMissions": Shown("vfh", 300, 1, "points in a room in turn, for ten minutes"),
 }
 
 

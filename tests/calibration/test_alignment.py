@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from turtlebot_gym.calibration.alignment import _NO_SHIFT, _best, _shift_truth, _twist_delay
+from turtlebot_gym.calibration.alignment import NO_SHIFT, _best, _shift_truth, _twist_delay
 from turtlebot_gym.drives import Drive
 
 GRID = 0.1 * np.arange(-5, 6)
@@ -49,7 +49,7 @@ def test_a_robot_that_follows_its_twist_later_lags_by_that(heading, lag):
 def test_a_short_drive_tells_nothing_of_clocks():
     time = 0.05 * np.arange(40)
     poses = np.zeros((40, 3))
-    assert _twist_delay(Drive(time=time, twist=np.zeros((40, 2)), true_state=poses), poses, 0.1) == _NO_SHIFT
+    assert _twist_delay(Drive(time=time, twist=np.zeros((40, 2)), true_state=poses), poses, 0.1) == NO_SHIFT
 
 
 def test_poses_that_lag_behind_the_truth_get_the_truth_of_their_own_moment():

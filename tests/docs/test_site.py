@@ -21,6 +21,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_ros.field.program import parser as field_test_parser
+from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
 from turtlebot_gym_ros.nodes import NODES
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
@@ -68,6 +69,8 @@ def check(line, ros):
             known("/" + remapping.partition(":=")[2])
         case ["python", "-m", "turtlebot_gym_ros", "field_test", *given]:
             assert not field_test_parser().parse_known_args(given)[1]
+        case ["python", "-m", "turtlebot_gym_ros", "bringup", *given]:
+            assert not bringup_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", node, *given]:
             assert node in NODES
             assert given[:1] in ([], ["--ros-args"])

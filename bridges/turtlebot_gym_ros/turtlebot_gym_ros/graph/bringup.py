@@ -89,7 +89,8 @@ def room_metrics(trajectory: Drive) -> dict[str, float]:
     }
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command's options."""
     parser = argparse.ArgumentParser(
         prog="bringup",
         description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
@@ -132,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the graph, print its metrics, and return the exit code."""
-    options = vars(_parser().parse_args(argv))
+    options = vars(parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
     watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
