@@ -185,7 +185,7 @@ def _first(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return flags & (np.cumsum(flags, axis=0) == 1)
 
 
-def _mean(values: NDArray[np.float64], where: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _mean(values: NDArray[np.float64] | NDArray[np.bool_], where: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the mean over time of the values (T, n) whose flag is set; NaN if none is."""
     count = where.sum(axis=0)
     return np.where(count > 0, np.sum(values, axis=0, where=where) / np.maximum(count, 1), np.nan)
