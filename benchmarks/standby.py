@@ -91,7 +91,7 @@ class Wheels:
 def start(name: str, domain: int, *parameters: str) -> subprocess.Popen[bytes]:
     """Start a node as a process."""
     words = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", "--log-level", "fatal"]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     return subprocess.Popen([*words, *parameters], env=environment)
 
 
@@ -99,7 +99,7 @@ def measure(config: Config) -> dict[str, Any]:
     """Kill or suspend the guard so many times, and return the times."""
     from turtlebot_gym_ros.base.discovery import prepare
 
-    prepare()
+    prepare(local=False)  # as on a robot
     rng, wheels = random.Random(config.seed), Wheels(config.domain)
     guard = [start("cmd_vel_guard", config.domain, "-p", "require_standby:=true")]
     standby = start("cmd_vel_standby", config.domain)

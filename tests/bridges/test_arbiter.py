@@ -169,8 +169,8 @@ def a_flood_is_a_stop(arbiter):
 def a_robot_that_joins_at_the_start_stands_first(arbiter):
     arbiter.hear("program", AHEAD, T)
     arbiter.greet(T)
-    assert set(drive(arbiter, 0.0, 0.3, AHEAD)) == {STOP}
-    assert drive(arbiter, 0.32, 0.3, AHEAD)[-1] == AHEAD
+    assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
+    assert drive(arbiter, 1.02, 0.3, AHEAD)[-1] == AHEAD
 
 
 def a_motion_in_force_is_repeated(arbiter):

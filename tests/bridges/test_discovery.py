@@ -13,6 +13,15 @@ from std_msgs.msg import Empty
 from turtlebot_gym_ros.base.discovery import PROFILE, _profiles_variable, prepare
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+SHARED = """
+import glob, time
+import rclpy
+rclpy.init()
+node = rclpy.create_node("node")
+time.sleep(0.5)
+raise SystemExit(bool(glob.glob("/dev/shm/fastrtps_port266[5-9]*")))  # the first ports of domain 77
+"""
 
 
 @pytest.fixture
@@ -55,6 +64,19 @@ def test_a_profile_of_ones_own_stays(environment):
     prepare()
     assert "FASTDDS_DEFAULT_PROFILES_FILE" not in environment
     assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"] == "mine.xml"
+
+
+def test_no_memory_is_shared_unless_asked(environment):
+    prepare()
+    assert environment[TRANSPORTS] == "UDPv4"
+    environment[TRANSPORTS] = "DEFAULT"
+    prepare()
+    assert environment[TRANSPORTS] == "DEFAULT"
+    # Where discovery stays on this machine, rmw_fastrtps shares memory whatever one asks for.
+    bare = {name: value for name, value in os.environ.items() if "FAST" not in name} | {RANGE: "SUBNET", "ROS_DOMAIN_ID": "77"}
+    for transports, shares in (("UDPv4", False), ("DEFAULT", True)):
+        done = subprocess.run([sys.executable, "-c", SHARED], env={**bare, TRANSPORTS: transports}, check=False)
+        assert bool(done.returncode) == shares
 
 
 def test_fast_dds_takes_the_profile():

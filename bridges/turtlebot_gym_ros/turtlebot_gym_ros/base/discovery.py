@@ -14,6 +14,7 @@ PROFILE = Path(__file__).with_name("fastdds.xml")
 lost."""
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _ASKED = (_RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
@@ -34,6 +35,9 @@ def prepare(*, local: bool = True) -> bool:
     """
     if not any(name in os.environ for name in _PROFILES):
         os.environ[_profiles_variable()] = str(PROFILE)
+        # A killed process leaves its shared memory behind, and others may not hear those that start later (eProsima/Fast-DDS
+        # #5469): a standby was deaf to 2 of 46 guards that followed a killed one. Sockets end with their process.
+        os.environ.setdefault(_TRANSPORTS, "UDPv4")
     stays = local and not any(os.environ.get(name) for name in _ASKED)
     if stays:
         os.environ[_RANGE] = "LOCALHOST"

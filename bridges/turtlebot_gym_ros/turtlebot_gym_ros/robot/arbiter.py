@@ -41,7 +41,7 @@ STANDBY_AGE = 0.5
 """Age of the standby's last sign of life at which it no longer counts, s."""
 JOINING = 5.0
 """Time after the start in which a new listener may be a robot that holds a command of an earlier guard, s."""
-HOLD = 0.3
+HOLD = 1.0
 """Time for which such a listener gets zeros before any motion, s."""
 BLIND = 0.5
 """Time after such a gap in which a backlog may arrive, s: undated messages are refused, and silence is not yet a press."""

@@ -14,8 +14,10 @@ Inputs: ``/cmd_vel``. Outputs: ``/cmd_vel``, ``~/alive``, ``/diagnostics`` (1 Hz
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -127,7 +129,7 @@ class CmdVelStandby(Node):
     def _diagnose(self) -> None:
         acts = self._rule.acts(time.monotonic())
         text = "the guard is silent: zeros" if acts else "watches"
-        values = {"takeovers": self._rule.takeovers}
+        values = {"takeovers": self._rule.takeovers, "real-time priority": os.sched_getscheduler(0) == os.SCHED_RR}
         name = self.get_namespace().strip("/") or "turtlebot_gym_ros"
         self._diagnostics.publish(report(self, ERROR if acts else OK, text, hardware=name, values=values))
 
@@ -136,7 +138,9 @@ class CmdVelStandby(Node):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``cmd_vel_standby``."""
+    """Run ``cmd_vel_standby``, before all other processes where the system permits a real-time priority."""
+    with suppress(OSError):  # inherited by the threads of DDS, which begin later
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     return run(CmdVelStandby, argv, local=False)  # it runs on the robot, beside the guard
 
 
