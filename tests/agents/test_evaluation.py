@@ -29,6 +29,7 @@ def by_hand(policy: str, seed: int, *, env: str, radius: float, **options) -> di
     steps, path, effort, success, ended = 0, 0.0, 0.0, False, False
     errors = {"estimate": [], "odometry": []}
     misses, reached, believed_at, false_arrival = [], [False], [None], False
+    given, arrivals, false_arrivals, astray = 0, 0, 0, 0
     due = info["reference"]
     ideal = math.dist(info["true_state"][:2], due[:2]) - radius
     while not ended:
@@ -44,11 +45,15 @@ def by_hand(policy: str, seed: int, *, env: str, radius: float, **options) -> di
         away = math.dist(true[:2], due[:2])
         shown = {"ekf": info["estimate"], "odometry": info["odometry"], "truth": true}[options.get("observation", "ekf")]
         reached[-1] |= away < radius
-        if believed_at[-1] is None and math.dist(shown[:2], due[:2]) < radius - 0.05:  # by the margin
+        there, astray = math.dist(shown[:2], due[:2]) < radius - 0.05, astray + (math.dist(shown[:2], true[:2]) > 0.5)
+        if believed_at[-1] is None and there:  # by the margin
             believed_at[-1] = away
             false_arrival |= away >= radius
         if ended or not np.array_equal(info["reference"], due):
             misses.append(away)
+            if terminated or not ended:
+                given, arrivals = given + 1, arrivals + (away < radius)
+                false_arrivals += there and away >= radius
             ideal += math.dist(info["reference"][:2], due[:2])
             due = info["reference"]
             if not ended:
@@ -63,9 +68,13 @@ def by_hand(policy: str, seed: int, *, env: str, radius: float, **options) -> di
         "path": path,
         "effort": effort / steps,
         "reached": sum(reached),
+        "given": given,
+        "arrivals": arrivals,
+        "false_arrivals": false_arrivals,
         "miss": np.mean(misses),
         "false_arrival": false_arrival,
         "arrival_distance": np.mean(believed) if believed else math.nan,
+        "astray": astray / steps,
     }
     for name, rows in errors.items():
         for what, column in zip(("position", "heading"), np.array(rows).T, strict=True):

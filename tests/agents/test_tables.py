@@ -144,7 +144,7 @@ def test_calibrate():
     estimates["R_theta"] = number(0.01, np.inf, is_determined=False, remedy="turn on the spot, both ways")
     calibration = SimpleNamespace(
         kind="pose", has_truth=True, segment=1.0, segments=123, integrator="euler", noise=make_noise("tutorial"),
-        estimates=estimates, unknown={"bias": "a true pose"}, remarks=["3 rows dropped out"],
+        estimates=estimates, unknown={"bias": "a true pose"}, remarks=["3 rows dropped out"], measured=0,
     )  # fmt: skip
     tables = calibration_tables(calibration, title="a drive with a rather long name.csv")  # pyright: ignore[reportArgumentType]
     require_whole(shown(tables), tables)

@@ -24,7 +24,7 @@ BY_PICKLE = "import pickle, turtlebot_gym as tb; found = type(pickle.loads(pickl
 @pytest.mark.parametrize(
     ("script", "expected"),
     [
-        (IMPORT, [[], [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Rooms", "Square")]]),
+        (IMPORT, [[], [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Missions", "Nav", "Pose", "Rooms", "Square")]]),
         ("from turtlebot_gym import *; found = Robot.__name__", "Robot"),
         ("import turtlebot_gym; found = turtlebot_gym.Robot.__name__", "Robot"),
         ("import turtlebot_gym; found = turtlebot_gym.robots.Robot.__name__", "Robot"),

@@ -203,6 +203,7 @@ def slide(body, command, key, at, p):
     return Body(truth, command, body.asked, body.wheels, False)
 
 
+NEAR = Task(radius=3.0, laps=3)
 ARGUMENTS = {
     "task": ({}, {"task": "pose"}),
     "robot": ({}, {"robot": "waffle"}),
@@ -220,6 +221,7 @@ ARGUMENTS = {
     "fix": ({}, {"fix": "beacons"}),
     "imu": ({"filter": "gyro", "imu": "mpu9250"}, {"filter": "gyro", "imu": "calibrated"}),
     "localizer": ({"task": "room", "noise": "wheel"}, {"task": "room", "noise": "wheel", "localizer": "match"}),
+    "goals": ({"task": NEAR, "world": "clutter"}, {"task": NEAR, "world": "clutter", "goals": 1}),
     "plant": ({}, {"plant": "mujoco"}),
     "system": ({}, {"system": lambda p: system_of(p)._replace(move=slide)}),
     "world": ({"task": "room"}, {"task": "room", "world": "office"}),

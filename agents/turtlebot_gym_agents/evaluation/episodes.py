@@ -125,7 +125,7 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
 
     collision = np.any(record.collision[1:] & running, axis=0)
     success = np.any(record.is_success[1:] & running, axis=0)
-    ended = changed | (done_with & (collision | success))
+    ended = changed | (done_with & (collision | success | (steps < task.max_steps)))
 
     top_speed = min(p.robot.max_linear, p.robot.max_wheel)
     straight = _distance(record.true_state[0], record.reference[0]) + np.sum(sides, axis=0, where=changed)
