@@ -63,7 +63,8 @@ CHANGED = {
     "beams": 30, "deviation": 0.05, "deviation_share": 0.03, "scale": 0.01, "grain": 0.03, "bias": 0.01, "turn_bias": 0.01,
     "length": 0.2, "angle": 0.3, "gate": 2.0, "iterations": 1, "thin": 2.0, "along_walk": 0.05, "along_step": 0.4,
     "aside_walk": 0.05, "aside_step": 0.2, "aside_turn": 0.2, "turn_walk": 0.1, "turn_step": 0.5, "widening": 2.0,
-    "memory": 0.2, "near": 0.05, "doubt": 0.0, "reach": 0.6, "swing": 0.8, "temper": 1.0, "loosen": 0.2, "patience": 2,
+    "usual": 0.3, "memory": 0.2, "near": 0.05, "doubt": 0.0, "reach": 0.3, "swing": 0.3, "temper": 1.0, "loosen": 0.2,
+    "patience": 2,
 }  # fmt: skip
 
 

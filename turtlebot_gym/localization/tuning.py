@@ -59,15 +59,18 @@ class LocalizerTuning:
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
     """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""
+    usual: Annotated[float, POSITIVE] = 0.5
+    """Normalized innovation squared of a scan per degree of freedom where nothing is wrong: below 1, since beams rarely
+    differ as much as map and LiDAR may."""
     memory: Annotated[float, PROBABILITY] = 0.8
     """Share of that factor that stays after a scan without any surprise."""
     near: Annotated[float, POSITIVE] = 0.15
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
-    reach: Annotated[float, NON_NEGATIVE] = 0.3
+    reach: Annotated[float, NON_NEGATIVE] = 0.6
     """Least distance of these starts, m."""
-    swing: Annotated[float, NON_NEGATIVE] = 0.3
+    swing: Annotated[float, NON_NEGATIVE] = 0.6
     """Least turn of these starts, rad."""
     temper: Annotated[float, PROBABILITY] = 0.1
     """Share of a scan's log likelihood that counts where starts are compared: neighbouring beams see the same surfaces."""
@@ -83,7 +86,7 @@ class LocalizerTuning:
 ROBOT = LocalizerTuning(
     beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
     along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
-    widening=1.0, doubt=0.9,
+    widening=1.0, doubt=0.9, reach=0.3, swing=0.3,
 )  # fmt: skip
 """Nothing is known about wheels, LiDAR and map; fitted to public recordings of buildings."""
 
