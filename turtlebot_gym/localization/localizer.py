@@ -236,7 +236,7 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     belief = wrapped(_widened(end.belief, loose, 0.25 * loose))
     surprise = end.nis / end.freedom
     # Where beams do not fit, the map surprises and not the wheels.
-    by_wheels = min(surprise / q.usual, q.gate * q.gate if end.fits >= FITTING else 1.0)
+    by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
     growth = q.memory + (1.0 - q.memory) * by_wheels  # 1 where scans surprise as much as they should
     slack = min(max(located.slack * growth, 1.0), q.widening)
     misfits = located.misfits + 1.0 if end.fits < bad else 0.0

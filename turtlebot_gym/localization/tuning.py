@@ -59,7 +59,7 @@ class LocalizerTuning:
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
     """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""
-    usual: Annotated[float, POSITIVE] = 0.5
+    usual: Annotated[float, POSITIVE] = 0.7
     """Normalized innovation squared of a scan per degree of freedom where nothing is wrong: below 1, since beams rarely
     differ as much as map and LiDAR may."""
     memory: Annotated[float, PROBABILITY] = 0.8
