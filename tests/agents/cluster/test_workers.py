@@ -149,7 +149,10 @@ def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, envir
     command = [sys.executable, "-m", "turtlebot_gym_agents", *asked, "--cluster", "local", "--workers", "2"]
     command += ["--store", str(store)]
     variables = {**os.environ, "TURTLEBOT_GYM_TEST": environment}
-    process = subprocess.Popen(command, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    heeding = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731  # a shell's background job ignores it
+    process = subprocess.Popen(
+        command, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=heeding
+    )
     assert processes.wait_until(lambda: len([*store.glob("*.npz")]) >= 2)
     (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=60)
