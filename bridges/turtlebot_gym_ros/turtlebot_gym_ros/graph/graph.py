@@ -19,6 +19,7 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
+from turtlebot_gym_ros.base.parameters import words_of
 from turtlebot_gym_ros.base.process import SETTLE, Runner
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND, SPEECHES
@@ -164,8 +165,7 @@ class Graph:
             self._runner.add(shell)
             return
         given = {key: value for key, value in given.items() if value != ""}  # the command line cannot express empty text
-        arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={_ros(value)}")]
-        arguments += [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
+        arguments = [*words_of(given), *OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
         domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
         command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *arguments]
         self._processes.append(subprocess.Popen(command, env={**os.environ, **domain}))
@@ -267,8 +267,3 @@ def _fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
         return dict(parameters)
     lidar = find_lidar(parameters.get("lidar", TurtlebotSimulator.Params().lidar))
     return {"waypoints": "room", "lidar_yaw": lidar.yaw, "lidar_beams": lidar.beams, **parameters}
-
-
-def _ros(value: Any) -> str:
-    """Return a parameter's value in the form of the ROS command line."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
