@@ -6,7 +6,6 @@ Where ``SCREENSHOTS`` names a folder, pictures and figures are left there, to be
 import io
 import json
 import os
-import shutil
 import statistics
 import time
 from pathlib import Path
@@ -15,16 +14,11 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from PIL import Image
-from playwright import sync_api
 
 from turtlebot_gym.drives import Growing
 from turtlebot_gym_agents.watch import record_episode
 from turtlebot_gym_agents.watch.html import write_html
 from turtlebot_gym_agents.watch.server import Server
-
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-if not CHROMIUM:
-    pytest.skip("needs Chromium: apt-get install chromium", allow_module_level=True)
 
 pytestmark = pytest.mark.browser
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
@@ -46,14 +40,6 @@ SCRUB = """async (turns) => {
 }"""
 SIZE_LIMIT, OPEN_LIMIT, SCRUB_LIMIT = 3_000_000, 2.0, 0.1
 """Of a drive of 60 s: greatest size of its file, bytes; longest time to open it, and median time to draw another moment, s."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

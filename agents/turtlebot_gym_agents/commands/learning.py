@@ -103,9 +103,9 @@ class Train(Placement, _Learned):
         trained = list(zip(seeds, folders, results, strict=True))
         runs, times = [], []
         for seed, folder, result in trained:
-            told = asdict(result)
-            times.append({"seed": seed, **{name: told.pop(name) for name in ("seconds", "steps_per_second")}})
-            runs.append({"seed": seed, "folder": folder, **told})
+            facts = asdict(result)
+            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
+            runs.append({"seed": seed, "folder": folder, **facts})
         title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
         print_tables(_training_table(trained, title=title))
         if self.json is not None:
