@@ -187,8 +187,8 @@ def seen(site, visitor):
         found[name] = visitor.look(flat, kept, ("light",)) if of_api else visitor.look(flat, kept)
     if folder is not None:
         asked = {name: sorted({urlsplit(url).path for url in one.inside}) for name, one in found.items()}
-        told = {"outside": sorted({url for one in found.values() for url in one.outside}), "inside": asked}
-        (folder / "requests.json").write_text(json.dumps(told, indent=1))
+        requests = {"outside": sorted({url for one in found.values() for url in one.outside}), "inside": asked}
+        (folder / "requests.json").write_text(json.dumps(requests, indent=1))
         (folder / "seen.json").write_text(json.dumps({name: one._asdict() for name, one in found.items()}, indent=1))
     assert len(found) > 40
     return found
@@ -246,6 +246,6 @@ def test_the_views_of_the_gallery_draw(visitor):
 )
 def test_what_is_wrong_is_noticed(visitor, added, noticed):
     visitor.open("limits.html")
-    visitor.page.evaluate("told => document.querySelector('.md-content article').insertAdjacentHTML('beforeend', told)", added)
+    visitor.page.evaluate("html => document.querySelector('.md-content article').insertAdjacentHTML('beforeend', html)", added)
     visitor.page.wait_for_timeout(300)
     assert getattr(visitor.look("", None), noticed)

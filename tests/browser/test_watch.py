@@ -204,11 +204,11 @@ def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
     seen = visit(long_url)
     for row in (0, 100, 555):
         seen.seek(float(long_drive.time[row]))
-        told = seen.page.inner_text("#readout0")
-        assert f"NIS {long_drive.nis[row]:.1f}" in told
-        assert f"clearance {long_drive.clearance[row]:.2f} m" in told
+        readout = seen.page.inner_text("#readout0")
+        assert f"NIS {long_drive.nis[row]:.1f}" in readout
+        assert f"clearance {long_drive.clearance[row]:.2f} m" in readout
         off = np.hypot(*(long_drive.estimate - long_drive.true_state)[row, :2])
-        assert f"estimate off by {off:.3f} m" in told
+        assert f"estimate off by {off:.3f} m" in readout
 
 
 def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, results):
@@ -222,8 +222,8 @@ def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, 
         assert seen.time == pytest.approx(9.9)
         seen.page.screenshot(path=results / "live.png")
         whole = long_drive[:100]
-        told = seen.page.inner_text("#readout0")
-        assert f"NIS {whole.nis[-1]:.1f}" in told
+        readout = seen.page.inner_text("#readout0")
+        assert f"NIS {whole.nis[-1]:.1f}" in readout
         seen.seek(2.0)
         drive.add(long_drive[100:150])
         seen.page.wait_for_function("window.watch.end > 14.85", timeout=20_000)
