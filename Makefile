@@ -47,7 +47,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@if [ -f $(OUT)/replay.png ]; then echo "  replay.png           the filter on a recorded drive of a real robot"; fi
 	@echo "  nav.png              paths of three policies to the same goal"
 	@echo "  graph.png            the policy that was just trained, in the live ROS graph"
-	@echo "  square/policy.onnx   that policy: $(RUN)turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
+	@echo "  square/policy.onnx   that policy: turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
 
 ##@ Test
 ELSEWHERE := not slow and not clients and not cluster and not browser
@@ -200,7 +200,7 @@ study-rooms: $(READY)  ## who finds the way through rooms: train ppo-rooms, driv
 study-transfer: $(READY)  ## what carries over from the unicycle to MuJoCo: policies and filters, with grip and without (20 minutes; resumes)
 	$(RUN)python benchmarks/transfer.py
 
-faults: $(READY)  ## 1000 faults of 42 kinds injected into live chains, with an independent listener (40 minutes)
+faults: $(READY)  ## 47 kinds of fault, 40 times each, injected into live chains, with an independent listener (40 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
 

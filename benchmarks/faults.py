@@ -43,12 +43,12 @@ REVIVED = 0.1
 class Config:
     """Inject faults into robots' chains, and count unsafe motions."""
 
-    faults: int = 1000
+    faults: int = 40 * len(FAULTS)
     """Number of faults, equal for each kind."""
     only: tuple[str, ...] = ()
     """Kinds to inject, by the beginnings of their names; none for all."""
-    workers: int = 2
-    """Number of robots at a time, at least 2: every second one has emergency stops."""
+    workers: int = 5
+    """Number of robots at a time, at least 2: some have emergency stops, in proportion to the faults of buttons."""
     busy: int = 4
     """Number of busy processes beside the second half of the faults."""
     seed: int = 0
@@ -63,7 +63,8 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
     """Inject the faults of one worker."""
     from turtlebot_gym_ros.base.discovery import prepare
 
-    prepare()
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"  # as on a robot
+    prepare(local=False)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: a robot that outlives the judge would disturb the next run
     robot, before = Robot(domain, buttons=buttons), "start"
     try:
@@ -76,7 +77,10 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
             beyond = FAULTS[name](robot, rng)
             lag, revived = robot.lag(since), robot.revived(since, AGE)
             longest = {"longest_lag": lag, "longest_hold": robot.hold(since), "longest_revived": revived}
-            results.put((name, beyond + (lag > AGE) + (revived > REVIVED), longest))
+            longest["longest_stop"] = robot.stop()
+            if unsafe := beyond + (lag > AGE) + (revived > REVIVED):
+                print(f"unsafe: {name!r}, {number}: {beyond}, {longest}", file=sys.stderr, flush=True)
+            results.put((name, unsafe, longest))
             robot.forget()
     except Exception as error:
         results.put((None, f"{type(error).__name__}: {error}", {}))
@@ -89,7 +93,7 @@ def measure(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
     kinds = [name for name in FAULTS if not config.only or name.startswith(config.only)]
     each = math.ceil(config.faults / len(kinds))
     order = [(name, number) for number in range(each) for name in kinds]
-    zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0, "longest_revived": 0.0}
+    zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0, "longest_revived": 0.0, "longest_stop": 0.0}
     counts: dict[str, dict[str, Any]] = {name: dict(zero) for name in kinds}
     stuck: dict[str, int] = {}
     half = each // 2 * len(kinds)
@@ -111,13 +115,15 @@ def _inject(
     for name, number in order:
         tasks[name in WITH_BUTTONS].put((name, number))
     workers = []
+    share = sum(name in WITH_BUTTONS for name, _ in order) / len(order)
+    having = min(max(1, round(share * config.workers)), config.workers - 1)
     for at in range(config.workers):
-        on = bool(at % 2)
+        on = at < having
         workers.append(spawn.Process(target=work, daemon=True, args=(config.domain + at, config, on, tasks[on], results)))
     for process in workers:
         process.start()
     for at in range(config.workers):
-        tasks[bool(at % 2)].put(None)
+        tasks[at < having].put(None)
     try:
         done = 0
         while done < len(order):
@@ -148,8 +154,8 @@ def main() -> int:
     """Measure, and print the table."""
     config = tyro.cli(Config, description=__doc__)
     counts, stuck = measure(config)
-    columns = "fault", "injected", "unsafe", "last motion, s", "zero, s", "zero after a motion that came out late, s"
-    table = Table(*columns, caption="motion and zero: after the newest measurement")
+    columns = "fault", "injected", "unsafe", "last motion, s", "zero, s", "zero after a motion that came out late, s", "stop, s"
+    table = Table(*columns, caption="motion and zero: after the newest measurement; stop: after a fault that is a reason to")
     for name, (injected, unsafe, *longest) in ((name, kind.values()) for name, kind in counts.items()):
         table.add_row(name, f"{injected}", f"{unsafe}", *(f"{each:.3f}" for each in longest))
     total = {key: sum(kind[key] for kind in counts.values()) for key in ("injected", "unsafe")}

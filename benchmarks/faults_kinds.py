@@ -35,15 +35,15 @@ def _after_stop(robot: Robot, wait: float = 0.8) -> int:
 
 
 def odometry_late(robot: Robot, rng: random.Random) -> int:
-    """Odometry is late by 0.7 to 30 s and says so; in half of the cases the filter begins with it."""
-    late = rng.choice([0.7, 1.0, 2.0, 5.0, 30.0])
+    """Odometry is late by 0.5 to 30 s and says so; in half of the cases the filter begins with it."""
+    late = rng.choice([0.5, 0.7, 1.0, 2.0, 5.0, 30.0])
 
     def delay(message: Any, now: float) -> list[tuple[Any, float]]:
         stamp = robot.clock(now - late)
         message.header.stamp.sec, message.header.stamp.nanosec = int(stamp), int(stamp % 1.0 * 1e9)
         return [(message, now - late)]
 
-    robot.odometry = delay
+    robot.began, robot.odometry = time.time(), delay
     if rng.random() < 0.5:
         robot.ask("kalman_filter/reset", 1.0)
     time.sleep(1.5)
@@ -67,7 +67,7 @@ def odometry_burst(robot: Robot, rng: random.Random) -> int:
 
 def odometry_dies(robot: Robot, rng: random.Random) -> int:
     """Odometry ends."""
-    robot.odometry = lambda message, now: []
+    robot.began, robot.odometry = time.time(), lambda message, now: []
     time.sleep(1.2)
     return 0
 
@@ -80,9 +80,28 @@ def odometry_repeats(robot: Robot, rng: random.Random) -> int:
         kept.append((message, now))
         return kept[:1]
 
-    robot.odometry = repeat
+    robot.began, robot.odometry = time.time(), repeat
     time.sleep(1.5)
     return 0
+
+
+def odometry_impossible(robot: Robot, rng: random.Random) -> int:
+    """Odometry jumps by 5 m, states a speed of 50 m/s, or a variance that is no number: the robot stands 0.7 s later."""
+    fault = rng.choice(["jump", "speed", "variance"])
+
+    def spoil(message: Any, now: float) -> list[tuple[Any, float]]:
+        if fault == "jump":
+            message.pose.pose.position.x += 5.0
+        elif fault == "speed":
+            message.twist.twist.linear.x = 50.0
+        else:
+            message.pose.covariance[0] = math.nan
+        return [(message, now)]
+
+    robot.began = at = time.time()
+    robot.odometry = spoil
+    time.sleep(1.5)
+    return robot.moves(at + 0.7) + len(robot.motions(at + 0.7))
 
 
 def scan_late(robot: Robot, rng: random.Random) -> int:
@@ -102,10 +121,10 @@ def scan_late(robot: Robot, rng: random.Random) -> int:
 
 
 def _suspended(name: str, *, dies: bool) -> Fault:
-    """Return the fault that suspends a process for 0.5 to 3 s while what it hears dies or lives."""
+    """Return the fault that suspends a process for 0.5 to 8 s while what it hears dies or lives."""
 
     def fault(robot: Robot, rng: random.Random) -> int:
-        duration = rng.uniform(0.5, 3.0)
+        duration = rng.choice([rng.uniform(0.5, 3.0)] * 4 + [8.0])
         with robot.suspended(name):
             time.sleep(duration * rng.uniform(0.1, 0.6))
             if dies:
@@ -117,16 +136,22 @@ def _suspended(name: str, *, dies: bool) -> Fault:
     return fault
 
 
-def guard_suspended_pressed(robot: Robot, rng: random.Random) -> int:
-    """A button is pressed and released while the guard is suspended for 0.5 to 8 s."""
-    duration = rng.choice([0.5, 1.0, 2.0, 3.0, 5.0, 8.0])
-    with robot.suspended("cmd_vel_guard"):
-        time.sleep(rng.uniform(0.1, 0.5) * duration)
-        robot.pressed[0] = True
-        time.sleep(0.3)
-        robot.pressed[0] = False
-        time.sleep(0.4 * duration)
-    return _after_stop(robot)
+def _suspended_pressed(name: str) -> Fault:
+    """Return the fault in which a button is pressed and released while a process is suspended for 0.5 to 8 s."""
+
+    def fault(robot: Robot, rng: random.Random) -> int:
+        duration = rng.choice([0.5, 1.0, 2.0, 3.0, 5.0, 8.0])
+        with robot.suspended(name):
+            time.sleep(rng.uniform(0.1, 0.5) * duration)
+            robot.began, robot.pressed[0] = time.time(), True
+            time.sleep(0.3)
+            robot.pressed[0] = False
+            stopped = time.time()
+            time.sleep(0.4 * duration)
+        late = _after_stop(robot)
+        return late if name == "cmd_vel_guard" else len(robot.motions(stopped))
+
+    return fault
 
 
 def guard_suspended_sources_die(robot: Robot, rng: random.Random) -> int:
@@ -134,7 +159,7 @@ def guard_suspended_sources_die(robot: Robot, rng: random.Random) -> int:
     robot.teleop = (0.1, 0.0)
     time.sleep(0.2)
     with robot.suspended("cmd_vel_guard"):
-        duration = rng.uniform(0.3, 3.0)
+        duration = rng.choice([rng.uniform(0.3, 3.0)] * 4 + [8.0])
         time.sleep(0.5 * duration)
         robot.teleop = None
         robot.odometry = lambda message, now: []
@@ -151,20 +176,23 @@ def _guard_ends(number: signal.Signals) -> Fault:
 
     def fault(robot: Robot, rng: random.Random) -> int:
         time.sleep(rng.uniform(0.0, 0.2))
-        at = time.time()
+        robot.began = at = time.time()
         robot.signal("cmd_vel_guard", number)
         time.sleep(1.0)
-        zeros = [when for when, v, omega in robot.heard if when > at and (v, omega) == (0.0, 0.0)]
-        return (not zeros or zeros[0] > at + 0.3) + len(robot.motions(at + 0.3))
+        return robot.moves(at + 0.3) + len(robot.motions(at + 0.3))
 
     return fault
 
 
-def standby_killed(robot: Robot, rng: random.Random) -> int:
-    """The standby is killed, then the odometry ends: the guard alone stops the robot."""
-    robot.kill("cmd_vel_standby")
+def standby_ends(robot: Robot, rng: random.Random) -> int:
+    """The standby is killed or hangs, in half of the cases the odometry ends too: the guard stops the robot within 0.7 s."""
+    robot.began = at = time.time()
+    robot.signal("cmd_vel_standby", rng.choice([signal.SIGKILL, signal.SIGSTOP]))
     time.sleep(rng.uniform(0.1, 1.0))
-    return odometry_dies(robot, rng)
+    if rng.random() < 0.5:
+        robot.odometry = lambda message, now: []
+    time.sleep(1.2)
+    return robot.moves(at + 0.7) + len(robot.motions(at + 0.7))
 
 
 def guard_restarts(robot: Robot, rng: random.Random) -> int:
@@ -184,6 +212,7 @@ def guard_restarts(robot: Robot, rng: random.Random) -> int:
 def short_press(robot: Robot, rng: random.Random) -> int:
     """A button is pressed and released within 0 to 10 ms."""
     with robot.lock:
+        robot.began = time.time()
         robot.say(0, True)
         time.sleep(rng.choice([0.0, 0.0, rng.uniform(0.0, 0.01)]))
         robot.say(0, False)
@@ -199,10 +228,24 @@ def two_buttons(robot: Robot, rng: random.Random) -> int:
     return sum(robot.ask("cmd_vel_guard/enable", 0.5, data=True) for _ in range(4)) + len(robot.motions(since))
 
 
+def button_lost(robot: Robot, rng: random.Random) -> int:
+    """A radio loses what a button says in 0 to 0.3 s, in which it is pressed and released."""
+    assert robot.radio
+    robot.began = time.time()
+    with robot.radio.cut():
+        with robot.lock:
+            robot.say(1, True)
+            robot.say(1, False)
+        time.sleep(rng.choice([0.0, 0.1, 0.3]))
+    time.sleep(0.1)  # until its next message, which shows the gap
+    return _after_stop(robot)
+
+
 def button_dies(robot: Robot, rng: random.Random) -> int:
     """One of two buttons falls silent while the other continues."""
     with robot.lock:
         robot.pressed[rng.randrange(2)] = None
+        robot.began = time.time()
     time.sleep(0.5)
     return _after_stop(robot) + robot.enable()
 
@@ -210,6 +253,7 @@ def button_dies(robot: Robot, rng: random.Random) -> int:
 def button_restarts(robot: Robot, rng: random.Random) -> int:
     """A button's program ends and another one begins, which is not pressed."""
     with robot.lock:
+        robot.began = time.time()
         robot.pressed[0] = None
         robot.silence("emergency_stop", 0)
     time.sleep(rng.uniform(0.6, 1.0))
@@ -237,6 +281,7 @@ def _flooded(topic: str, kind: str) -> Fault:
         if kind == "PoseStamped":
             message.pose.orientation.w = 1.0
         robot.odometry = lambda message, now: []
+        robot.began = time.time()
         robot.flood(topic, message, 2.0)
         time.sleep(0.5)
         for name in ("cmd_vel_guard", "velocity_controller") if kind == "Bool" else ():
@@ -244,6 +289,13 @@ def _flooded(topic: str, kind: str) -> Fault:
         return 0
 
     return fault
+
+
+def flood_elsewhere(robot: Robot, rng: random.Random) -> int:
+    """A flood on one of the other topics that the chain hears."""
+    topics = {"cmd_vel_standby/alive": "Empty", "reset": "Empty", "nis": "DiagnosticArray", "next_reference": "PoseStamped"}
+    topics["initialpose"] = "PoseWithCovarianceStamped"
+    return _flooded(*rng.choice([*topics.items()]))(robot, rng)
 
 
 # Clocks
@@ -272,9 +324,8 @@ def _clocks(kind: str) -> Fault:
 
 def _towards_wall(robot: Robot, scan: Callable[[Any], Any]) -> int:
     """Drive towards a wall with a LiDAR that lies, and count whether the robot came too near."""
-    since = time.time()
-    robot.walls = DEAD_END
-    robot.scan = scan
+    robot.began = since = time.time()
+    robot.walls, robot.scan = DEAD_END, scan
     time.sleep(6.0)
     return int(robot.nearest(since) < ZONE)
 
@@ -341,7 +392,7 @@ def wrong_fix(robot: Robot, rng: random.Random) -> int:
 
 def two_odometries(robot: Robot, rng: random.Random) -> int:
     """Another publisher of odometry says that the robot is 2 m away, and stays when the robot's own ends."""
-    since = time.time()
+    robot.began = since = time.time()
 
     def both(message: Any, now: float) -> list[tuple[Any, float]]:
         other = copy.deepcopy(message)
@@ -378,12 +429,16 @@ def nonsense(robot: Robot, rng: random.Random) -> int:
 
 def disabled(robot: Robot, rng: random.Random) -> int:
     """The guard is disabled while commands continue."""
+    robot.began = time.time()
     return _after_stop(robot) if robot.enable(False) else 0  # a service that did not answer in time is no stop
 
 
 WITH_BUTTONS: dict[str, Fault] = {
-    "guard suspended, button pressed": guard_suspended_pressed,
+    "filter suspended, button pressed": _suspended_pressed("kalman_filter"),
+    "controller suspended, button pressed": _suspended_pressed("velocity_controller"),
+    "guard suspended, button pressed": _suspended_pressed("cmd_vel_guard"),
     "short press": short_press,
+    "press lost by a radio": button_lost,
     "one of two buttons held": two_buttons,
     "one of two buttons silent": button_dies,
     "button restarted": button_restarts,
@@ -394,6 +449,7 @@ WITHOUT_BUTTONS: dict[str, Fault] = {
     "odometry in a burst": odometry_burst,
     "odometry dead": odometry_dies,
     "odometry repeated": odometry_repeats,
+    "odometry impossible": odometry_impossible,
     "scans late": scan_late,
     "filter suspended, sources die": _suspended("kalman_filter", dies=True),
     "filter suspended, sources live": _suspended("kalman_filter", dies=False),
@@ -404,7 +460,7 @@ WITHOUT_BUTTONS: dict[str, Fault] = {
     "guard killed": _guard_ends(signal.SIGKILL),
     "guard hangs": _guard_ends(signal.SIGSTOP),
     "guard restarted": guard_restarts,
-    "standby killed": standby_killed,
+    "standby killed or hung": standby_ends,
     "flood on cmd_vel_in": _flooded("cmd_vel_in", "TwistStamped"),
     "flood on cmd_vel_teleop": _flooded("cmd_vel_teleop", "TwistStamped"),
     "flood on scan": _flooded("scan", "LaserScan"),
@@ -412,6 +468,7 @@ WITHOUT_BUTTONS: dict[str, Fault] = {
     "flood on estimate": _flooded("estimate", "Odometry"),
     "flood on reference": _flooded("reference", "PoseStamped"),
     "flood on pose_fix": _flooded("pose_fix", "PoseWithCovarianceStamped"),
+    "flood on another topic": flood_elsewhere,
     "clock offset": _clocks("offset"),
     "clock set": _clocks("step"),
     "clock drifts": _clocks("drift"),

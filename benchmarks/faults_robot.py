@@ -1,8 +1,9 @@
 """The robot that the faults are done to: its chain as real processes, its sensors and sources, and the listener that judges.
 
-The chain is that of a robot: filter, waypoints, controller, guard with collision monitor, standby. This process is the robot's
-base, sensors, buttons and a person at the sticks. It hears ``/cmd_vel`` on rclpy alone, independent of the guard's code, and
-records when each command was published, by DDS's source time, and when each measurement was really made.
+The chain is that of `robot.launch.xml`: filter, waypoints, controller, guard with collision monitor, standby, each a process
+with the parameters of `robot.yaml`, over sockets. This process is the robot's base, sensors, buttons and a person at the
+sticks. It hears ``/cmd_vel`` on rclpy alone, independent of the guard's code, and records when each command was published, by
+DDS's source time, and when each measurement was really made.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from faults_radio import Radio
+
 HALL = (3.0, 1.5, 1.0)
 """Walls ahead of the start, to the left and right, and behind, m."""
 DEAD_END = (1.3, 1.5, 1.0)
@@ -32,13 +35,16 @@ LIDAR_X = -0.032
 """Position of a Burger's LiDAR ahead of its axle, m."""
 RADIUS, CENTER_X = 0.105, -0.032
 """Radius of its footprint, and its centre ahead of the axle, m."""
+CONFIG = Path(__file__).parents[1] / "bridges" / "turtlebot_gym_ros" / "config" / "robot.yaml"
 CHAIN = {
-    "cmd_vel_guard": {"collision_monitor": "true", "require_standby": "true"},
+    "cmd_vel_guard": {"collision_monitor": "true"},
     "cmd_vel_standby": {},
-    "kalman_filter": {"noise": "clean", "takes_fixes": "true"},
+    "kalman_filter": {"takes_fixes": "true"},
     "waypoint_generator": {"waypoints": "far.csv"},
-    "velocity_controller": {"policy": "bearing"},
+    "velocity_controller": {},
 }
+WITHOUT_BUTTON = {"require_emergency_stop": "false", "start_enabled": "true"}
+"""Parameters of a guard without a button: one that is started again passes commands at once, unlike on a robot."""
 REMAPPED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
 
 
@@ -72,12 +78,17 @@ class Robot:
         """Times at which what the robot may move on was sent, s, each with the newest time at which such was measured."""
         self.moving: list[tuple[float, float]] = []
         """Times at which the robot should move forward, s, each with its distance to the wall ahead, m."""
+        self.began: float | None = None
+        """Time of a fault that is itself a reason to stop, s."""
         self.kinds = _kinds()
         hear: Any = self._hear
         self.node.create_subscription(self.kinds["TwistStamped"], "cmd_vel", hear, every)
         self._reports: dict[str, str] = {}
         self.node.create_subscription(self.kinds["DiagnosticArray"], "/diagnostics", self._read_reports, 10)
         self._speakers: dict[tuple[str, int], Any] = {}
+        self.radio = Radio(domain) if buttons else None
+        if self.radio:  # of the second button, which keeps no message to send it again
+            self._speakers["emergency_stop", 1] = self.radio.node.create_publisher(self.kinds["Bool"], "emergency_stop", 1)
         self._clients: dict[str, Any] = {}
         self.lock, self.over = threading.RLock(), threading.Event()
         self.reset_world()
@@ -112,7 +123,8 @@ class Robot:
 
     def start(self, name: str) -> None:
         """Start a process of the chain."""
-        parameters = [word for key, value in CHAIN[name].items() for word in ("-p", f"{key}:={value}")]
+        given = CHAIN[name] | ({} if self.has_buttons or name != "cmd_vel_guard" else WITHOUT_BUTTON)
+        parameters = ["--params-file", str(CONFIG), *(word for each in given.items() for word in ("-p", ":=".join(each)))]
         program = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", "--log-level", "fatal"]
         words = ["setpriv", "--pdeathsig", "KILL", *program, *parameters]  # so that none outlives this process
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
@@ -305,6 +317,17 @@ class Robot:
         """Return the times at which motions were published."""
         return [at for at, v, omega in list(self.heard) if at > since and (v, omega) != (0.0, 0.0)]
 
+    def moves(self, at: float) -> bool:
+        """Return whether the last command that was published until a time is a motion."""
+        return max((each for each in list(self.heard) if each[0] <= at), default=(0.0, 0.0, 0.0))[1:] != (0.0, 0.0)
+
+    def stop(self) -> float:
+        """Return the time from a fault that is a reason to stop to the next zero, s; 0 if the robot stood."""
+        began = self.began
+        if began is None or not self.moves(began):
+            return 0.0
+        return min((at for at, *command in list(self.heard) if at > began and command == [0.0, 0.0]), default=math.inf) - began
+
     def lag(self, since: float) -> float:
         """Return the longest time between the newest measurement that had been sent and a motion, s."""
         measured = list(self.measured)
@@ -338,6 +361,7 @@ class Robot:
     def forget(self) -> None:
         """Forget all but the end of what was recorded."""
         with self.lock:
+            self.began = None
             for each in (self.heard, self.arrived, self.measured, self.moving):
                 del each[:-100]
 
@@ -348,6 +372,8 @@ class Robot:
             thread.join()
         for name in self.processes:
             self.kill(name)
+        if self.radio:
+            self.radio.close()
         self.node.destroy_node()
         self.context.shutdown()
         self.folder.cleanup()
@@ -376,10 +402,11 @@ def _kinds() -> dict[str, Any]:
     from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
     from nav_msgs.msg import Odometry
     from sensor_msgs.msg import LaserScan
-    from std_msgs.msg import Bool
+    from std_msgs.msg import Bool, Empty
     from std_srvs.srv import SetBool, Trigger
 
     kinds = (
-        DiagnosticArray, PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, SetBool, Trigger,
+        DiagnosticArray, PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, Empty, SetBool,
+        Trigger,
     )  # fmt: skip
     return {kind.__name__: kind for kind in kinds}

@@ -1,4 +1,4 @@
-"""The judge of the injected faults, on what it has heard of a guard that was suspended while it wrote a motion."""
+"""The judge of the injected faults: of a guard that was suspended while it wrote a motion, and of the time until a stop."""
 
 import math
 
@@ -37,3 +37,15 @@ def test_a_motion_that_comes_out_after_a_suspension_lasts_until_the_next_zero(pa
 def test_the_standby_ends_the_motion_that_a_suspended_guard_had_sent_before():
     moved = (SUSPENDED, SUSPENDED, 0.1)
     assert judge(moved, STANDBY, BEGUN, (CONTINUED, CONTINUED, 0.0)).hold(0.0) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("heard", "moves", "stop"), [((), True, math.inf), ((STANDBY,), False, 0.2), ((BEGUN, STANDBY), False, 0.2)]
+)
+def test_a_robot_moves_until_the_next_zero_and_one_that_stood_did_not(heard, moves, stop):
+    moved = (SUSPENDED - 0.1, SUSPENDED - 0.1, 0.1)
+    robot, stood = judge(moved, *heard), judge((*moved[:2], 0.0), *heard)
+    robot.began = stood.began = SUSPENDED
+    assert robot.moves(SUSPENDED + 0.3) is moves
+    assert robot.stop() == pytest.approx(stop)
+    assert (stood.moves(SUSPENDED + 0.3), stood.stop()) == (False, 0.0)

@@ -402,8 +402,12 @@ class World:
             self.step()
 
     def turn(self):
-        """A tick; the first one after a suspension finds the backlog, in random order."""
+        """A tick; the first one after a suspension finds the backlog, in random order, but nothing older than 2 s."""
         self.next_tick = self.t + TICK
+        for message in [each for each in self.waiting if each.topic == "button" and self.t - each.made > 2.0]:
+            self.waiting.remove(message)
+            if message.value and message.pressed > -math.inf:  # of a button that is known
+                self.log.presses.append(self.t)
         order = round(self.t * 1e6) % 3
         commands = [each for each in self.waiting if each.topic != "button"]
         for message in commands[:: 1 if order else -1][: order or None]:

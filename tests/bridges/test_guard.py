@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from probe import AHEAD, Probe, laser
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Empty
 
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.qos import LATCHED
@@ -172,7 +172,7 @@ import sys, rclpy
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Empty
 rclpy.init()
 kind = {"emergency_stop": Bool, "odom": Odometry, "scan": LaserScan}.get(sys.argv[1], TwistStamped)
 publisher, message = rclpy.create_node("flood").create_publisher(kind, sys.argv[1], 1), kind()
@@ -255,6 +255,17 @@ def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
     assert probe.until_reported("silent").level == DiagnosticStatus.OK
     peer.node.destroy_subscription(listener)
     assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
+
+
+@pytest.mark.nightly
+def test_a_second_source_of_any_input_is_reported(driving, probe, peer):
+    driving()
+    inputs = {"cmd_vel_in": TwistStamped, "cmd_vel_teleop": TwistStamped, "cmd_vel_standby/alive": Empty}
+    for topic, kind in inputs.items():
+        rival = peer.node.create_publisher(kind, topic, 1)
+        status = probe.until_reported(f"/{topic} has more than one source: ", "/peer")
+        assert status.level == DiagnosticStatus.WARN
+        peer.node.destroy_publisher(rival)
 
 
 @pytest.mark.nightly

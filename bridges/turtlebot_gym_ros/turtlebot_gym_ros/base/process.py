@@ -10,7 +10,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Thread
 from typing import Any, NoReturn, Protocol
 
@@ -113,6 +113,12 @@ def refuse(error: BaseException) -> int:
     """Print the reason why a node does not start on one line, and return its exit code."""
     print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
     return 2
+
+
+def precede(priority: int) -> None:
+    """Let this process run before ordinary ones and those of a lower priority, where the system permits it (``ulimit -r``)."""
+    with suppress(OSError):  # inherited by the threads of DDS, which begin later
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
 
 
 @contextmanager

@@ -58,6 +58,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty
@@ -67,7 +68,7 @@ from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.flood import MOST
 from turtlebot_gym_ros.base.mounts import TOPIC, hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
-from turtlebot_gym_ros.base.process import run
+from turtlebot_gym_ros.base.process import precede, run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.base.swift import waiting
@@ -197,8 +198,8 @@ class CmdVelGuard(Node):
             self._arbiter.greet(self._now())
         self._robots = robots
         while (command := self._arbiter.step(now := self._now())) is not None:
-            message = self._message_of(command)
-            if command == STOP or self._now() - now <= LATE:
+            message, stops = serialize_message(self._message_of(command)), command == STOP
+            if stops or read_clocks()[1] - now <= LATE:  # as near as can be to the sending
                 self._velocity.publish(message)
                 break
 
@@ -229,7 +230,8 @@ class CmdVelGuard(Node):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``cmd_vel_guard``."""
+    """Run ``cmd_vel_guard``, before all other processes but its standby, where the system permits a real-time priority."""
+    precede(1)
     return run(CmdVelGuard, argv, local=False)  # it runs on the robot, and serves the network
 
 

@@ -35,6 +35,7 @@ class Report:
         self._said = ""
         names = ["cmd_vel_teleop", "cmd_vel_in"]
         names += [parameters.geofence_topic] * (parameters.geofence > 0.0) + ["scan"] * parameters.collision_monitor
+        names += [f"{STANDBY}/alive"] * parameters.require_standby
         self._inputs = [node.resolve_topic_name(name) for name in names]
         self._times: dict[str, tuple[float, str]] = {}
         self._ages: dict[str, str] = {}

@@ -17,7 +17,6 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -31,7 +30,7 @@ from std_msgs.msg import Empty
 
 from turtlebot_gym.validation import typed
 from turtlebot_gym_ros.base.parameters import declare
-from turtlebot_gym_ros.base.process import run
+from turtlebot_gym_ros.base.process import precede, run
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, OK, log, report
 from turtlebot_gym_ros.base.swift import Unawaited, waiting
@@ -138,9 +137,8 @@ class CmdVelStandby(Node):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``cmd_vel_standby``, before all other processes where the system permits a real-time priority."""
-    with suppress(OSError):  # inherited by the threads of DDS, which begin later
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    """Run ``cmd_vel_standby``, before all other processes and the guard, where the system permits a real-time priority."""
+    precede(2)
     return run(CmdVelStandby, argv, local=False)  # it runs on the robot, beside the guard
 
 
