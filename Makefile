@@ -47,7 +47,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@if [ -f $(OUT)/replay.png ]; then echo "  replay.png           the filter on a recorded drive of a real robot"; fi
 	@echo "  nav.png              paths of three policies to the same goal"
 	@echo "  graph.png            the policy that was just trained, in the live ROS graph"
-	@echo "  square/policy.onnx   that policy: turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
+	@echo "  square/policy.onnx   that policy: $(RUN)turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
 
 ##@ Test
 ELSEWHERE := not slow and not clients and not cluster and not browser

@@ -1,6 +1,6 @@
 """A TurtleBot that navigates on what a Kalman filter believes: Gymnasium environments, filter and odometry models.
 
-Importing this package registers the environments' ids where gymnasium is installed: ``pip install "turtlebot-gym[gym]"``.
+Importing this package registers the environments' ids where gymnasium is installed, as by the extra ``gym``.
 Without it and numba, as on a robot, the filter, the models and the tasks still work.
 """
 

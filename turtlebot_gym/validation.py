@@ -224,8 +224,12 @@ def did_you_mean(name: Any, known: Iterable[Any]) -> str:
     """Return " Did you mean ...?" for a similar name, or nothing."""
     from difflib import get_close_matches  # needed in error messages only
 
-    similar = get_close_matches(name, [each for each in known if isinstance(each, str)], 1) if isinstance(name, str) else []
-    return f" Did you mean {similar[0]!r}?" if similar else ""
+    if not isinstance(name, str):
+        return ""
+    plain = {each.lower(): each for each in known if isinstance(each, str)}
+    asked = name.lower()
+    similar = get_close_matches(asked, plain, 1) or [each for each in plain if len(asked) > 2 and asked in each]
+    return f" Did you mean {plain[similar[0]]!r}?" if similar else ""
 
 
 def typed(owner: Any, prefix: str | None = None) -> None:

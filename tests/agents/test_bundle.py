@@ -191,7 +191,8 @@ def test_the_card_in_the_file_word_for_word(bundle):
         "action": "forward speed and turning rate as shares of the robot's limits, in [-1, 1]",
     }
     assert describe_robot("burger") == burger
-    assert describe_robot(ROBOTS["burger"]) == burger | {"name": "custom"}
+    assert describe_robot(ROBOTS["burger"]) == burger
+    assert describe_robot(replace(ROBOTS["burger"], max_linear=0.1)) == burger | {"name": "custom", "max_linear": 0.1}
 
 
 def test_the_hash_is_that_of_the_file_with_zeros_in_its_place(bundle):

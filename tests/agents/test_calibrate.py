@@ -32,8 +32,8 @@ def table(tmp_path_factory):
 
 
 def test_a_noise_file_a_figure_and_numbers_are_written(table, tmp_path, capsys):
-    out, told, picture = tmp_path / "mine.yaml", tmp_path / "mine.json", tmp_path / "mine.png"
-    assert main(["calibrate", str(table), "--out", str(out), "--json", str(told), "--plot", str(picture)]) == 0
+    out, report, picture = tmp_path / "mine.yaml", tmp_path / "mine.json", tmp_path / "mine.png"
+    assert main(["calibrate", str(table), "--out", str(out), "--json", str(report), "--plot", str(picture)]) == 0
     printed = capsys.readouterr().out
     assert "measured poses, fitted to the truth" in " ".join(printed.split())
     noise = make_noise(str(out))
@@ -42,7 +42,7 @@ def test_a_noise_file_a_figure_and_numbers_are_written(table, tmp_path, capsys):
     text = out.read_text()
     assert text.startswith("# Calibrated from drive.csv by turtlebot-gym")
     assert "95 % interval" in text
-    numbers = json.loads(told.read_text())
+    numbers = json.loads(report.read_text())
     assert numbers["config"]["log"] == str(table)
     assert numbers["estimates"]["scale"]["low"] < 0.97 < numbers["estimates"]["scale"]["high"]
     assert picture.stat().st_size > 10_000
@@ -98,6 +98,6 @@ def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, oth
     drive = read(DATA / other)
     found = calibrate(measured_log(read(DATA / name), seed=1000, rate=np.inf))
     assert found.segment > 0.0
-    told, before = (judge(drive, noise, range(2)) for noise in (found.noise, None))
-    assert told.nees.mean() <= 4.0 < before.nees.mean()
-    assert told.position.mean() <= 0.026
+    after, before = (judge(drive, noise, range(2)) for noise in (found.noise, None))
+    assert after.nees.mean() <= 4.0 < before.nees.mean()
+    assert after.position.mean() <= 0.026

@@ -1,6 +1,8 @@
 """The command line: results on standard output and in files, errors in one line, and status 2."""
 
 import json
+import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +12,10 @@ import pytest
 
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
+from turtlebot_gym_agents.commands.counts import read_whole
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
-ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+NAV, ROOMS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms"))
 
 
 @pytest.fixture
@@ -32,7 +35,11 @@ def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
     )
     printed = capsys.readouterr()
     assert "proportional, clean, ekf" in printed.out
-    assert "false arrivals" in printed.out
+    assert "time*, s" in printed.out
+    assert "false arrivals" not in printed.out  # a detail
+    *_, one, two = printed.out.splitlines()
+    assert re.fullmatch(r"bearing, documented, ekf (is|reaches) .*proportional, documented, ekf.*\.", one)
+    assert re.fullmatch(r"bearing, documented, truth (is|reaches) .*proportional, documented, truth.*\.", two)
     assert not printed.err.strip()
     content = json.loads(paths[0].read_text())
     assert [run["label"] for run in content["runs"]] == [
@@ -78,8 +85,29 @@ def test_replay_prints_the_errors_of_each_file(tmp_path, drive, capsys):
     assert sorted(path.name for path in tmp_path.glob("*.png")) == ["drive-other.png", "drive-straight.png"]
 
 
+MISSPELT = [
+    (["evaluat"], "evaluate"),
+    (["evaluate", "--env", "turtlebot_gym/TurtleBotNaw-v0"], NAV),
+    (["evaluate", "--env", "turtlebotrooms"], ROOMS),
+    (["evaluate", "--policy", "Bearing"], "bearing"),
+    (["evaluate", "--noise", "documentd"], "documented"),
+    (["evaluate", "--filter", "matchd"], "matched"),
+    (["estimate", "--filter", "mixtur"], "mixture"),
+    (["evaluate", "--robot", "wafle"], "waffle"),
+    (["evaluate", "--env", ROOMS, "--world", "ofice"], "office"),
+    (["evaluate", "--env", ROOMS, "--lidar", "lds1"], "lds01"),
+    (["train", "--algo", "PPO"], "ppo"),
+    (["tune-baseline", "--policy", "bearin"], "bearing"),
+]
+
 REFUSED = [
     (["evaluate", "--robot", "roomba"], "robot must be one of 'burger', "),
+    (["evaluat"], "command must be one of 'evaluate', 'video', "),
+    (["fly"], "command must be one of 'evaluate', 'video', "),
+    *((arguments, f"Did you mean {meant!r}?") for arguments, meant in MISSPELT),
+    (["evaluate", "--policy", "vfh"], f"vfh: it steers by a LiDAR, which {NAV} does not have: choose --env {ROOMS}."),
+    (["evaluate", "--policy", "gap+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
+    (["evaluate", "--policy", "ppo-nav", "--robot", "waffle"], "made for 10 Hz burger, asked for 10 Hz waffle ("),
     (["evaluate", "--policy", "clever"], "FILE.onnx, FILE.json or 'module:callable', got 'clever'"),
     (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
     (["evaluate", "--env", "CartPole-v1"], "env must be one of "),
@@ -139,7 +167,9 @@ def test_invalid_arguments_are_refused_in_one_line_and_leave_nothing(arguments, 
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [drive]
 
 
-@pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate", "--episodes", "many"], ["evaluate", "--nosuch"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["evaluate", "--episodes", "1.5"], ["evaluate", "--episodes", "many"], ["evaluate", "--nosuch"]]
+)
 def test_wrong_usage_has_status_2(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
@@ -202,3 +232,52 @@ def test_benchmark_says_what_it_needs_before_it_measures(monkeypatch, capsys):
     assert main(["benchmark"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line == "turtlebot-gym: torch is not installed: pip install 'turtlebot-gym[agents]', or use --no-training."
+
+
+@pytest.mark.parametrize(("told", "number"), [("1e3", 1000), ("1_000", 1000), ("2.5e2", 250), ("7", 7)])
+def test_counts_may_have_an_exponent(told, number):
+    assert read_whole(told) == number
+    for wrong in (f"{told}x", "1.5", "1e-3", "inf", "nan"):
+        with pytest.raises(ValueError, match=r"whole number|could not convert|cannot convert"):
+            read_whole(wrong)
+
+
+def test_a_command_takes_a_count_with_an_exponent(capsys):
+    assert main(["estimate", "--runs", "2e1", "--seconds", "1", "--filter", "matched"]) == 0
+    assert "20 drives of 1 s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["train", "--out", "run"], "The same command with --resume continues from the last checkpoint in run."),
+        (["train", "--out", "run", "--store", "kept"], "The same command continues: finished trainings are in kept."),
+        (["evaluate"], "Nothing was kept; with --store FOLDER the same command continues where it was interrupted."),
+        (["evaluate", "--store", "kept"], "The same command continues: finished episodes are in kept."),
+        (["tune", "--out", "run"], "The same command continues: finished trials are kept."),
+        (["tune-baseline", "--out", "b.json"], "The same command continues from the tries in b.json."),
+        (["video"], ""),
+    ],
+)
+def test_an_interrupted_command_says_how_to_continue(arguments, told, capsys, tmp_path, monkeypatch):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(COMMANDS[arguments[0]], "run", interrupted)
+    assert main(arguments) == 130
+    assert capsys.readouterr().err == f"turtlebot-gym: interrupted. {told}".rstrip() + "\n"
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "expected"), [("COLUMNS", "0", "to goal, s"), ("PYTHONIOENCODING", "ascii", "+-")]
+)
+def test_results_are_printed_whatever_the_terminal_can_show(variable, value, expected):
+    arguments = ["evaluate", "--policy", "bearing", "proportional", "--episodes", "3"]
+    environment = {**os.environ, variable: value}
+    done = subprocess.run(
+        [sys.executable, "-m", "turtlebot_gym", *arguments], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stdout
+    assert done.stdout.splitlines()[-1].endswith(".")

@@ -139,10 +139,10 @@ def test_a_method_that_forgets_trainings_or_episodes_is_noticed(wrong, parts):
 
 def test_the_p_value_is_that_of_the_interval():
     for table in islice(tables(np.random.default_rng(9), trainings=1.0), 100):
-        told = comparison.spread(table)
-        interval = told.interval()
-        assert (told.p_value() < 0.05) == (not interval.low <= 0.0 <= interval.high)
-        shifted = told._replace(value=told.margin(0.9))
+        spread = comparison.spread(table)
+        interval = spread.interval()
+        assert (spread.p_value() < 0.05) == (not interval.low <= 0.0 <= interval.high)
+        shifted = spread._replace(value=spread.margin(0.9))
         assert shifted.p_value() == pytest.approx(0.1)
     assert comparison.spread(np.zeros((2, 3))).p_value() == 1.0
     assert comparison.spread(np.ones((2, 3))).p_value() == 0.0
@@ -151,10 +151,10 @@ def test_the_p_value_is_that_of_the_interval():
 def test_by_hand():
     # Rows' means 2 and 4, variance 2: error^2 2/2. Columns' means 1, 3, 5, variance 4: error^2 4/3. Student's quantiles for 1
     # and 2 degrees of freedom, from a table: 12.706 and 4.303.
-    told = comparison.spread([[0.0, 2.0, 4.0], [2.0, 4.0, 6.0]])
-    assert told.value == 3.0
-    assert told.error() == pytest.approx(math.sqrt(7.0 / 3.0))
-    assert told.margin() == pytest.approx(math.sqrt(12.706**2 + 4.303**2 * 4.0 / 3.0), rel=1e-4)
+    spread = comparison.spread([[0.0, 2.0, 4.0], [2.0, 4.0, 6.0]])
+    assert spread.value == 3.0
+    assert spread.error() == pytest.approx(math.sqrt(7.0 / 3.0))
+    assert spread.margin() == pytest.approx(math.sqrt(12.706**2 + 4.303**2 * 4.0 / 3.0), rel=1e-4)
 
 
 @pytest.mark.parametrize(("share", "differ"), [(0.5, 0.0), (0.9, 20.0), (0.98, 60.0)])
@@ -183,14 +183,14 @@ def test_trainings_beside_a_baseline():
     options = {"episodes": 40, "noise": "rough"}
     learned = [evaluate(policy, **options) for policy in ("bearing", "proportional", "bearing")]
     baseline = evaluate("bearing", **options)
-    told = comparison.compare(learned, baseline)
-    assert (told["trainings"], told["episodes"]) == (3, 40)
-    np.testing.assert_allclose(told["time_of_each_training"], [one.times().mean() for one in learned])
-    np.testing.assert_allclose(told["time"].value, np.mean(told["time_of_each_training"]))
-    assert told["difference"].value == pytest.approx((learned[1].times() - baseline.times()).mean() / 3.0)
-    assert told["difference"].low < 0.0 < told["difference"].high  # two of three are the baseline itself
-    assert told["p"] > 0.05
-    assert told["success"].value == pytest.approx((2.0 + learned[1].episodes.success.mean()) / 3.0)
-    assert isinstance(told["success_difference"], Interval)
+    compared = comparison.compare(learned, baseline)
+    assert (compared["trainings"], compared["episodes"]) == (3, 40)
+    np.testing.assert_allclose(compared["time_of_each_training"], [one.times().mean() for one in learned])
+    np.testing.assert_allclose(compared["time"].value, np.mean(compared["time_of_each_training"]))
+    assert compared["difference"].value == pytest.approx((learned[1].times() - baseline.times()).mean() / 3.0)
+    assert compared["difference"].low < 0.0 < compared["difference"].high  # two of three are the baseline itself
+    assert compared["p"] > 0.05
+    assert compared["success"].value == pytest.approx((2.0 + learned[1].episodes.success.mean()) / 3.0)
+    assert isinstance(compared["success_difference"], Interval)
     with pytest.raises(ValueError, match="same seeds"):
         comparison.compare(learned, evaluate("bearing", seed=1, **options))

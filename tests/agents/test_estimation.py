@@ -17,9 +17,9 @@ from turtlebot_gym_agents.evaluation.estimation import estimate, innovations
 
 
 def test_a_right_filter_reaches_the_bound_and_says_so_and_a_wrong_one_does_not():
-    told = estimate(["matched", "tutorial"], noise="tutorial", runs=1500)
-    right, wrong = told.filters["matched"], told.filters["tutorial"]
-    low, high = told.band
+    result = estimate(["matched", "tutorial"], noise="tutorial", runs=1500)
+    right, wrong = result.filters["matched"], result.filters["tutorial"]
+    low, high = result.band
     assert (low, high) == pytest.approx((2.877, 3.125), abs=0.002)  # chi-square with 4500 degrees of freedom, over 1500
     assert low < right.nees.value < high
     assert not low < wrong.nees.value < high
@@ -31,15 +31,15 @@ def test_a_right_filter_reaches_the_bound_and_says_so_and_a_wrong_one_does_not()
         assert 0.93 < ratio.value < 1.05
         assert ratio.low < ratio.value < ratio.high
     assert min(ratio.value for ratio in wrong.ratio) > 2.0
-    assert told.time[-1] == pytest.approx(3.0)
-    assert right.rmse.shape == told.bound.shape == (31, 3)
-    assert right.ratio[0].value == pytest.approx(right.rmse[-1, 0] / told.bound[-1, 0])
+    assert result.time[-1] == pytest.approx(3.0)
+    assert right.rmse.shape == result.bound.shape == (31, 3)
+    assert right.ratio[0].value == pytest.approx(right.rmse[-1, 0] / result.bound[-1, 0])
 
 
 def test_who_knows_of_spikes_and_of_slip_comes_nearer_to_the_bound():
-    told = estimate(["matched", "gated", "mixture", "slip"], noise="rough", runs=600).filters
-    heading = {name: one.ratio[2].value for name, one in told.items()}
-    position = {name: one.ratio[0].value for name, one in told.items()}
+    filters = estimate(["matched", "gated", "mixture", "slip"], noise="rough", runs=600).filters
+    heading = {name: one.ratio[2].value for name, one in filters.items()}
+    position = {name: one.ratio[0].value for name, one in filters.items()}
     assert heading["slip"] < 2.3 < heading["mixture"] < 4.0 < heading["matched"]
     assert heading["gated"] < heading["matched"]
     assert position["slip"] < 1.35 < position["matched"]
@@ -49,18 +49,18 @@ def test_who_knows_of_spikes_and_of_slip_comes_nearer_to_the_bound():
 
 def test_a_bias_can_be_left_out():
     both = (estimate(["matched"], noise="documented", runs=300, bias=bias) for bias in (True, False))
-    with_bias, without = (told.filters["matched"] for told in both)
+    with_bias, without = (result.filters["matched"] for result in both)
     assert with_bias.ratio[0].value > 1.8
     assert without.ratio[0].value < 1.15
     assert with_bias.ratio[1].value == pytest.approx(without.ratio[1].value, rel=0.02)
 
 
 def test_wheels_alone_drift_as_the_filter_says():
-    told = estimate(["matched"], noise="wheel", runs=1000)
-    one, (low, high) = told.filters["matched"], told.band
+    result = estimate(["matched"], noise="wheel", runs=1000)
+    one, (low, high) = result.filters["matched"], result.band
     assert low < one.nees.value < high
     assert all(0.9 < ratio.value < 1.1 for ratio in one.ratio)
-    assert (np.diff(told.bound[2:], axis=0) > 0.0).all()  # nothing corrects it
+    assert (np.diff(result.bound[2:], axis=0) > 0.0).all()  # nothing corrects it
 
 
 def test_drives_do_not_depend_on_the_filter_and_follow_each_other(monkeypatch):
@@ -76,9 +76,9 @@ def test_drives_do_not_depend_on_the_filter_and_follow_each_other(monkeypatch):
 
 
 def test_what_is_known_exactly_has_no_ratio(tmp_path):
-    told = estimate(["matched"], noise="clean", runs=5, seconds=0.5)
-    assert (told.bound == 0.0).all()
-    assert told.filters["matched"].ratio[0].value == math.inf
+    result = estimate(["matched"], noise="clean", runs=5, seconds=0.5)
+    assert (result.bound == 0.0).all()
+    assert result.filters["matched"].ratio[0].value == math.inf
 
 
 def test_innovations_are_measured_minus_predicted():
@@ -125,7 +125,7 @@ def test_the_true_noise_has_no_floors():
 
 
 def test_the_command_line_prints_a_table_and_writes_files(capsys, tmp_path):
-    files = tmp_path / "told.json", tmp_path / "told.png"
+    files = tmp_path / "result.json", tmp_path / "result.png"
     argv = ["estimate", "--noise", "rough", "--filter", "matched", "slip", "--runs", "40", "--no-bias"]
     assert main([*argv, "--json", str(files[0]), "--plot", str(files[1])]) == 0
     shown = capsys.readouterr().out

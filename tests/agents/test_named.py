@@ -58,15 +58,15 @@ def test_the_shipped_policies_have_their_names_and_tasks_and_are_made_for_their_
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         *((f"model{end}", f"turtlebot-gym export model{end} --allow-pickle") for end in (".zip", ".pkl", ".pt", ".pth")),
         *((name, "policy must be one of") for name in ("../pretrained/ppo-nav", "ppo-nav\n", "ppo-nav\0", "ppo-")),
         ("ppo-nav.onnx.onnx", "No such file"),
     ],
 )
-def test_pickled_files_and_paths_are_no_names(name, told):
-    with pytest.raises((ValueError, OSError), match=re.escape(told)):
+def test_pickled_files_and_paths_are_no_names(name, message):
+    with pytest.raises((ValueError, OSError), match=re.escape(message)):
         make_policy(name)
 
 
@@ -87,13 +87,15 @@ def test_what_cannot_be_called_is_no_policy(name, reason):
 
 
 @pytest.mark.parametrize(
-    ("policy", "options", "told"),
+    ("policy", "options", "message"),
     [
         ("ppo-square", {"env": NAV}, "ppo-square: made for turtlebot_gym/TurtleBotSquare-v0 and observation 'ekf'"),
         ("ppo-nav", {"env": NAV, "observation": "odometry"}, f"asked for {NAV} and 'odometry'; --allow-mismatch"),
+        ("ppo-nav", {"env": NAV, "robot": "waffle"}, "made for 10 Hz burger, asked for 10 Hz waffle (max_linear "),
+        ("ppo-nav", {"env": NAV, "dt": 0.05}, "made for 10 Hz burger, asked for 20 Hz burger"),
     ],
 )
-def test_a_bundle_for_another_task_or_observation_drives_only_if_it_may(policy, options, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_bundle_for_another_setting_drives_only_if_it_may(policy, options, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
         evaluate(policy, episodes=4, **options)
     assert len(evaluate(policy, episodes=4, allow_mismatch=True, **options).episodes.seed) == 4

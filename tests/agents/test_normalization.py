@@ -64,15 +64,15 @@ def test_half_of_the_actions_are_drawn_evenly():
 
 def test_ranges_are_spread_and_nothing_else():
     rows = torch.arange(50, dtype=torch.float32)[None] / 50.0
-    told = _spread_ranges(rows)
-    assert torch.equal(told[:, :13], rows[:, :13])
-    assert torch.equal(told[:, 49:], rows[:, 49:])
-    np.testing.assert_allclose(told[:, 13:49], np.log(rows[:, 13:49].numpy() + 0.03), rtol=1e-6)
+    spread = _spread_ranges(rows)
+    assert torch.equal(spread[:, :13], rows[:, :13])
+    assert torch.equal(spread[:, 49:], rows[:, 49:])
+    np.testing.assert_allclose(spread[:, 13:49], np.log(rows[:, 13:49].numpy() + 0.03), rtol=1e-6)
     open_ground = torch.ones((2, 13))
     assert _spread_ranges(open_ground) is open_ground
     space = spaces.Box(0.0, 1.0, (50,), np.float32)
     network = NormalizedObservation(space, mean=[0.5] * 50, std=[0.1] * 50)
-    np.testing.assert_allclose(network(rows), np.clip((told.numpy() - 0.5) / 0.1, -10.0, 10.0), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(network(rows), np.clip((spread.numpy() - 0.5) / 0.1, -10.0, 10.0), rtol=0, atol=1e-5)
 
 
 def test_environments_differ_as_much_as_is_said():

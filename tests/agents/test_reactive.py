@@ -181,14 +181,14 @@ def test_vfh_keeps_to_the_side_that_it_chose_until_its_row_is_forgotten(name):
 def test_every_tunable_number_changes_what_a_policy_does(name):
     kind, rows, random = POLICIES[name], random_sights(200), np.random.default_rng(1)
     for number, span in kind.ranges().items():
-        told = []
+        changes = []
         for _ in range(6):  # brake tells where clear is small: the others are drawn
             others = {key: random.uniform(each.low, each.high) for key, each in kind.ranges().items()}
             one, other = (kind(**(others | {number: end})) for end in (span.low, span.high))
             for policy in (one, other):
                 policy(rows[::-1])  # for a memory
-            told.append(np.abs(one(rows) - other(rows)).max())
-        assert max(told) > 0.01, number
+            changes.append(np.abs(one(rows) - other(rows)).max())
+        assert max(changes) > 0.01, number
 
 
 @pytest.mark.parametrize("name", POLICIES)
@@ -311,14 +311,14 @@ def test_every_number_of_the_safety_layer_tells_and_is_checked(number):
 
 def test_geometry_finds_its_way_and_the_oracle_bounds_it():
     """60 dense rooms. With the rates that 1000 had, a bound is missed by fewer than one seed in a thousand."""
-    told = {name: evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in (*IN_ROOMS, "bearing", "oracle")}
-    success = {name: s["success"].value for name, s in told.items()}
+    summaries = {name: evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in (*IN_ROOMS, "bearing", "oracle")}
+    success = {name: s["success"].value for name, s in summaries.items()}
     assert success["oracle"] > 0.95
     assert success["vfh"] > 0.8 > success["bearing"] + 0.1
     assert min(success["gap"], success["dwa"]) > success["bearing"]
-    assert told["vfh"]["collision"].value <= 0.05
-    assert told["oracle"]["spl"].value >= max(s["spl"].value for s in told.values())
-    assert all(0.0 <= s["barn"].value <= 0.5 for s in told.values())
+    assert summaries["vfh"]["collision"].value <= 0.05
+    assert summaries["oracle"]["spl"].value >= max(s["spl"].value for s in summaries.values())
+    assert all(0.0 <= s["barn"].value <= 0.5 for s in summaries.values())
 
 
 def test_the_safety_layer_takes_most_collisions_from_who_sees_nothing():

@@ -62,9 +62,9 @@ def test_the_longest_stretch_with_truth_is_replayed():
     chosen = replayable(replace(drive, true_state=truth, joined=joined))
     np.testing.assert_array_equal(chosen.time, drive.time[50:190])
     assert "replayed are rows 51 to 190 of 200" in chosen.remarks[0]
-    told = replay(chosen, noise="clean", rate=np.inf)
-    assert np.isnan(told.odometry[50]).all()  # there is no truth to measure
-    np.testing.assert_allclose(told.estimate[:, :3], drive.truth[50:190], rtol=0, atol=1e-9)
+    replayed = replay(chosen, noise="clean", rate=np.inf)
+    assert np.isnan(replayed.odometry[50]).all()  # there is no truth to measure
+    np.testing.assert_allclose(replayed.estimate[:, :3], drive.truth[50:190], rtol=0, atol=1e-9)
     result = replay_seeds(chosen, range(2), noise="clean")
     assert result.filter.position_mean.max() < 1e-9
     assert result.drift < 1e-9
@@ -97,10 +97,10 @@ def test_the_command_takes_tables_and_bags(tmp_path, form, capsys):
         ]
         messages.write_bag(path, said)
     options = ["--columns", "time=when"] if form == "table" else ["--topics.truth", "/tf:base"]
-    assert main(["replay", str(path), "--seeds", "2", "--json", str(tmp_path / "told.json"), *options]) == 0
-    told = json.loads((tmp_path / "told.json").read_text())["runs"][0]["mean"]
-    assert told["wheels"]["position_mean"] < 1e-3
-    assert told["filter"]["position_mean"] < told["raw"]["position_mean"]
+    assert main(["replay", str(path), "--seeds", "2", "--json", str(tmp_path / "replay.json"), *options]) == 0
+    mean = json.loads((tmp_path / "replay.json").read_text())["runs"][0]["mean"]
+    assert mean["wheels"]["position_mean"] < 1e-3
+    assert mean["filter"]["position_mean"] < mean["raw"]["position_mean"]
 
 
 @pytest.mark.parametrize("rate", [10.0, 2.0, np.inf])
@@ -145,8 +145,8 @@ def test_measurements_are_lost_as_the_preset_says_and_a_seed_repeats_itself():
 
 def test_wheel_odometry_leaves_the_filter_with_dead_reckoning():
     drive = perfect_drive(scale=1.05)
-    told = replay(drive, noise="wheel", rate=np.inf)
-    np.testing.assert_allclose(told.estimate[:, :3], dead_reckoning(drive), rtol=0, atol=1e-9)
+    replayed = replay(drive, noise="wheel", rate=np.inf)
+    np.testing.assert_allclose(replayed.estimate[:, :3], dead_reckoning(drive), rtol=0, atol=1e-9)
 
 
 def test_drift_is_the_error_per_segment():

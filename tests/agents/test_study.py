@@ -22,7 +22,7 @@ pretrained, publish, robustness, rooms_study, scenarios, text = map(
 )
 
 
-def told(value, low, high):
+def interval(value, low, high):
     return {"value": value, "low": low, "high": high}
 
 
@@ -32,12 +32,12 @@ def row(scenario, untuned, tuned, ppo, margin, verdict):
     return {
         "scenario": scenario,
         "compared_with": "bearing",
-        "baselines": [{"policy": "bearing", "time": told(tuned, 0, 99), "time_untuned": told(untuned, 0, 99)}],
+        "baselines": [{"policy": "bearing", "time": interval(tuned, 0, 99), "time_untuned": interval(untuned, 0, 99)}],
         "ppo": {
             "trainings": 5,
             "episodes": 2000,
-            "time": told(ppo, ppo - 0.3, ppo + 0.3),
-            "difference": told(gap, gap - margin, gap + margin),
+            "time": interval(ppo, ppo - 0.3, ppo + 0.3),
+            "difference": interval(gap, gap - margin, gap + margin),
         },
         "p_holm": 0.01,
         "verdict": verdict,
@@ -51,7 +51,7 @@ RESULTS = {
         row("Nav, estimate, tutorial", 10.34, 10.3, 10.45, 0.05, "PPO slower"),
         row("Nav, wheel", 12.0, 11.9, 11.0, 0.2, "PPO faster"),
     ],
-    "false_arrivals": [{"noise": "tutorial", "policy": "bearing", "false_arrival": told(0.39, 0.37, 0.411)}],
+    "false_arrivals": [{"noise": "tutorial", "policy": "bearing", "false_arrival": interval(0.39, 0.37, 0.411)}],
 }
 
 
@@ -177,9 +177,9 @@ def test_the_delay_by_the_safety_layer_is_that_of_rooms_crossed_either_way():
 
     one = driven([12.0, 60.0, 11.0, 15.0], [True, False, True, True])
     other = driven([10.0, 9.0, 3.0, 11.0], [True, True, False, True])
-    told = rooms_study.later(one, other)
-    assert told.value == pytest.approx(3.0)  # of 2 and 4 s
-    assert told.high - told.value == pytest.approx(12.706, abs=1e-3)  # Student's factor for two numbers, times 1 s
+    delay = rooms_study.later(one, other)
+    assert delay.value == pytest.approx(3.0)  # of 2 and 4 s
+    assert delay.high - delay.value == pytest.approx(12.706, abs=1e-3)  # Student's factor for two numbers, times 1 s
 
 
 def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):

@@ -144,15 +144,15 @@ def test_a_spoilt_file_is_refused_with_the_reason(change, message, tuned):
 
 
 def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
-    out, told = tmp_path / "corner.json", tmp_path / "tries.json"
-    search = ["--tries", "3", "--episodes", "10", "--delay", "1", "--out", str(out), "--json", str(told)]
+    out, report = tmp_path / "corner.json", tmp_path / "tries.json"
+    search = ["--tries", "3", "--episodes", "10", "--delay", "1", "--out", str(out), "--json", str(report)]
     assert main(["tune-baseline", "--policy", "corner", "--env", SQUARE, *search]) == 0
     printed = capsys.readouterr().out
     assert "the best of 3" in printed
     assert printed.count("depth ") == 3
-    content = json.loads(told.read_text())
+    content = json.loads(report.read_text())
     assert content["config"]["delay"] == json.loads(out.read_text())["config"]["delay"] == 1
     assert [one["numbers"] for one in content["tries"]] == [one["numbers"] for one in json.loads(out.read_text())["tries"]]
     driven = ["--env", SQUARE, "--policy", "bearing", str(out), "--delay", "1", "--episodes", "5"]
-    assert main(["evaluate", *driven, "--json", str(told), "--force"]) == 0
-    assert json.loads(told.read_text())["runs"][1]["config"].items() >= {"delay": 1, "policy": str(out)}.items()
+    assert main(["evaluate", *driven, "--json", str(report), "--force"]) == 0
+    assert json.loads(report.read_text())["runs"][1]["config"].items() >= {"delay": 1, "policy": str(out)}.items()

@@ -5,18 +5,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, Transform, TransformStamped, TwistStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Range
+from geometry_msgs.msg import Transform, TransformStamped
 from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.mounts import StaticFrames
 from turtlebot_gym.rooms import scan as rooms
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
-from turtlebot_gym_ros import Shell
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.blocks import VelocityController
 from turtlebot_gym_ros.node.block import Aged
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
@@ -132,38 +128,3 @@ def test_a_lidar_upside_down_or_tilted_is_refused_on_one_line(tilt, degrees):
     arbiter.hear_scan(Scan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
     assert arbiter.monitor.limit(Command(0.2, 0.2), T) == STOP
     assert arbiter.monitor.trouble(T) == f"a scan was refused: {said}"
-
-
-@pytest.mark.nightly
-def test_a_robot_that_states_its_mount_crosses_a_room_without_a_parameter_for_it(runner, peer, wait_for, launch):
-    """A TurtleBot 4, whose LiDAR looks to the left, by real messages of tf2_msgs."""
-    pytest.importorskip("tf2_msgs")
-    goals, truths = peer.hear("room_goal", PoseStamped), peer.hear("true_state", Odometry)
-    clearances, reports = peer.hear("clearance", Range), peer.hear("/diagnostics", DiagnosticArray)
-    commanded = peer.hear("cmd_vel", TwistStamped)
-    given = ("robot:=turtlebot4", "collision_monitor:=true", "scan_period:=0.135", "reaction:=0.1", "collision_margin:=0.04")
-    launch("-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", *(word for each in given for word in ("-p", each)))
-    for make, overrides, arguments in (
-        (TurtlebotSimulator, {"robot": "turtlebot4", "world": "dense", "seed": 3, "speaks_as": "turtlebot4"}, ()),
-        (KalmanFilter, {}, ()),
-        (WaypointGenerator, {"waypoints": "room"}, ()),
-        (
-            VelocityController,
-            {"robot": "turtlebot4", "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0},
-            ("-r", "cmd_vel:=cmd_vel_in"),
-        ),
-    ):
-        runner.add(Shell(make, make.Params, context=runner.context, overrides=overrides, arguments=arguments))
-
-    def to_go():
-        if not (goals and truths):
-            return math.inf
-        here, there = truths[-1].pose.pose.position, goals[-1].pose.position
-        return math.hypot(there.x - here.x, there.y - here.y)
-
-    wait_for(lambda: to_go() < math.inf)
-    start = to_go()
-    wait_for(lambda: to_go() < max(start - 1.5, 0.3), patience=60.0)
-    assert commanded
-    assert min(clearance.range for clearance in clearances) > 0.0
-    assert not any("refused" in status.message for message in reports for status in message.status)

@@ -53,26 +53,26 @@ def side_by_side(start, compare, drives, steps, **options):
     return {name: compare.first(graph.trajectory(), steps) for name, graph in graphs.items()}
 
 
-def apart(compare, drives, told, steps):
+def apart(compare, drives, driven, steps):
     """Return the largest difference of each robot's drive from the environment's episode of its own seed."""
     return {
-        name: max(compare.differences(compare.episode(drive, steps), told[name]).values()) for name, drive in drives.items()
+        name: max(compare.differences(compare.episode(drive, steps), driven[name]).values()) for name, drive in drives.items()
     }
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("processes", [False, True])
 def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compare, drives, start, processes):
-    told = side_by_side(start, compare, drives, STEPS, processes=processes)
-    assert apart(compare, drives, told, STEPS) == {"robot1": 0.0, "robot2": 0.0}
+    driven = side_by_side(start, compare, drives, STEPS, processes=processes)
+    assert apart(compare, drives, driven, STEPS) == {"robot1": 0.0, "robot2": 0.0}
     swapped = {"robot1": drives["robot2"], "robot2": drives["robot1"]}
-    assert min(apart(compare, swapped, told, STEPS).values()) > 0.01  # the comparison tells them apart
+    assert min(apart(compare, swapped, driven, STEPS).values()) > 0.01  # the comparison tells them apart
 
 
 @pytest.mark.slow
 def test_no_word_passes_between_two_robots_in_five_minutes(compare, drives, start):
-    told = side_by_side(start, compare, drives, FIVE_MINUTES)
-    assert apart(compare, drives, told, FIVE_MINUTES) == {"robot1": 0.0, "robot2": 0.0}
+    driven = side_by_side(start, compare, drives, FIVE_MINUTES)
+    assert apart(compare, drives, driven, FIVE_MINUTES) == {"robot1": 0.0, "robot2": 0.0}
 
 
 @pytest.mark.nightly

@@ -74,9 +74,9 @@ def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed
     drive = compare.RoomDrive("logged_policy:Logged", world=world, lidar=lidar, noise=noise, seed=seed)
     expected, given = logged(compare.room_episode, drive)
     steps = len(expected.clearance) - 1
-    told, seen = logged(compare.room_live, drive, steps, processes=processes)
-    differ = compare.room_differences(expected, told)
+    live, seen = logged(compare.room_live, drive, steps, processes=processes)
+    differ = compare.room_differences(expected, live)
     assert max(differ.values()) == 0.0, differ
     assert steps == len(given) <= len(seen)
     np.testing.assert_array_equal(seen[:steps], given)  # each observation of 50 numbers, and each action
-    assert room_metrics(told) == room_metrics(expected)
+    assert room_metrics(live) == room_metrics(expected)

@@ -35,17 +35,21 @@ def a_scan(beams=360, length=3.0):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", ["turtlebot3", "turtlebot4"])
+@pytest.mark.parametrize(("name", "states_mount"), [("turtlebot3", False), ("turtlebot4", False), ("turtlebot4", True)])
 def test_behind_filter_controller_guard_and_monitor_a_robot_that_speaks_like_a_real_one_crosses_a_room(
-    name, runner, peer, wait_for, launch
+    name, states_mount, runner, peer, wait_for, launch
 ):
+    """Where its driver states the mount of its LiDAR, by messages of tf2_msgs, no parameter for it is needed."""
+    if states_mount:
+        pytest.importorskip("tf2_msgs")
     goals, truths = peer.hear("room_goal", PoseStamped), peer.hear("true_state", Odometry)
     scans, odometry = peer.hear("scan", LaserScan, SENSOR), peer.hear("odom", Odometry)
     clearances, reports = peer.hear("clearance", Range), peer.hear("/diagnostics", DiagnosticArray)
     robot, yaw = {"turtlebot3": ("burger", 0.0), "turtlebot4": ("turtlebot4", math.pi / 2.0)}[name]
     given = (f"robot:={robot}", "collision_monitor:=true", "scan_period:=0.135", "reaction:=0.1", "collision_margin:=0.04")
     launch("-m", "turtlebot_gym_ros", "cmd_vel_guard", "--ros-args", *(word for each in given for word in ("-p", each)))
-    driving = {"robot": robot, "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0, "lidar_yaw": yaw}
+    driving = {"robot": robot, "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0}
+    driving |= {} if states_mount else {"lidar_yaw": yaw}
     room = {"robot": robot, "world": "dense", "seed": 3, "speaks_as": name}
     for make, overrides, arguments in (
         (KalmanFilter, {}, ()),
@@ -164,6 +168,7 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
     ("options", "said"),
     [
         ({"policy": "vfh"}, "and needs a world"),
+        ({"policy": "ppo-nav"}, "ppo-nav: made for turtlebot_gym/TurtleBotNav-v0 and observation 'ekf', asked for"),
         ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "ground:blind", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, got 7"),

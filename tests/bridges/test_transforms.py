@@ -63,10 +63,11 @@ def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
     node, message = StandInNode(), odometry()
     _Transforms(node, [], Common()).publish(message)
     assert node.made == [(StandInTFMessage, "/tf", BROADCAST)]
-    (told,) = node.heard[0].transforms
-    assert (told.header, told.child_frame_id) == (message.header, "robot1/base_footprint")
-    assert (told.transform.translation.x, told.transform.translation.y, told.transform.translation.z) == (1.0, -2.0, 0.0)
-    assert told.transform.rotation == message.pose.pose.orientation
+    (transform,) = node.heard[0].transforms
+    assert (transform.header, transform.child_frame_id) == (message.header, "robot1/base_footprint")
+    moved = transform.transform.translation
+    assert (moved.x, moved.y, moved.z) == (1.0, -2.0, 0.0)
+    assert transform.transform.rotation == message.pose.pose.orientation
 
 
 def test_a_pose_that_was_not_measured_is_no_transform(tf2_msgs):

@@ -5,19 +5,13 @@ Where ``SCREENSHOTS`` names a folder, pictures are left there, to be looked at.
 
 import math
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright import sync_api
 
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 from turtlebot_gym_ros.field.report import page
-
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-if not CHROMIUM:
-    pytest.skip("needs Chromium: apt-get install chromium", allow_module_level=True)
 
 pytestmark = pytest.mark.browser
 FOUND = (
@@ -52,14 +46,6 @@ def report(tmp_path_factory):
     about = {"Robot": "burger", "Beside this page": "bag, noise.yaml"}
     path.write_text(page(FOUND, about=about, paths={"odometry": PATH, "the square": 0.8 * PATH}, scan=2.0 * PATH))
     return path
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

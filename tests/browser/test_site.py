@@ -8,7 +8,6 @@ import functools
 import http.server
 import json
 import os
-import shutil
 import subprocess
 import sys
 import threading
@@ -17,12 +16,8 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import pytest
-from playwright import sync_api
 
 ROOT = Path(__file__).parents[2]
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-if not CHROMIUM:
-    pytest.skip("needs Chromium: apt-get install chromium", allow_module_level=True)
 
 pytestmark = pytest.mark.browser
 WIDTHS = {"wide": 1400, "narrow": 400}
@@ -118,14 +113,6 @@ def server(site):
     listening.server_close()
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
 class Visitor:
     """A tab of the browser that may speak to one server only; it keeps what is asked for and complained of."""
 
@@ -200,8 +187,8 @@ def seen(site, visitor):
         found[name] = visitor.look(flat, kept, ("light",)) if of_api else visitor.look(flat, kept)
     if folder is not None:
         asked = {name: sorted({urlsplit(url).path for url in one.inside}) for name, one in found.items()}
-        told = {"outside": sorted({url for one in found.values() for url in one.outside}), "inside": asked}
-        (folder / "requests.json").write_text(json.dumps(told, indent=1))
+        requests = {"outside": sorted({url for one in found.values() for url in one.outside}), "inside": asked}
+        (folder / "requests.json").write_text(json.dumps(requests, indent=1))
         (folder / "seen.json").write_text(json.dumps({name: one._asdict() for name, one in found.items()}, indent=1))
     assert len(found) > 40
     return found
@@ -259,6 +246,6 @@ def test_the_views_of_the_gallery_draw(visitor):
 )
 def test_what_is_wrong_is_noticed(visitor, added, noticed):
     visitor.open("limits.html")
-    visitor.page.evaluate("told => document.querySelector('.md-content article').insertAdjacentHTML('beforeend', told)", added)
+    visitor.page.evaluate("html => document.querySelector('.md-content article').insertAdjacentHTML('beforeend', html)", added)
     visitor.page.wait_for_timeout(300)
     assert getattr(visitor.look("", None), noticed)

@@ -6,25 +6,21 @@ Where ``SCREENSHOTS`` names a folder, pictures and figures are left there, to be
 import io
 import json
 import os
-import shutil
+import re
 import statistics
 import time
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 from PIL import Image
-from playwright import sync_api
 
-from turtlebot_gym.drives import Growing
+from turtlebot_gym.drives import Drive, Growing
 from turtlebot_gym_agents.watch import record_episode
 from turtlebot_gym_agents.watch.html import write_html
 from turtlebot_gym_agents.watch.server import Server
-
-CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
-if not CHROMIUM:
-    pytest.skip("needs Chromium: apt-get install chromium", allow_module_level=True)
 
 pytestmark = pytest.mark.browser
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
@@ -46,14 +42,6 @@ SCRUB = """async (turns) => {
 }"""
 SIZE_LIMIT, OPEN_LIMIT, SCRUB_LIMIT = 3_000_000, 2.0, 0.1
 """Of a drive of 60 s: greatest size of its file, bytes; longest time to open it, and median time to draw another moment, s."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +191,7 @@ def test_it_plays_pauses_and_scrubs(visit, long_url):
     seen.page.evaluate("() => {const s = document.getElementById('time'); s.value = 42; s.dispatchEvent(new Event('input'))}")
     assert seen.time == pytest.approx(42.0, abs=0.01)
     assert seen.page.inner_text("#clock") == "42.0 / 60.0 s"
-    plot = seen.page.locator(".plots > div").first.locator("canvas").first.bounding_box()
+    plot = seen.page.locator(".plot").first.locator("canvas").first.bounding_box()
     seen.page.mouse.click(plot["x"] + 0.5 * plot["width"], plot["y"] + 0.5 * plot["height"])
     seen.page.wait_for_function("window.watch.time < 40", timeout=5_000)
     assert 20.0 < seen.time < 40.0
@@ -216,11 +204,11 @@ def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
     seen = visit(long_url)
     for row in (0, 100, 555):
         seen.seek(float(long_drive.time[row]))
-        told = seen.page.inner_text("#readout0")
-        assert f"NIS {long_drive.nis[row]:.1f}" in told
-        assert f"clearance {long_drive.clearance[row]:.2f} m" in told
+        readout = seen.page.inner_text("#readout0")
+        assert f"NIS {long_drive.nis[row]:.1f}" in readout
+        assert f"clearance {long_drive.clearance[row]:.2f} m" in readout
         off = np.hypot(*(long_drive.estimate - long_drive.true_state)[row, :2])
-        assert f"estimate off by {off:.3f} m" in told
+        assert f"estimate off by {off:.3f} m" in readout
 
 
 def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, results):
@@ -234,8 +222,8 @@ def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, 
         assert seen.time == pytest.approx(9.9)
         seen.page.screenshot(path=results / "live.png")
         whole = long_drive[:100]
-        told = seen.page.inner_text("#readout0")
-        assert f"NIS {whole.nis[-1]:.1f}" in told
+        readout = seen.page.inner_text("#readout0")
+        assert f"NIS {whole.nis[-1]:.1f}" in readout
         seen.seek(2.0)
         drive.add(long_drive[100:150])
         seen.page.wait_for_function("window.watch.end > 14.85", timeout=20_000)
@@ -247,3 +235,183 @@ def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, 
         hosts = {url.split("/")[2] for url in seen.requests}
         assert hosts == {server.url.split("/")[2]}
         seen.close()  # before its server goes
+
+
+def middle_of(seen, selector=".map"):
+    box = seen.page.locator(selector).first.bounding_box()
+    return box["x"] + 0.6 * box["width"], box["y"] + 0.4 * box["height"]
+
+
+def test_the_wheel_zooms_about_the_pointer_and_every_notch_holds(visit, long_url):
+    seen = visit(long_url)
+    whole = seen.camera
+    seen.page.mouse.move(*middle_of(seen))
+    place = seen.page.inner_text("#tip")
+    metres = [whole["metres"]]
+    for _ in range(10):
+        seen.page.mouse.wheel(0, -100)
+        seen.page.wait_for_timeout(80)
+        metres.append(seen.camera["metres"])
+    np.testing.assert_allclose(np.diff(np.log(metres)), -np.log(1.2), rtol=1e-6)
+    held = seen.camera
+    seen.seek(20.0)
+    seen.page.wait_for_timeout(300)
+    assert seen.camera == held
+    seen.page.mouse.move(*np.add(middle_of(seen), 0.5))
+    np.testing.assert_allclose(numbers_of(seen.page.inner_text("#tip"))[:2], numbers_of(place)[:2], atol=0.02)
+    for _ in range(10):
+        seen.page.mouse.wheel(0, 100)
+    seen.page.wait_for_timeout(300)
+    assert seen.camera["metres"] == pytest.approx(whole["metres"], rel=1e-6)
+
+
+def numbers_of(text):
+    return [float(each) for each in re.findall(r"-?\d+\.\d+", text)]
+
+
+def test_a_drag_pans_and_holds_until_all_is_shown_again(visit, long_url):
+    seen = visit(long_url)
+    whole, (x, y) = seen.camera, middle_of(seen)
+    seen.page.mouse.move(x, y)
+    seen.page.mouse.down()
+    seen.page.mouse.move(x + 60, y - 30, steps=5)
+    seen.page.mouse.up()
+    moved = seen.camera
+    assert moved["x"] == pytest.approx(whole["x"] - 60 * whole["metres"], abs=1e-3)
+    assert moved["y"] == pytest.approx(whole["y"] - 30 * whole["metres"], abs=1e-3)
+    seen.page.set_viewport_size({"width": 1300, "height": 800})  # another size of the window moves nothing
+    seen.page.wait_for_timeout(500)
+    assert {name: seen.camera[name] for name in ("x", "y")} == {name: moved[name] for name in ("x", "y")}
+    seen.page.mouse.dblclick(*middle_of(seen))
+    assert not seen.camera["held"]
+    seen.page.set_viewport_size({"width": 1400, "height": 900})
+    seen.page.wait_for_timeout(500)
+    assert seen.camera == pytest.approx(whole)
+
+
+def test_two_fingers_zoom(visit, long_url):
+    seen = visit(long_url, size="narrow")
+    before, (x, y) = seen.camera["metres"], middle_of(seen)
+    touch = seen.page.context.new_cdp_session(seen.page)
+    touch.send("Emulation.setTouchEmulationEnabled", {"enabled": True, "maxTouchPoints": 2})
+    for kind, apart in (("touchStart", 20), ("touchMove", 40), ("touchMove", 80), ("touchEnd", None)):
+        points = [] if apart is None else [{"x": x - apart, "y": y, "id": 1}, {"x": x + apart, "y": y, "id": 2}]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    assert seen.camera["metres"] == pytest.approx(before / 4.0, rel=0.05)
+    assert seen.page.evaluate("visualViewport.scale") == 1.0  # the page itself is not magnified
+
+
+def test_the_robot_stays_in_the_middle_when_it_is_followed(visit, long_url, long_drive):
+    seen = visit(long_url)
+    seen.page.click("#follow")
+    for row in (50, 300, 500):
+        seen.seek(float(long_drive.time[row]))
+        np.testing.assert_allclose([seen.camera["x"], seen.camera["y"]], long_drive.true_state[row, :2], atol=1e-5)
+    seen.page.keyboard.press("r")
+    assert seen.page.get_attribute("#follow", "aria-pressed") == "false"
+
+
+@pytest.mark.parametrize("runs", [1, 2, 6])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_whole_window_is_used(visit, pair, tmp_path, results, runs, scheme):
+    write_html((pair * 3)[:runs], tmp_path / "drives.html", title="TurtleBotRooms-v0, seed 1")
+    seen = visit((tmp_path / "drives.html").as_uri(), scheme=scheme)
+    seen.seek(6.0)
+    seen.page.screenshot(path=results / f"window-{runs}-{scheme}.png")
+    width, height = SIZES["wide"]
+    boxes = [each.bounding_box() for each in seen.page.locator(".map, .plot:visible, .readout, header, .controls").all()]
+    assert sum(box["width"] * box["height"] for box in boxes) > 0.85 * width * height
+    assert seen.page.evaluate("document.documentElement.scrollHeight") <= height
+    assert max(box["x"] + box["width"] for box in boxes) <= width
+    maps = [each.bounding_box() for each in seen.page.locator(".map").all()]
+    assert len({(round(box["width"]), round(box["height"])) for box in maps}) == 1
+    assert maps[0]["width"] * maps[0]["height"] * runs > 0.3 * width * height
+
+
+def test_an_entry_of_the_legend_hides_its_layer(visit, long_url):
+    seen = visit(long_url)
+    seen.seek(30.0)
+    for layer, parts in (("truth", (".map", ".plots")), ("scan", (".map",)), ("odometry", (".map", ".plots"))):
+        before = {part: seen.picture(part) for part in parts}
+        button = seen.page.locator(f'.legend button[data-layer="{layer}"]')
+        button.click()
+        seen.page.mouse.move(700, 5)
+        seen.page.wait_for_timeout(300)
+        assert button.get_attribute("aria-pressed") == "false"
+        assert all(np.abs(seen.picture(part) - before[part]).max() > 64 for part in parts)
+        button.click()
+        seen.page.mouse.move(700, 5)
+        seen.page.wait_for_timeout(300)
+        assert all(np.abs(seen.picture(part) - before[part]).max() < 64 for part in parts), layer  # but for smooth edges
+
+
+def test_values_stand_under_the_pointer(visit, long_url, long_drive):
+    seen = visit(long_url)
+    box = seen.page.locator(".plot").first.locator("canvas").first.bounding_box()
+    seen.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    moment, *values = seen.page.inner_text("#tip").splitlines()
+    t = float(moment.removesuffix(" s"))
+    row = int(np.searchsorted(long_drive.time, t + 0.05)) - 1
+    near = range(row - 1, row + 2)
+    assert [value.rpartition(" ")[0] for value in values] == ["truth", "command"]
+    for value, told in zip(values, (long_drive.true_state[near, 3], long_drive.command[near, 0]), strict=True):
+        assert np.abs(float(value.rpartition(" ")[2]) - told).min() < 1e-3
+    seen.page.mouse.move(5, 5)
+    assert not seen.page.is_visible("#tip")
+
+
+def test_events_stand_on_the_time_line(visit, tmp_path, long_drive):
+    rows = np.arange(100)
+    true_state, estimate = np.zeros((100, 5)), np.zeros((100, 5))
+    true_state[:, 0] = estimate[:, 0] = 0.1 * rows
+    estimate[70:75, 1] = 0.6
+    reference = np.tile([2.0, 0.0, 0.0], (100, 1))
+    reference[20:, 0] = 9.0
+    clearance, level, fix = np.ones(100), np.zeros(100), np.zeros(100)
+    clearance[50:52], level[60:], fix[30] = -0.01, 2.0, 1.0
+    drive = Drive(
+        time=0.1 * rows, true_state=true_state, estimate=estimate, odometry=true_state[:, :3], reference=reference,
+        command=np.zeros((100, 2)), clearance=clearance, level=level, fix=fix, outcome="success after 9.9 s",
+    )  # fmt: skip
+    write_html([drive], tmp_path / "events.html", title="Events")
+    seen = visit((tmp_path / "events.html").as_uri())
+    found = [(each["kind"], round(each["time"], 1)) for each in seen.events]
+    expected = [("arrival", 2.0), ("fix", 3.0), ("contact", 5.0), ("guard", 6.0), ("lost", 7.0), ("arrival", 9.9)]
+    assert found == expected
+    assert [each.get_attribute("title") for each in seen.page.locator(".event").all()] == [f"{k}, {t} s" for k, t in expected]
+    seen.page.locator(".event.contact").click()
+    assert seen.time == pytest.approx(5.0)
+    for key, moment in (("n", 6.0), ("n", 7.0), ("p", 6.0), ("Home", 0.0), ("End", 9.9)):
+        seen.page.keyboard.press(key)
+        assert seen.time == pytest.approx(moment)
+
+
+def test_it_plays_in_a_loop_and_a_link_leads_to_a_moment(visit, long_url):
+    seen = visit(f"{long_url}#t=12.3")
+    assert seen.time == pytest.approx(12.3)
+    seen.seek(20.0)
+    seen.page.click("#link")
+    assert seen.page.url == f"{long_url}#t=20.0"
+    seen.page.click("#loop")
+    seen.page.select_option("#speed", "16")
+    seen.seek(58.0)
+    seen.page.click("#play")
+    seen.page.wait_for_function("window.watch.time < 50", timeout=10_000)
+    assert seen.playing
+
+
+def test_goals_are_in_view_and_no_plot_is_empty_while_a_drive_grows(visit, long_drive):
+    known = replace(long_drive, clearance=np.full(len(long_drive), np.nan), nis=np.full(len(long_drive), np.nan))
+    known.reference[50:, :2] = (30.0, -20.0)
+    drive = Growing(known[0:50])
+    with Server([drive], title="Live", live=True, port=0) as server:
+        seen = visit(server.url)
+        assert seen.page.locator(".plot:visible").count() == 4  # no NIS, clearance or guard
+        drive.add(replace(known[50:60], level=np.ones(10)))
+        seen.page.wait_for_function("window.watch.end > 5.85", timeout=20_000)
+        seen.page.wait_for_timeout(500)
+        box, view = seen.page.locator(".map").first.bounding_box(), seen.camera
+        reach = 0.5 * view["metres"] * np.array([box["width"], box["height"]])
+        assert (np.abs(np.array([30.0, -20.0]) - (view["x"], view["y"])) < reach).all()
+        assert seen.page.locator(".plot:visible").count() == 5
+        seen.close()

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import builtins
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from turtlebot_gym.estimation.filters import KalmanFilter, entries, filter_of, matrix, reference_filter
+from turtlebot_gym.estimation.filters import KalmanFilter, entries, filter_of, matrix
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import DeadReckoning, Gated, Kalman, Mixture, ProcessNoise, Scale, Slip
 from turtlebot_gym.presets import DOCUMENTED, ROUGH, TUTORIAL_FILTER, make_filter, matched
@@ -135,22 +134,8 @@ BAD = [("state", (0.0, 0.0, math.nan, 0.0, 0.0)), ("state", (0.0, 0.0, 0.0)), ("
 
 @pytest.mark.parametrize(("name", "value"), [*BAD, *(("dt", dt) for dt in (0.0, -0.1, math.nan, math.inf))])
 def test_bad_arguments_are_named(name, value):
-    for make in (KalmanFilter, reference_filter)[: 1 + (name != "state")]:
-        with pytest.raises(ValueError, match=name):
-            make(TUNING, **{name: value})
-
-
-def test_the_reference_says_what_to_install(monkeypatch):
-    real = builtins.__import__
-
-    def blocked(name, *args, **kwargs):
-        if name.startswith("filterpy"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", blocked)
-    with pytest.raises(ImportError, match="pip install filterpy"):
-        reference_filter(TUNING)
+    with pytest.raises(ValueError, match=name):
+        KalmanFilter(TUNING, **{name: value})
 
 
 def test_a_covariance_lies_row_by_row():

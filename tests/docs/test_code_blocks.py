@@ -19,8 +19,8 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 LONG = (
-    "README", "belief", "rooms", "transfer", "calibrate", "cluster", "filter", "fix", "libraries", "policy", "robot", "train",
-    "video", "watch", "wrappers", "preset", "gallery", "start", "tutorial",
+    "README", "belief", "rooms", "transfer", "calibrate", "cluster", "study", "filter", "fix", "libraries", "policy", "robot",
+    "train", "video", "watch", "wrappers", "preset", "gallery", "start", "tutorial",
 )  # fmt: skip
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
@@ -99,3 +99,18 @@ def test_commands_are_made_short():
     long = "turtlebot-gym evaluate --episodes 1000 --seed 3  # long"
     assert shortened(long) == "turtlebot-gym evaluate --seed 3 --episodes 5"
     assert shortened("python -m turtlebot_gym_ros bringup") == "python -m turtlebot_gym_ros bringup --duration 3"
+
+
+def test_nothing_is_installed_by_the_name_of_an_index():
+    """The name is not ours there: anybody could register it."""
+    texts = {path: path.read_text(encoding="utf-8") for path in (*PAGES, *(ROOT / "notebooks").glob("*.ipynb"))}
+    assert not [path.name for path, text in texts.items() if re.search(r"pip install[^`\n]*turtlebot[-_]gym", text)]
+
+
+def test_the_first_block_is_what_a_user_copies():
+    """The two commands that do all the set-up, and what makes those of the pages work in the same shell."""
+    first = blocks_of(ROOT / "README.md")[0].text
+    targets = (ROOT / "Makefile").read_text(encoding="utf-8")
+    commands = [line.partition("#")[0].split() for line in first.splitlines()]
+    assert commands[:3] == [["make", "demo"], ["make", "test"], ["source", ".venv/bin/activate"]]
+    assert all(re.search(rf"^{name}:", targets, re.MULTILINE) for tool, name in commands if tool == "make")

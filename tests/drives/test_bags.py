@@ -12,7 +12,7 @@ from drawing import draw
 from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
 from turtlebot_gym.drives import read
-from turtlebot_gym.drives.messages import _grid
+from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.topics import Topics
 
 SHORT = draw(120)
@@ -292,7 +292,7 @@ def test_a_value_holds_for_a_second(tmp_path):
 def test_a_map_by_hand():
     origin = make("geometry_msgs/msg/Pose", point(-1.0, 2.5), ros.turn(math.radians(30.0)))
     info = make("nav_msgs/msg/MapMetaData", ros.stamp(0.0), 0.05, 3, 2, origin)
-    grid = _grid(make("nav_msgs/msg/OccupancyGrid", header(0.0, "map"), info, np.array([0, 100, -1, 50, 0, 0], np.int8)))
+    grid = grid_of(make("nav_msgs/msg/OccupancyGrid", header(0.0, "map"), info, np.array([0, 100, -1, 50, 0, 0], np.int8)))
     assert grid.cells.tolist() == [[0, 100, -1], [50, 0, 0]]
     assert grid.resolution == 0.05
     assert grid.origin == pytest.approx((-1.0, 2.5, math.radians(30.0)))

@@ -85,3 +85,9 @@ def test_scans_end_on_what_was_there_when_they_were_taken(world):
             if np.isfinite(length):
                 end = Point(seen.lidar.x + length * np.cos(angle), seen.lidar.y + length * np.sin(angle))
                 assert min(end.distance(each) for each in solid) < 0.003
+
+
+def test_a_drive_says_when_fixes_arrived():
+    recorded = record_episode("bearing", seed=2, noise="wheel", fix="beacons")
+    np.testing.assert_allclose(recorded.time[recorded.fix > 0], np.arange(0.5, recorded.time[-1] + 0.01, 0.5))
+    assert not np.isfinite(record_episode("bearing", seed=2, noise="wheel").fix).any()

@@ -124,7 +124,7 @@ def calibrate(
         segment: Length of the segments to which the alphas are fitted, m; 0 for row by row. None chooses row by row if the
             errors are not correlated, and `execution.SEGMENTS` otherwise. With truth only.
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
-        start: Start of the search for the alphas; an alpha of which the drive says nothing keeps this value.
+        start: Start of the search for the alphas; an alpha that the drive does not determine keeps this value.
         progress: Called with the name of each finished part.
 
     Raises:

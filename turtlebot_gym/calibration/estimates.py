@@ -210,7 +210,7 @@ def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) 
 
     Args:
         drive: The drive.
-        start: Noise model, of which only the odometry is fitted.
+        start: Noise model; only its odometry is fitted.
         truth_deviations: Standard deviations of the truth, m and rad.
 
     Raises:

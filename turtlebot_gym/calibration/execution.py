@@ -54,7 +54,7 @@ UNITS = {"drift": "rad/s", "marker_x": "m", "marker_y": "m", "marker_theta": "ra
 
 
 class Execution(NamedTuple):
-    """What a drive with truth says of the execution of its twists."""
+    """What a drive with truth shows about the execution of its twists."""
 
     noise: Noise
     """The noise model with the likeliest execution."""

@@ -38,7 +38,7 @@ REMEDY = "stand still for a minute, three times or more"
 
 
 class GyroFit(NamedTuple):
-    """What a drive says of its gyro."""
+    """What a drive shows about its gyro."""
 
     noise: ImuNoise
     """The sensor's parameters: the bias as recorded, as a deviation."""

@@ -182,7 +182,7 @@ def nees_of(drive: Drive, truth: Scanned, noise: Noise, integrator: str, apart: 
     Args:
         drive: The drive, with its truth at the middle of the axle.
         truth: What is known of it; its covariances count as they are.
-        noise: The noise model, of which the process counts.
+        noise: The noise model; only its process is used.
         integrator: "euler" or "midpoint".
         apart: Way between two poses that count, m.
     """

@@ -186,7 +186,7 @@ def _verdict(chi_squared: float, numbers: int, parameters: int) -> Verdict:
     if degrees <= 0:
         text = "As many numbers as parameters: nothing tests whether they agree. Measure again, or both ways."
         return Verdict(True, False, text, nees, 3.0)
-    told = f"chi-squared {chi_squared:.1f} for {degrees}"
+    figure = f"chi-squared {chi_squared:.1f} for {degrees}"
     if stats.chi2.sf(chi_squared, degrees) < LEVEL:
-        return Verdict(False, False, f"The measurements contradict each other or the model ({told}).", nees, 3.0)
-    return Verdict(True, False, f"The measurements agree ({told}).", nees, 3.0)
+        return Verdict(False, False, f"The measurements contradict each other or the model ({figure}).", nees, 3.0)
+    return Verdict(True, False, f"The measurements agree ({figure}).", nees, 3.0)

@@ -32,6 +32,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "clearance": (),
     "level": (),
     "gyro": (),
+    "fix": (),
 }
 
 
@@ -106,6 +107,8 @@ class Drive:
     """Level of the guard's report, shape (T,), as in ``diagnostic_msgs/DiagnosticStatus``."""
     gyro: NDArray[np.float64] = _UNKNOWN
     """Turning rate measured by a gyro at each row, shape (T,), rad/s."""
+    fix: NDArray[np.float64] = _UNKNOWN
+    """Whether a fix arrived at each row, 1 or 0, shape (T,)."""
     report: tuple[str, ...] = ()
     """The guard's report at each row."""
     circles: tuple[NDArray[np.float64], ...] = ()

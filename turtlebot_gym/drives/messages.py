@@ -19,17 +19,15 @@ from turtlebot_gym.drives.clocks import Stamps
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.mounts import StaticFrames, differ
-from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
-from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan, scan_of
+from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan, room_of, scan_of
 from turtlebot_gym.values import Pose, State
 
 GUARD = "cmd_vel_guard"
 """Name of the guard's node."""
 HELD = 1.0
 """Age up to which a value holds, s; a waypoint holds indefinitely."""
-_CUBE, _CYLINDER, _LINE_STRIP = 1, 3, 4
-"""Types of ``visualization_msgs/msg/Marker`` in a room."""
 
 ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSES = (
@@ -94,38 +92,13 @@ def _scan(message: Any) -> Scan:
     return read_scan(scan._replace(beam_period=max(float(scan.beam_period), 0.0)))
 
 
-def _room(message: Any) -> Obstacles | None:
-    """Return a room from its markers: a line around it, cylinders and cubes; None for other markers."""
-    walls, circles, boxes = None, [], []
-    for marker in message.markers:
-        at, q, size = marker.pose.position, marker.pose.orientation, marker.scale
-        if marker.type == _CYLINDER:
-            circles.append((at.x, at.y, 0.5 * size.x))
-        elif marker.type == _CUBE:
-            boxes.append((at.x, at.y, size.x, size.y, yaw_of_rotation(q.w, q.x, q.y, q.z)))
-        elif marker.type == _LINE_STRIP and len(marker.points) == 5:
-            a, b = marker.points[0], marker.points[2]
-            walls = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (b.x - a.x), 0.5 * (b.y - a.y)
-    return None if walls is None else Obstacles(walls, tuple(circles), tuple(boxes))
-
-
-def _grid(message: Any) -> GridMap:
-    info = message.info
-    origin, q = info.origin.position, info.origin.orientation
-    return GridMap(
-        cells=np.array(message.data, np.int8).reshape(info.height, info.width),
-        resolution=float(str(np.float32(info.resolution))),
-        origin=Pose(origin.x, origin.y, yaw_of_rotation(q.w, q.x, q.y, q.z)),
-    )
-
-
 _READ: dict[str, Callable[[Any], Any]] = {
     "nis": _nis,
     "clearance": lambda message: message.range,
     "scan": _scan,
     "imu": lambda message: (message.angular_velocity.z,),
-    "obstacles": _room,
-    "map": _grid,
+    "obstacles": room_of,
+    "map": grid_of,
 }
 
 

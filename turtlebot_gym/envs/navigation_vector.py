@@ -33,7 +33,7 @@ from turtlebot_gym.envs.poses import GivenPoses
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
-from turtlebot_gym.systems import Options, Outcome, Parameters
+from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
 from turtlebot_gym.validation import choose, whole
 
 MOST = 2**24
@@ -270,6 +270,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     def close_extras(self, **kwargs: Any) -> None:
         self._pictures.close()
+
+    def snapshot(self, index: int) -> Snapshot:
+        """Return the whole state of one environment, which holds more than its ``info``: also what the sensors say."""
+        return self._batch.world(index)
 
     def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:
         """Return the ground truth in rooms: the rooms, the true states (N, 5), and the goals' poses (N, 3).

@@ -1,4 +1,4 @@
-"""The filter for a tuning; and filters as objects with inspectable state, this package's own and filterpy's as a reference.
+"""The filter for a tuning; and filters as objects with inspectable state.
 
 Environments and nodes call a filter's functions; the objects are for interactive use, notebooks and tests.
 """
@@ -6,7 +6,7 @@ Environments and nodes call a filter's functions; the objects are for interactiv
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +20,6 @@ from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
 from turtlebot_gym.validation import choose, refusal
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
-
-if TYPE_CHECKING:
-    from filterpy.kalman import ExtendedKalmanFilter
 
 _UPPER = np.triu_indices(5)
 
@@ -211,63 +208,6 @@ class KalmanFilter:
 def _first(pose: Pose) -> Senses:
     """Return the senses at the start, at rest in a measured pose."""
     return Senses(Odometry(pose, STOP, True))
-
-
-def reference_filter(tuning: FilterTuning, *, dt: float = 0.1, integrator: str = "euler") -> ExtendedKalmanFilter:
-    """Return filterpy's extended Kalman filter for the same robot, as an oracle and for notebooks.
-
-    It uses this package's motion and innovation, the Jacobian as a matrix and ``H = [I 0]``; the algebra is filterpy's. Call
-    ``predict((v, omega))`` and ``update((x, y, theta))``, or ``update(None)`` for a lost measurement. Do not call
-    ``predict_update``, which has neither this motion nor the wrapped heading. It has no gate.
-
-    Args:
-        tuning: Its Q, R, P0, ``process``, and of `parameters.Kalman` ``remember_velocity`` and ``wrap_innovation`` are used.
-        dt: Control interval, s.
-        integrator: "euler" or "midpoint".
-
-    Returns:
-        The filter, at the origin with the tuning's P0: set ``x`` (5,) and ``P`` (5, 5) to start elsewhere.
-
-    Raises:
-        ValueError: If dt is not positive or the integrator unknown.
-        ImportError: If filterpy is not installed.
-
-    References:
-        Labbe, *Kalman and Bayesian Filters in Python* (2015), chapter 11.
-    """
-    try:
-        from filterpy.kalman import ExtendedKalmanFilter
-    except ImportError as error:
-        raise ImportError("The reference filter needs filterpy: pip install filterpy") from error
-
-    dt, middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
-    rules = tuning.kind if isinstance(tuning.kind, Kalman) else Kalman()
-    H = np.eye(3, 5)
-    certain = Covariance(*[0.0] * 15)
-
-    def residual(z: ArrayLike, pose: ArrayLike) -> NDArray[np.float64]:
-        x, y, theta = np.asarray(pose, np.float64).tolist()
-        measured = Pose(*np.asarray(z, np.float64).tolist())
-        return np.array(ekf.innovation(State(x, y, theta, 0.0, 0.0), measured, rules.wrap_innovation))
-
-    class Reference(ExtendedKalmanFilter):
-        def predict_x(self, u: Any = (0.0, 0.0)) -> None:
-            mean = State(*self.x.tolist())
-            self.F = jacobian(mean, dt=dt, integrator=integrator)
-            self.F[3, 3] = self.F[4, 4] = float(rules.remember_velocity)
-            # Predicting a belief without uncertainty gives f as the mean, and Q, which depends on the command, as the
-            # covariance.
-            moved = ekf.predict(Belief(mean, certain), Command(*u), tuning, dt, middle, rules.remember_velocity)
-            self.x, self.Q = np.array(moved.mean), matrix(moved.covariance)
-
-        def update(self, z: Any, HJacobian=lambda x: H, Hx=lambda x: x[:3], R=None, args=(), hx_args=(), residual=residual):
-            super().update(z if z is None else np.asarray(z), HJacobian, Hx, R, args, hx_args, residual)
-
-    reference = Reference(dim_x=5, dim_z=3, dim_u=2)
-    reference.x = np.zeros(5)
-    reference.P = np.diag(tuning.P0)
-    reference.R = np.diag(tuning.R)
-    return reference
 
 
 def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[np.float64]:

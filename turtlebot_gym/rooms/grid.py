@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.rooms.cells import LARGEST
 from turtlebot_gym.rooms.field import field_of_cells, field_of_hits
 from turtlebot_gym.rooms.scene import Scene, Walls
@@ -88,6 +89,22 @@ class GridMap:
         (field_of_hits if hits else field_of_cells)(self.cells == OCCUPIED, self.resolution, field)
         field[(self.cells != FREE) & (self.cells != OCCUPIED) & (field > BESIDE)] = np.nan
         return field
+
+
+def grid_of(message: Any) -> GridMap:
+    """Return the map of a ``nav_msgs/OccupancyGrid``; its resolution is the shortest decimal nearest to that of the message.
+
+    Raises:
+        ValueError: If the message does not hold a map.
+    """
+    info, origin, q = message.info, message.info.origin.position, message.info.origin.orientation
+    if len(message.data) != info.height * info.width:
+        raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
+    return GridMap(
+        cells=np.array(message.data, np.int8).reshape(info.height, info.width),
+        resolution=float(str(np.float32(info.resolution))),
+        origin=Pose(origin.x, origin.y, yaw_of_rotation(q.w, q.x, q.y, q.z)),
+    )
 
 
 _BOTH_WAYS = slice(None), slice(None, None, -1)

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.beams import Beams, beams_of
-from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
+from turtlebot_gym.models.angles import TWO_PI, sincos, wrap, yaw_of_rotation
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT, UNKNOWN, Driver, Lidar, fill
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import Pose, State
+
+_CUBE, _CYLINDER, _LINE_STRIP = 1, 3, 4
+"""Types of ``visualization_msgs/Marker`` in a room."""
 
 
 class Scan(NamedTuple):
@@ -92,6 +95,21 @@ def obstacles_of(scene: Scene) -> Obstacles:
         tuple((x, y, radius) for x, y, radius in circles),
         tuple((x, y, 2.0 * a, 2.0 * b, math.atan2(sine, cosine)) for x, y, a, b, cosine, sine in boxes),
     )
+
+
+def room_of(message: Any) -> Obstacles | None:
+    """Return a room from its ``visualization_msgs/MarkerArray``: walls as a line, cylinders and cubes; None without walls."""
+    walls, circles, boxes = None, [], []
+    for marker in message.markers:
+        at, q, size = marker.pose.position, marker.pose.orientation, marker.scale
+        if marker.type == _CYLINDER:
+            circles.append((at.x, at.y, 0.5 * size.x))
+        elif marker.type == _CUBE:
+            boxes.append((at.x, at.y, size.x, size.y, yaw_of_rotation(q.w, q.x, q.y, q.z)))
+        elif marker.type == _LINE_STRIP and len(marker.points) == 5:
+            a, b = marker.points[0], marker.points[2]
+            walls = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (b.x - a.x), 0.5 * (b.y - a.y)
+    return None if walls is None else Obstacles(walls, tuple(circles), tuple(boxes))
 
 
 def as_sent(scan: Scan, driver: Driver, rng: np.random.Generator) -> Scan:

@@ -43,7 +43,7 @@ class DriveUnit:
     trajectory: bool = False
     """Whether to record the first episode's trajectory."""
     allow_mismatch: bool = False
-    """Whether a bundle made for another task or observation may drive."""
+    """Whether a policy made for another task, observation, robot or rate may drive."""
     memory = 500 * 2**20
 
     @property

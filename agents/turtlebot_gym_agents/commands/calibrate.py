@@ -138,7 +138,7 @@ class Calibrate(Writing, Placed, Recorded):
         return drive
 
     def _fit_gyro(self, drive: Drive) -> None:
-        """Print and write the noise of the gyro, whatever the log says of the rest."""
+        """Print and write the noise of the gyro, even if the log does not determine the rest."""
         from turtlebot_gym import write_parameters
         from turtlebot_gym.calibration.gyro import fit_gyro
         from turtlebot_gym_agents.commands.calibration_report import gyro_table

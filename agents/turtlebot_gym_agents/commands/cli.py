@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import tyro
 
+from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
 from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import (
@@ -27,7 +28,9 @@ from turtlebot_gym_agents.commands.console import (
     print_tables,
     progress,
     save_figure,
+    write_anywhere,
 )
+from turtlebot_gym_agents.commands.counts import REGISTRY
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
@@ -66,6 +69,8 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
     one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
+    details: bool = False
+    """Print all tables: also efficiency, effort, false arrivals and the errors of estimate and odometry."""
     json: JsonFile = None
     """Write configuration, results and the numbers of every episode here."""
     plot: FigureFile = None
@@ -73,6 +78,7 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
 
     def run(self) -> None:
         from turtlebot_gym_agents.commands import report
+        from turtlebot_gym_agents.commands.verdict import verdicts
 
         combinations = list(itertools.product(self.policy, self.noise, self.observation))
         if not combinations:
@@ -84,7 +90,8 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
         evaluations = dict(zip(itertools.starmap(self._label, combinations), results, strict=True))
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
-        print_tables(*report.evaluation_tables(evaluations, title=title))
+        print_tables(*report.evaluation_tables(evaluations, title=title, details=self.details))
+        print("\n".join(verdicts(evaluations, size=len(combinations) // len(self.policy))))
         if self.json is not None:
             runs = [
                 {"label": label, "config": evaluation.config, "summary": evaluation.summary(), "episodes": evaluation.episodes}
@@ -93,6 +100,12 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
             write_json(self.json, {"runs": runs}, config=self.settings())
         if self.plot is not None:
             save_figure(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
+
+    def resuming(self) -> str:
+        """Return how to continue after an interruption."""
+        if self.store is None:
+            return "Nothing was kept; with --store FOLDER the same command continues where it was interrupted."
+        return f"The same command continues: finished episodes are in {self.store}."
 
     def _here(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
         from turtlebot_gym_agents.evaluation.evaluate import evaluate
@@ -223,15 +236,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: Arguments; None for those of the process.
     """
-    command = tyro.extras.subcommand_cli_from_dict(
-        dict(COMMANDS),
-        prog="turtlebot-gym",
-        description="A TurtleBot that navigates on what a Kalman filter believes. --version prints the version.",
-        args=argv,
-    )
+    words = list(sys.argv[1:] if argv is None else argv)
+    write_anywhere(sys.stdout, sys.stderr)
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)  # for users' own policies, which a console script would not find
+    command: Any = None
     try:
+        if words and not words[0].startswith("-"):
+            choose("command", words[0], COMMANDS)
+        command = tyro.extras.subcommand_cli_from_dict(
+            dict(COMMANDS),
+            prog="turtlebot-gym",
+            description="A TurtleBot that navigates on what a Kalman filter believes. --version prints the version.",
+            args=words,
+            registry=REGISTRY,
+        )
         require_outputs(outputs_of(command), inputs=inputs_of(command), force=getattr(command, "force", False))
         command.run()
     except MemoryError:
@@ -241,5 +260,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"turtlebot-gym: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
+        resuming = getattr(command, "resuming", str)()
+        print(f"turtlebot-gym: interrupted. {resuming}".rstrip(), file=sys.stderr)
         return 130
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,9 @@ File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 JsonFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE.json"), JSON]
 FigureFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE.png"), FIGURE]
 """Options that name a file to write, see `outputs`; a figure may be a .pdf or .svg, too."""
+
+NARROWEST = 20
+"""Least width of tables, characters."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +78,7 @@ class Driven(_DRIVE, Setting):
     """Plant mujoco only: the same between caster and floor; by default 0.05. For a slippery floor use --friction 0.5
     --caster-friction 0.3."""
     allow_mismatch: bool = False
-    """Also drive policies made for another task or observation."""
+    """Also drive policies made for another task, observation, robot or rate."""
 
     def options(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment, and whether a policy for another task may drive."""
@@ -169,8 +173,21 @@ def print_tables(*tables: Table, keys: int | None = None) -> None:
     from turtlebot_gym_agents.commands.tables import fitted
 
     console = Console()
-    width = console.width if console.is_terminal or "COLUMNS" in os.environ else 160
+    asked = console.is_terminal or os.environ.get("COLUMNS", "0") != "0"
+    width = max(console.width, NARROWEST) if asked else 160
     Console(width=width).print(*(part for table in tables for part in fitted(table, width, keys=keys)))
+
+
+def write_anywhere(*streams: Any) -> None:
+    """Let streams write what their encoding lacks in ASCII, so that no result is lost behind its work."""
+    codecs.register_error("turtlebot_gym", lambda error: (_in_ascii(error), error.end))  # type: ignore[attr-defined]
+    for stream in streams:
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="turtlebot_gym")
+
+
+def _in_ascii(error: Any) -> str:
+    return "".join("+-" if sign == "\u00b1" else "?" for sign in error.object[error.start : error.end])
 
 
 def save_figure(figure: Figure, path: Path) -> None:

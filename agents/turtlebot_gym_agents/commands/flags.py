@@ -35,7 +35,7 @@ def flags(*names: str, several: Sequence[str] = (), **defaults: Any) -> Any:
 
     Args:
         *names: The options.
-        several: Options of which a command takes several values.
+        several: Options for which the command takes several values.
         **defaults: Further options, with another default than the environment's.
     """
     made = []

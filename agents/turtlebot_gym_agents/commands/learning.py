@@ -103,13 +103,19 @@ class Train(Placement, _Learned):
         trained = list(zip(seeds, folders, results, strict=True))
         runs, times = [], []
         for seed, folder, result in trained:
-            told = asdict(result)
-            times.append({"seed": seed, **{name: told.pop(name) for name in ("seconds", "steps_per_second")}})
-            runs.append({"seed": seed, "folder": folder, **told})
+            facts = asdict(result)
+            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
+            runs.append({"seed": seed, "folder": folder, **facts})
         title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
         print_tables(_training_table(trained, title=title))
         if self.json is not None:
             write_json(self.json, {"runs": runs, "times": times}, config=self.settings())
+
+    def resuming(self) -> str:
+        """Return how to continue after an interruption."""
+        if self.spread:
+            return f"The same command continues: finished trainings are in {self.store or self.out / 'units'}."
+        return f"The same command with --resume continues from the last checkpoint in {self.out}."
 
     def _spread(self, configs: list[TrainingConfig], folders: list[Path]) -> Iterator[TrainingResult]:
         from turtlebot_gym_agents.cluster.trainings import Training, train_all
@@ -192,6 +198,10 @@ class Tune(Placement, _Learned):
                 for one in study.trials
             ]
             write_json(self.json, {"trials": trials}, config={**self.settings(), "generation": self._generation()})
+
+    def resuming(self) -> str:
+        """Return how to continue after an interruption."""
+        return "The same command continues: finished trials are kept."
 
     def _generation(self) -> int | None:
         return 8 if self.generation is None and self.spread else self.generation

@@ -23,41 +23,43 @@ ERRORS = (
 )
 """Headings of `Errors`, each complete: a narrow terminal shows them in several tables."""
 
+MORE = ("efficiency", "reached", "miss", "effort")
+"""Numbers of a summary that are details."""
 
-def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str) -> tuple[Table, ...]:
+
+def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, details: bool = True) -> tuple[Table, ...]:
     """Return tables of results, and of the errors of estimate and odometry.
 
     Args:
         evaluations: Label and evaluation of each, on the same seeds.
         title: Title of the figure or table.
+        details: Whether to return more than what decides between policies.
     """
     first = next(iter(evaluations.values()))
+    details = details or first.config.get("switch") == "time"  # then no time decides
+    more = ("efficiency", "reached", "miss, m", "effort", "false arrivals, %") if details else ()
     driven = Table(
-        "", "success, %", "to goal, s", "time*, s", "minus first, s", "efficiency", "reached", "miss, m", "effort",
-        "false arrivals, %",
+        "", "success, %", "to goal, s", "time*, s", "minus first, s", *more,
         title=title, caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
     )  # fmt: skip
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
     odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")
     for label, evaluation in evaluations.items():
         s = evaluation.summary()
+        beside = [_number(s[name], 3 if name == "efficiency" else 2, brief=True) for name in MORE]
         driven.add_row(
             label,
             "-" if evaluation.config.get("switch") == "time" else _percent(s["success"]),
             _number(s["time_to_goal"], 2),
             _number(s["time"], 2),
             "" if evaluation is first else _number(paired(evaluation, first), 2),
-            _number(s["efficiency"], 3, brief=True),
-            _number(s["reached"], 2, brief=True),
-            _number(s["miss"], 2, brief=True),
-            _number(s["effort"], 2, brief=True),
-            _percent(s["false_arrival"]),
+            *([*beside, _percent(s["false_arrival"])] if details else ()),
         )
         estimate.add_row(label, *_errors(evaluation.episodes.estimate))
         odometry.add_row(label, *_errors(evaluation.episodes.odometry))
-    tables = [driven, estimate, odometry]
+    tables = [driven, estimate, odometry] if details else [driven]
     if all("collision" in evaluation.summary() for evaluation in evaluations.values()):
-        tables.insert(1, _rooms_table(evaluations))
+        tables.insert(1, _rooms_table(evaluations, details=details))
     if all("goals" in evaluation.summary() for evaluation in evaluations.values()):
         tables.insert(1, _missions_table(evaluations))
     return tuple(tables)
@@ -75,15 +77,14 @@ def _missions_table(evaluations: Mapping[str, Evaluation]) -> Table:
     return table
 
 
-def _rooms_table(evaluations: Mapping[str, Evaluation]) -> Table:
-    table = Table(
-        "", "collision, %", "time-out, %", "SPL", "BARN's score", "least clearance, m", "its 5th percentile, m",
-        title="in rooms",
-    )  # fmt: skip
+def _rooms_table(evaluations: Mapping[str, Evaluation], *, details: bool) -> Table:
+    more = ("BARN's score", "least clearance, m", "its 5th percentile, m") if details else ()
+    table = Table("", "collision, %", "time-out, %", "SPL", *more, title="in rooms")
     for label, evaluation in evaluations.items():
         s = evaluation.summary()
         shares = (_percent(s[name]) for name in ("collision", "timeout"))
-        table.add_row(label, *shares, *(_number(s[name], 3) for name in ("spl", "barn", "clearance", "clearance_5th")))
+        shown = ("spl", "barn", "clearance", "clearance_5th") if details else ("spl",)
+        table.add_row(label, *shares, *(_number(s[name], 3) for name in shown))
     return table
 
 

@@ -53,6 +53,10 @@ class Study(Placement, Writing):
                 self.json, {"cells": rows}, config={name: value for name, value in vars(grid).items() if name != "chunk"}
             )
 
+    def resuming(self) -> str:
+        """Return how to continue after an interruption."""
+        return f"The same command continues: finished units are in {self.store or self.out / 'units'}."
+
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +106,10 @@ class TuneBaseline(Writing, Setting):
         print(f"Use it with --policy {self.out}.")
         if self.json is not None:
             write_json(self.json, {"tries": [asdict(attempt) for attempt in tries]}, config=self.asked())
+
+    def resuming(self) -> str:
+        """Return how to continue after an interruption."""
+        return f"The same command continues from the tries in {self.out}."
 
 
 def _table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:

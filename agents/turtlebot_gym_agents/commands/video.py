@@ -62,7 +62,7 @@ def record(
         fps: Frames per second.
         width: Width of the frames, pixels.
         progress: Called with the number of steps so far and the largest possible number.
-        allow_mismatch: Whether a bundle made for another task or observation may drive.
+        allow_mismatch: Whether a policy made for another task, observation, robot or rate may drive.
         **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:

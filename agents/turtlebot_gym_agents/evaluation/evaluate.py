@@ -25,7 +25,7 @@ from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatena
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
-from turtlebot_gym_agents.policies.fit import require_task
+from turtlebot_gym_agents.policies.fit import require_layout, require_task
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 ORACLE = "oracle"
@@ -134,7 +134,7 @@ def evaluate(
         episodes: Number of episodes; episode i has the seed ``seed + i``.
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
-        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
+        allow_mismatch: Whether a policy that was made for another task, observation, robot or rate may drive.
         **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
@@ -184,10 +184,10 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     Args:
         policy: Its name for `turtlebot_gym_agents.make_policy`, or the policy; in a vector environment also "oracle".
         envs: An environment or a vector environment, made by Gymnasium.
-        allow_mismatch: Whether a bundle that was made for another task or another observation may drive.
+        allow_mismatch: Whether a policy that was made for another task, observation, robot or rate may drive.
 
     Raises:
-        ValueError: If the bundle does not match, there is no policy of that name, or the oracle has no room.
+        ValueError: If the policy does not match, there is no policy of that name, or the oracle has no room.
     """
     if not isinstance(policy, str):
         return policy
@@ -195,7 +195,9 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
         return Oracle(envs)
     parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
-    driver = make_policy(policy, robot=p.robot, dt=p.dt)
+    driver = make_policy(policy, robot=p.robot, dt=p.dt, allow_mismatch=allow_mismatch)
+    if envs.spec is not None:
+        require_layout(driver, policy, envs.spec.id)
     if not allow_mismatch and envs.spec is not None:
         shown = next(name for name, code in OBSERVED.items() if code == p.observed)
         require_task(driver, policy, envs.spec.id, shown)

@@ -8,19 +8,26 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym import Robot, make_robot
+from turtlebot_gym import ROBOTS, Robot, make_robot
 from turtlebot_gym.files import is_file
+from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.validation import made, shown
+from turtlebot_gym_agents.policies.policy import layout_of
 from turtlebot_gym_agents.provenance import plain
 
 ROOMS, MISSIONS = "turtlebot_gym/TurtleBotRooms-v0", "turtlebot_gym/TurtleBotMissions-v0"
 """A mission is the task of rooms, goal after goal."""
+OPEN = tuple(f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Pose", "Square"))
+"""Environments without obstacles."""
 
 
 def describe_robot(robot: str | Robot) -> dict[str, Any]:
-    """Return the description of a robot in a policy's file."""
-    name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else "custom"
-    return plain({"name": name, **asdict(make_robot(robot))})
+    """Return the description of a robot in a policy's file; one that equals a preset has its name."""
+    made = make_robot(robot)
+    preset = next((name for name, limits in ROBOTS.items() if limits == made), "custom")
+    name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else preset
+    return plain({"name": name, **asdict(made)})
 
 
 def robot_of(described: Mapping[str, Any]) -> Robot:
@@ -52,6 +59,24 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
             f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; "
             "--allow-mismatch (allow_mismatch=True) drives it anyway."
         )
+
+
+def require_layout(policy: object, name: str, env: str) -> None:
+    """Refuse a policy that cannot read the observations of an environment of this package.
+
+    Args:
+        policy: The policy; one that states no layout reads all.
+        name: Name of the policy in the message.
+        env: Id of the environment to drive in.
+
+    Raises:
+        ValueError: If it cannot; the message names the environment to choose.
+    """
+    layout, card = layout_of(policy), getattr(policy, "card", None)
+    if layout == ROOM_LAYOUT and env in OPEN:
+        raise ValueError(f"{name}: it steers by a LiDAR, which {env} does not have: choose --env {ROOMS}.")
+    if layout == OBSERVATION_LAYOUT and env in (ROOMS, MISSIONS) and card is not None:
+        raise ValueError(f"{name}: it was trained without a LiDAR's beams, which {env} shows: choose --env {card.env}.")
 
 
 def require_fit(

@@ -36,7 +36,9 @@ def bundle_of(name: str) -> Path | None:
     return own if name.isprintable() and "/" not in name and own.is_file() else None
 
 
-def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD) -> Policy:
+def make_policy(
+    name: str, *, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, allow_mismatch: bool = False
+) -> Policy:
     """Return a policy by its name.
 
     Args:
@@ -47,21 +49,25 @@ def make_policy(name: str, *, robot: str | Robot = "burger", dt: float = REFEREN
             `SafetyLayer`.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
+        allow_mismatch: Whether a bundle or a tuned baseline that was made for another robot or rate may drive. Its actions are
+            shares of the robot's limits.
 
     Raises:
         ValueError: If the name is unknown, or a file was made for another robot or rate.
         ImportError: If the policy is a bundle and onnxruntime is missing.
     """
     if name.endswith(SAFETY):
-        return SafetyLayer(make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt), robot, dt)
+        driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
+        return SafetyLayer(driver, robot, dt)
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
+    fit: dict[str, Any] = {} if allow_mismatch else {"robot": robot, "dt": dt}
     if name.endswith(".json"):
-        return load_baseline(name, robot=robot, dt=dt)
+        return load_baseline(name, **fit)
     if bundle := bundle_of(name):
         from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
-        return BundlePolicy(bundle, robot=robot, dt=dt)
+        return BundlePolicy(bundle, **fit)
     if name.endswith((".zip", ".pkl", ".pt", ".pth")):
         raise ValueError(
             f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "

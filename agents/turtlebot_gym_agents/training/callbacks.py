@@ -262,5 +262,5 @@ class ProgressCallback(BaseCallback):
         self.stop()
 
     def stop(self) -> None:
-        """Release the terminal after an exception, of which SB3 does not notify callbacks."""
+        """Release the terminal after an exception, about which SB3 does not notify callbacks."""
         self._progress.stop()

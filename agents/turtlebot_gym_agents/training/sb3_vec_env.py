@@ -184,8 +184,8 @@ class Sb3VecEnv(VecEnv):
         if rows is not None:
             return [rows[row].get_wrapper_attr(attr_name) for row in chosen]
         if isinstance(self.envs.unwrapped, AsyncVectorEnv):
-            told = self.envs.unwrapped.get_attr(attr_name)
-            return [told[row] for row in chosen]
+            values = self.envs.unwrapped.get_attr(attr_name)
+            return [values[row] for row in chosen]
         return [getattr(self._layer_of(attr_name), attr_name)] * len(chosen)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -218,8 +218,8 @@ class Sb3VecEnv(VecEnv):
         if method_name not in _PURE:
             self._require_all(chosen, "methods: call it")
         if isinstance(self.envs.unwrapped, AsyncVectorEnv):
-            told = self.envs.unwrapped.call(method_name, *args, **kwargs)
-            return [told[row] for row in chosen]
+            results = self.envs.unwrapped.call(method_name, *args, **kwargs)
+            return [results[row] for row in chosen]
         return [getattr(self._layer_of(method_name), method_name)(*args, **kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:

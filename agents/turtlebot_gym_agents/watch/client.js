@@ -1,8 +1,9 @@
 // What the browser does: it shows the drives at a time, and lets that time be scrubbed, played and followed.
-// Its names come from view.py: runs, plots, time_range, theme, live; and from present.js.
+// Its names come from view.py: runs, plots, time_range, theme, live; from present.js, camera.js and timeline.js.
 const element = (name) => document.getElementById(name)
-const slider = element("time"), play_button = element("play"), speed = element("speed"), follow_button = element("live")
-let time = 0, playing = false, following = live, last_frame = 0
+const slider = element("time"), play_button = element("play"), speed = element("speed"), live_button = element("live")
+const loop_button = element("loop")
+let time = 0, playing = false, following = live, looping = false, last_frame = 0
 
 const end = () => runs.reduce((latest, {rows}) => Math.max(latest, rows.data.time[rows.data.time.length - 1] ?? 0), 0)
 
@@ -60,7 +61,7 @@ const moments = runs.map(({rows, scans, figure, still, sizes}, at) => {
   const repaint = overlay(cb_context.index[figure.id], (ctx, frame) => { if (moment.k >= 0) paint_moment(ctx, frame, moment) })
   return {moment, rows, scans, still, repaint}
 })
-const cursors = plots.map((figure) => overlay(cb_context.index[figure.id], (ctx, frame) => paint_cursor(ctx, frame, time)))
+const cursors = plots.map(({figure}) => overlay(cb_context.index[figure.id], (ctx, frame) => paint_cursor(ctx, frame, time)))
 
 function draw() {
   for (const {moment, rows, scans, still, repaint} of moments) {
@@ -79,6 +80,7 @@ function draw() {
     repaint()
   }
   for (const repaint of cursors) repaint()
+  keep_up()
   slider.value = time
   element("clock").textContent = `${time.toFixed(1)} / ${end().toFixed(1)} s`
 }
@@ -102,7 +104,7 @@ function set_playing(on) {
 
 function set_following(on) {
   following = on && live
-  follow_button?.setAttribute("aria-pressed", String(following))
+  live_button?.setAttribute("aria-pressed", String(following))
   if (following) {
     playing = false
     play_button.textContent = "\u25b6"
@@ -115,8 +117,9 @@ function frame(at) {
   const t = time + Math.max(at - last_frame, 0) * 1e-3 * Number(speed.value)
   last_frame = at
   show(t)
-  if (time >= end() - 1e-6) set_playing(false)
-  else requestAnimationFrame(frame)
+  if (time >= end() - 1e-6 && looping) show(0)
+  else if (time >= end() - 1e-6) return set_playing(false)
+  requestAnimationFrame(frame)
 }
 
 function seek(t) {
@@ -125,34 +128,20 @@ function seek(t) {
   show(t)
 }
 
-// Fit what is to be seen into the maps, a metre as long along x as along y. The maps share their ranges.
-function fit() {
-  const [{figure}] = runs
-  const width = figure.inner_width, height = figure.inner_height
-  if (!(width > 0 && height > 0)) return
-  const [low_x, low_y, high_x, high_y] = [0, 1, 2, 3].map((at) => runs.map(({seen}) => seen[at]).reduce((a, b) => at < 2 ? Math.min(a, b) : Math.max(a, b)))
-  const metres = Math.max((high_x - low_x) / width, (high_y - low_y) / height)
-  const x = 0.5 * (low_x + high_x), y = 0.5 * (low_y + high_y)
-  const ends = (middle, size) => {
-    const start = middle - 0.5 * metres * size, end = middle + 0.5 * metres * size
-    return {start, end, reset_start: start, reset_end: end}
-  }
-  set(figure.x_range, ends(x, width))
-  set(figure.y_range, ends(y, height))
-}
-
-// Widen what is to be seen to where a drive has come; returns whether that was necessary.
+// Widen what is to be seen to where a drive has come and is to go; returns whether that was necessary.
 function widen() {
   let wider = false
   for (const {rows, seen, sizes} of runs) {
-    const {x, y, ex, ey} = rows.data
+    const {x, y, ex, ey, gx, gy} = rows.data
     for (let at = rows.reach ?? 0; at < x.length; at++) {
       const [u, v] = Number.isFinite(x[at]) ? [x[at], y[at]] : [ex[at], ey[at]]
-      const around = [u - sizes[0], v - sizes[0], u + sizes[0], v + sizes[0]]
-      for (const side of [0, 1, 2, 3]) {
-        if (side < 2 ? around[side] < seen[side] : around[side] > seen[side]) {
-          seen[side] = around[side] + (side < 2 ? -1 : 1)  // a metre more, so that it is seldom necessary
-          wider = true
+      for (const [p, q, r] of [[u, v, sizes[0]], [gx[at], gy[at], sizes[1]]]) {
+        const around = [p - r, q - r, p + r, q + r]
+        for (const side of [0, 1, 2, 3]) {
+          if (side < 2 ? around[side] < seen[side] : around[side] > seen[side]) {
+            seen[side] = around[side] + (side < 2 ? -1 : 1)  // a metre more, so that it is seldom necessary
+            wider = true
+          }
         }
       }
     }
@@ -162,7 +151,9 @@ function widen() {
 }
 
 function grow() {
-  if (widen()) fit()
+  if (widen()) settle()
+  read_events()
+  choose_plots()
   slider.max = end()
   set(time_range, {end: Math.max(end(), 1)})
   if (following) time = end()
@@ -173,33 +164,3 @@ function paint() {
   shade = matchMedia("(prefers-color-scheme: dark)").matches ? 1 : 0
   for (const [model, name, ...values] of theme) set(model, {[name]: values[shade]})
 }
-
-slider.addEventListener("input", () => seek(Number(slider.value)))
-play_button.addEventListener("click", () => set_playing(!playing))
-follow_button?.addEventListener("click", () => set_following(!following))
-document.addEventListener("keydown", (event) => {
-  if (event.target.matches("select, button")) return
-  if (event.key === " ") { event.preventDefault(); set_playing(!playing) }
-  if (event.key === "ArrowRight" || event.key === "ArrowLeft") {
-    event.preventDefault()
-    seek(time + (event.key === "ArrowRight" ? 0.1 : -0.1) * (event.shiftKey ? 10 : 1))
-  }
-})
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { paint(); draw() })
-let waiting = false
-const soon = () => {  // several columns may grow at once
-  if (!waiting) {
-    waiting = true
-    requestAnimationFrame(() => { waiting = false; grow() })
-  }
-}
-for (const {rows} of runs) {
-  rows.streaming.connect(soon)
-  rows.properties.data.change.connect(soon)
-}
-for (const side of ["inner_width", "inner_height"]) runs[0].figure.properties[side].change.connect(fit)
-window.watch = {seek, play: () => set_playing(true), pause: () => set_playing(false), get time() { return time }, get end() { return end() }, get playing() { return playing }}
-paint()
-fit()
-grow()
-document.documentElement.dataset.ready = "true"

@@ -48,6 +48,7 @@ def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[
         "nis": drive.nis,
         "clearance": drive.clearance,
         "level": drive.level,
+        "fix": drive.fix,
         "scan": newest,
     }
     columns: dict[str, Any] = {name: np.ascontiguousarray(values, np.float32) for name, values in numbers.items()}

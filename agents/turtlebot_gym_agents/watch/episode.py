@@ -49,7 +49,7 @@ def record_episode(
         env: The id of an environment of this package.
         seed: Seed of the episode.
         label: Label in the view; by default the policy's name.
-        allow_mismatch: Whether a bundle made for another task or observation may drive.
+        allow_mismatch: Whether a policy made for another task, observation, robot or rate may drive.
         **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
@@ -115,7 +115,9 @@ def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
     ended = False
     while True:
         room = None if scene is None else obstacles_of(scene)
-        yield _Row(info, room, None if scene is None else scene.ranges[1].copy())
+        fix = getattr(envs.unwrapped.snapshot(0).senses, "fix", None)  # pyright: ignore[reportAttributeAccessIssue]
+        arrived = {} if fix is None else {"fix": np.array([float(fix.arrived)])}
+        yield _Row(info | arrived, room, None if scene is None else scene.ranges[1].copy())
         if ended:
             return
         observations, _, terminated, truncated, info = envs.step(policy(observations))

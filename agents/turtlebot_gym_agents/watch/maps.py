@@ -18,6 +18,8 @@ from turtlebot_gym_agents.watch.style import Theme
 
 PAD = 0.3
 """Margin around the visible contents, m."""
+MARGIN = 56
+"""Space to the left of each frame, pixels, so that its size does not depend on the labels of the ticks."""
 PIXELS = 800
 """Longest side of a map's picture."""
 
@@ -55,10 +57,9 @@ def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, 
         (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
     )
     figure = Figure(
-        name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", min_border=4, active_drag=None,
-        tools="pan,wheel_zoom,reset,save", active_scroll=None, x_axis_label="x (m)", y_axis_label="y (m)",
+        name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", min_border=4, min_border_left=MARGIN,
+        tools="", toolbar_location=None, x_axis_label="x (m)", y_axis_label="y (m)",
     )  # fmt: skip
-    figure.toolbar.autohide = True
     theme.dress(figure)
     _draw_room(figure, drive, theme)
     figure.scatter([], [])  # Bokeh warns of a figure that has nothing to draw

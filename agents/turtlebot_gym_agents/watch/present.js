@@ -1,5 +1,5 @@
 // What moves: drawn into the overlay layer of Bokeh's canvases, so that another moment costs neither a new map nor new axes.
-// Its names come from view.py: inks, which are colours on light pages and on dark ones.
+// Its names come from view.py: inks, which are colours on light pages and on dark ones; and from timeline.js: hidden layers.
 const FULL_TURN = 2 * Math.PI
 let shade = 0
 
@@ -90,21 +90,27 @@ function paint_moment(ctx, frame, {data, k, points, circles, sizes: [robot, goal
     stroke(ink, width, dash)
   }
 
+  const shown = (layer) => !hidden.has(layer)
   ctx.lineCap = "round"
   ctx.lineJoin = "round"
   const {x, y, theta, ex, ey, etheta, ox, oy, otheta, gx, gy, gtheta, width, height, tilt} = data
   for (let at = 0; at + 2 < circles.length; at += 3) disc(circles[at], circles[at + 1], circles[at + 2], "solid", 1, 0)
-  disc(gx[k], gy[k], goal, "goal", 0.15, 2)
-  pointer(gx[k], gy[k], gtheta[k], goal, "goal", 2)
-  dots(points.x, points.y, points.x.length, 1.5, "scan", 1)
-  dots(ox, oy, k + 1, 1.25, "odometry", 0.7)
-  path(x, y, "truth", 2.4, [])
-  path(ex, ey, "estimate", 1.5, [6, 3])
+  if (shown("waypoint")) {
+    disc(gx[k], gy[k], goal, "goal", 0.15, 2)
+    pointer(gx[k], gy[k], gtheta[k], goal, "goal", 2)
+  }
+  if (shown("scan")) dots(points.x, points.y, points.x.length, 1.5, "scan", 1)
+  if (shown("odometry")) dots(ox, oy, k + 1, 1.25, "odometry", 0.7)
+  if (shown("truth")) path(x, y, "truth", 2.4, [])
+  if (shown("estimate")) path(ex, ey, "estimate", 1.5, [6, 3])
   const known = Number.isFinite(x[k])  // without a known truth the robot is drawn where it believes it is
   disc(known ? x[k] : ex[k], known ? y[k] : ey[k], robot, "truth", 0.2, 2)
   pointer(x[k], y[k], theta[k], robot, "truth", 3)
-  dots([ox[k]], [oy[k]], 1, 3.5, "odometry", 1)
-  pointer(ox[k], oy[k], otheta[k], robot, "odometry", 2)
+  if (shown("odometry")) {
+    dots([ox[k]], [oy[k]], 1, 3.5, "odometry", 1)
+    pointer(ox[k], oy[k], otheta[k], robot, "odometry", 2)
+  }
+  if (!shown("estimate")) return
   if (Number.isFinite(ex[k] + ey[k] + width[k] + tilt[k])) {
     ctx.beginPath()
     oval(ex[k], ey[k], width[k] / 2, height[k] / 2, tilt[k])

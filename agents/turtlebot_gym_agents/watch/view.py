@@ -24,6 +24,8 @@ from turtlebot_gym_agents.watch.maps import Map, make_map
 from turtlebot_gym_agents.watch.plots import make_plots
 from turtlebot_gym_agents.watch.style import Theme
 
+SCRIPTS = ("client.js", "present.js", "camera.js", "timeline.js", "begin.js")
+"""What runs in the browser, in this order."""
 MOST_RUNS = 6
 """Most runs side by side."""
 
@@ -74,8 +76,11 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     for root in (*(each.figure for each in maps), *plots.figures):
         document.add_root(root)
     client: dict[str, Any] = {
-        "runs": [{"rows": run.rows, "scans": run.scans, **each.models()} for run, each in zip(runs, maps, strict=True)],
-        "plots": plots.figures,
+        "runs": [
+            {"rows": run.rows, "scans": run.scans, "label": drive.around.label, "ended": _ended(drive), **each.models()}
+            for drive, run, each in zip(drives, runs, maps, strict=True)
+        ],
+        "plots": plots.models(),
         "inks": style.PRESENT,
         "time_range": plots.range,
         "theme": theme.entries,
@@ -85,7 +90,7 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     again.js_on_change("data", CustomJS(code="window.location.reload()"))
     for run in runs:
         run.rows.tags = [run.scans, again]  # no drawn model refers to them, and only referenced models are synchronized
-    document.js_on_event("document_ready", CustomJS(args=client, code=_text("present.js") + _text("client.js")))
+    document.js_on_event("document_ready", CustomJS(args=client, code="".join(map(_text, SCRIPTS))))
     document.title = title
     document.template = _template()
     document.template_variables.update(_variables(drives, maps, [str(each.name) for each in plots.figures], title, live))
@@ -111,18 +116,18 @@ def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str
     several = len(drives) > 1
     scans, known = any(drive.scans for drive in drives), any(np.isfinite(drive.true_state).any() for drive in drives)
     symbols = [
-        ("truth", style.TRUTH, "line", known),
-        (ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
-        ("odometry", style.ODOMETRY, "dot", True),
-        ("waypoint", style.GOAL, "ring", True),
-        ("scan", style.SCAN, "dots", scans or live),
-        ("command", style.COMMAND, "line", not several),
+        ("truth", "truth", style.TRUTH, "line", known),
+        ("estimate", ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
+        ("odometry", "odometry", style.ODOMETRY, "dot", True),
+        ("waypoint", "waypoint", style.GOAL, "ring", True),
+        ("scan", "scan", style.SCAN, "dots", scans or live),
+        ("command", "command", style.COMMAND, "line", not several),
     ]
     return {
         "style_sheet": _text("page.css"),
         "heading": title,
         "live": live,
-        "legend": [(name, ink, kind) for name, ink, kind, shown in symbols if shown],
+        "legend": [symbol[:-1] for symbol in symbols if symbol[-1]],
         "runs": [
             {"map": each.figure.name, "label": drive.around.label, "outcome": drive.outcome, "aspect": each.aspect,
              "ink": style.run_style(at)[0] if several else None, "dash": _svg_dash(style.run_style(at)[1])}
@@ -131,6 +136,11 @@ def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str
         "plots": plots,
         "several": several,
     }  # fmt: skip
+
+
+def _ended(drive: Drive) -> str:
+    """Return the event with which a drive ended; nothing if it simply ended."""
+    return {"success": "arrival", "collision": "contact"}.get(drive.outcome.partition(" ")[0], "")
 
 
 def _svg_dash(dashes: str | list[int]) -> str:

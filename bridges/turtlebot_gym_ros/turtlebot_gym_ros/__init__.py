@@ -1,7 +1,7 @@
 """The closed loop as ROS 2 nodes: any block with a ``step`` becomes a node, including the project's own five.
 
 `Input`, `Output`, `Every`, `On` and `Block` do not depend on ROS. `register`, `Shell` and `run` need rclpy, from a ROS
-installation or from ``pip install "turtlebot-gym[ros]"``, and are imported at first use.
+installation or from the extra ``ros``, and are imported at first use.
 """
 
 from __future__ import annotations

@@ -60,11 +60,11 @@ class Counted:
 
 
 def test_results_come_in_the_order_of_the_units_and_equal_ones_are_done_once():
-    workers, told = Counted(), []
-    results = complete(UNITS, workers=workers, progress=told.append)
+    workers, counts = Counted(), []
+    results = complete(UNITS, workers=workers, progress=counts.append)
     assert [result.facts["seed"] for result in results] == [0, 1, 2, 1]
     assert workers.done == [2, 1, 0]
-    assert told == [0, 1, 3, 4]
+    assert counts == [0, 1, 3, 4]
 
 
 def test_what_was_stopped_goes_on_where_it_was(tmp_path):

@@ -45,20 +45,6 @@ def test_without_a_next_waypoint_the_goal_counts_as_it():
     assert node.deployment.observation[10:].tolist() == [2.0, 1.0, 0.0]
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_whatever_a_policy_asks_for_is_within_the_limits_and_keeps_its_curvature(robot):
-    limits = ROBOTS[robot]
-    for action in np.random.default_rng(0).uniform(-3.0, 3.0, (100, 2)):
-        node = controller(lambda observation, action=action: action, robot=robot)
-        command = node.step(0.1, at(0.0, 0.0), REFERENCE, None)["command"]
-        slack = 1.0 + 1e-12
-        assert abs(command.v) <= limits.max_linear * slack
-        assert abs(command.omega) <= limits.max_angular * slack
-        assert abs(command.v) + abs(command.omega) * limits.wheel_separation / 2.0 <= limits.max_wheel * slack
-        forward, turn = np.clip(action.astype(np.float32), -1.0, 1.0) * [limits.max_linear, limits.max_angular]
-        assert command.v * turn == pytest.approx(command.omega * forward, abs=1e-9)
-
-
 @pytest.mark.parametrize("answer", [[np.nan, 0.0], [0.0, np.inf], [0.0], [[0.0, 0.0]], "stop", None])
 def test_an_answer_that_is_no_action_is_an_error(answer):
     with pytest.raises((ValueError, TypeError)):

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import write_parameters
-from turtlebot_gym.estimation.ekf import initialize
 from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.presets import FILTERS, FIXES, NOISES, make_filter
+from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
@@ -88,25 +87,14 @@ def test_a_fix_is_heard_only_where_it_is_asked_for():
 
 def test_messages_that_are_lost_on_their_way_are_predicted_period_by_period():
     """As a drop-out is that the sensor tells of, where the twist is constant."""
-    told, not_told = estimator(), estimator()
-    for node in (told, not_told):
+    dropping, silent = estimator(), estimator()
+    for node in (dropping, silent):
         node.step(0.0, seen(0.0, 0.0, 0.0))
         node.step(0.1, seen(0.01, 0.0, 0.0, COMMAND))
     for _ in range(2):
-        told.step(0.1, seen(0.01, 0.0, 0.0, COMMAND, measured=False))
+        dropping.step(0.1, seen(0.01, 0.0, 0.0, COMMAND, measured=False))
     last = seen(0.05, 0.0, 0.1, COMMAND)
-    assert told.step(0.1, last) == not_told.step(0.3, last)
-
-
-def test_without_a_pose_it_predicts_with_the_twist_that_was_executed():
-    """By hand: the pose moves with the twist before, 0.1 m/s for 0.1 s, and the twist is the new one; nothing is corrected."""
-    node = estimator(noise="clean")
-    node.step(0.0, seen(0.0, 0.0, 0.0))
-    node.step(0.1, seen(0.0, 0.0, 0.0, Command(0.1, 0.0)))
-    before = node._estimate.belief.mean
-    mean = node.step(0.1, seen(0.0, 0.0, 0.0, Command(0.2, 0.5), measured=False))["estimate"].belief.mean
-    assert mean.x - before.x == pytest.approx(0.01, abs=1e-6)
-    assert (mean.v, mean.omega) == (0.2, 0.5)
+    assert dropping.step(0.1, last) == silent.step(0.3, last)
 
 
 def test_the_noise_of_a_robots_measured_twist_costs_little():
@@ -134,15 +122,6 @@ def test_after_a_pause_whose_length_nobody_knows_it_begins_again():
     node.step(0.0, seen(1.0, 2.0, 3.0))
     node.step(0.1, seen(1.0, 2.0, 3.0))
     assert node.step(0.0, seen(-1.0, 0.0, 0.5)) == estimator().step(0.0, seen(-1.0, 0.0, 0.5))
-
-
-def test_it_needs_no_command_to_begin():
-    node = estimator()
-    first = node.step(0.0, seen(1.0, 2.0, 3.0))["estimate"]
-    assert first == initialize(Pose(1.0, 2.0, 3.0), make_filter("matched", NOISES["tutorial"]))
-    second = node.step(0.1, seen(1.0, 2.0, 3.0))["estimate"]
-    assert second.belief.mean[:3] == pytest.approx((1.0, 2.0, 3.0))
-    assert second.belief.mean[3:] == pytest.approx(STOP, abs=1e-12)
 
 
 def test_a_reset_forgets_everything():

@@ -28,8 +28,8 @@ class Loop:
         self.plant = make(TurtlebotSimulator, world=world, lidar=lidar, seed=seed, noise=noise)
         self.filter = make(KalmanFilter, noise=noise)
         self.generator = make(WaypointGenerator, waypoints="room")
-        told = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
-        self.controller = make(VelocityController, policy=policy, goal_tolerance=0.0, **told)
+        lidar_parameters = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
+        self.controller = make(VelocityController, policy=policy, goal_tolerance=0.0, **lidar_parameters)
         self.command, self.scan, self.at, self.stamp = None, None, 0, 0
         self.frozen = False
 

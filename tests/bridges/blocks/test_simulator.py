@@ -41,15 +41,6 @@ def test_its_steps_are_the_environments_to_the_bit(noise, robot):
     assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.0)
 
 
-def test_it_is_at_rest_until_commanded_and_then_holds_the_last_command():
-    plant = simulator(noise="clean")
-    for _ in range(10):
-        assert plant.step(0.1, None)["truth"] == (0.0, 0.0, 0.0, 0.0, 0.0)
-    plant.step(0.1, Command(0.1, 0.0))
-    for k in range(10):  # the shell gives it the last command, however old
-        assert plant.step(0.1, Command(0.1, 0.0))["truth"].x == pytest.approx(0.01 * (k + 1), abs=1e-12)
-
-
 @pytest.mark.parametrize("noise", ["rough", "wheel"])
 def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")

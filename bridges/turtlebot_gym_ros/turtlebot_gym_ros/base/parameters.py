@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields
 from difflib import get_close_matches
 from itertools import pairwise
@@ -57,6 +58,12 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
         except ParameterException as error:  # what only the range refuses
             raise ValueError(f"{name} must be {descriptor.additional_constraints}, got {values[name]!r}.") from error
     return made
+
+
+def words_of(parameters: Mapping[str, Any]) -> list[str]:
+    """Return parameters as words of the ROS command line."""
+    texts = {name: str(value).lower() if isinstance(value, bool) else value for name, value in parameters.items()}
+    return [word for name, text in texts.items() for word in ("-p", f"{name}:={text}")]
 
 
 def _default(item: Field[Any]) -> Any:

@@ -10,9 +10,9 @@ LOCK_STEP = QoSProfile(depth=10_000)
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort: a subscription with it matches reliable and best-effort publishers."""
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort, of which only the last message counts."""
+"""Best effort; only the last message counts."""
 EVERY = QoSProfile(depth=1000)
-"""Reliable, of which no message is dropped, such as the press of a button: lost ones are sent again. Of a publisher that offers
+"""Reliable; no message is dropped, for example the press of a button: lost ones are sent again. Of a publisher that offers
 best effort only nothing is heard, which the subscription reports."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late joiners receive the last value."""

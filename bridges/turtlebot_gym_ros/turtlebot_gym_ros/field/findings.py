@@ -248,7 +248,7 @@ def judge_press(delay: float | None) -> Finding:
 
 
 def judge_measure(name: str, unit: str, *, by_odometry: float, measured: float | None, uncertainty: float) -> Finding:
-    """Judge what odometry says of a motion that a person has measured.
+    """Compare a motion by odometry with what a person has measured.
 
     Args:
         name: What was driven.

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from turtlebot_gym_ros.base.parameters import words_of
+
 LAST_WORD = 10.0
 """Time in which a process must end, s."""
 
@@ -21,8 +23,8 @@ def processes(nodes: Sequence[tuple[str, dict[str, Any]]]) -> Iterator[None]:
     started: list[subprocess.Popen[bytes]] = []
     try:
         for name, parameters in nodes:
-            given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={_ros(value)}")]
-            started.append(subprocess.Popen([*COMMAND, name, "--ros-args", "--log-level", "error", *given]))
+            arguments = ["--ros-args", "--log-level", "error", *words_of(parameters)]
+            started.append(subprocess.Popen([*COMMAND, name, *arguments]))
         yield
     finally:
         for process in started:
@@ -32,7 +34,3 @@ def processes(nodes: Sequence[tuple[str, dict[str, Any]]]) -> Iterator[None]:
                 process.wait(LAST_WORD)
             except subprocess.TimeoutExpired:
                 process.kill()
-
-
-def _ros(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

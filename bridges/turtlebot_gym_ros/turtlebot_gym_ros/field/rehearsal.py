@@ -74,7 +74,7 @@ class Rehearsed:
         return True
 
     def number(self, key: str, text: str) -> float | None:
-        """Return what the truth says of the motion since the mark."""
+        """Return the true motion since the mark."""
         poses = [read_pose(message.pose.pose) for message in self._truth[max(self._mark - 1, 0) :]]
         if not poses:
             return None

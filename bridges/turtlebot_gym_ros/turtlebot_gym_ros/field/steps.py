@@ -85,11 +85,11 @@ def try_the_button(at: Field) -> list[Finding]:
         return [Finding("a press", SKIPPED, "Nobody pressed the emergency stop.")]
     if not wait_for(lambda: listener.said(enabled, False), PRESSING):
         return [findings.judge_press(None)]
-    told = listener.heard[enabled][-1].arrival
-    heard = [each for each in listener.heard["emergency_stop"][first:] if each.arrival <= told]
+    stopped = listener.heard[enabled][-1].arrival
+    heard = [each for each in listener.heard["emergency_stop"][first:] if each.arrival <= stopped]
     pressed = [each.arrival for each in heard if each.message.data] or [each.arrival for each in heard[-1:]]  # or its silence
     wait_for(lambda: listener.said("emergency_stop", False), PRESSING)
-    return [findings.judge_press(told - pressed[0] if pressed else None)]
+    return [findings.judge_press(stopped - pressed[0] if pressed else None)]
 
 
 def record(at: Field) -> list[Finding]:
@@ -125,8 +125,8 @@ def _measured(at: Field, name: str, unit: str, amount: float, *, turns: bool, un
     judged = findings.judge_measure(name, unit, by_odometry=by_odometry, measured=measured, uncertainty=uncertainty)
     if judged.verdict in (FINE, WARNING) and measured is not None:
         deviations = {"place_deviation": at.tape / Z, "heading_deviation": math.radians(at.protractor) / Z}
-        told: dict[str, float] = {"turn" if turns else "distance": measured * scale}
-        at.measured.append(Leg(drive=drive_since(at, at.begun), **told, **deviations))
+        size: dict[str, float] = {"turn" if turns else "distance": measured * scale}
+        at.measured.append(Leg(drive=drive_since(at, at.begun), **size, **deviations))
     return [judged]
 
 

@@ -17,8 +17,10 @@ from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
+from turtlebot_gym_agents.policies.fit import require_task
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
+from turtlebot_gym_ros.base.parameters import words_of
 from turtlebot_gym_ros.base.process import SETTLE, Runner
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND, SPEECHES
@@ -30,6 +32,8 @@ OWN_CLOCK = ("-r", "/clock:=clock")
 """Remapping of /clock, to which rclpy listens regardless of the namespace, so that each graph has its own."""
 LOCALIZED = {"frame": "map", "odom_frame": "odom", "hits": False, "start": "odometry", "when_lost": "drive", "noise": "wheel"}
 """Parameters of a graph with a localizer: as in the environment, it knows its start and the obstacles, and always answers."""
+SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
+"""The task of a graph without a world or waypoints."""
 PATIENCE = 60.0
 """Longest wait for the graph to start, s."""
 
@@ -58,6 +62,7 @@ class Graph:
         domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
         frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".
+        allow_mismatch: Whether a policy that was made for another task may drive.
         parameters: Parameters by name; each goes to the nodes that have one of that name.
 
     Raises:
@@ -74,6 +79,7 @@ class Graph:
         domain: int | None = None,
         namespace: str = "",
         frame_prefix: str | None = None,
+        allow_mismatch: bool = False,
         **parameters: Any,
     ) -> None:
         self._namespace = absolute(namespace)
@@ -96,7 +102,7 @@ class Graph:
             # In lock-step, stamps are those of the steps.
             parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:
-            parameters = _fit_room(parameters)
+            parameters = _fit_room(parameters, allow_mismatch=allow_mismatch)
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
@@ -164,8 +170,7 @@ class Graph:
             self._runner.add(shell)
             return
         given = {key: value for key, value in given.items() if value != ""}  # the command line cannot express empty text
-        arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={_ros(value)}")]
-        arguments += [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
+        arguments = [*words_of(given), *OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
         domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
         command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *arguments]
         self._processes.append(subprocess.Popen(command, env={**os.environ, **domain}))
@@ -251,24 +256,22 @@ class Graph:
         self._runner.close()
 
 
-def _fit_room(parameters: Mapping[str, Any]) -> dict[str, Any]:
+def _fit_room(parameters: Mapping[str, Any], *, allow_mismatch: bool = False) -> dict[str, Any]:
     """Return the parameters of a graph, with defaults that follow from its world.
 
     Raises:
-        ValueError: If the policy is made for rooms and there is none, or the reverse.
+        ValueError: If the policy is made for rooms and there is none, or the reverse, or for another task than the graph's.
     """
     world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
-    layout = layout_of(make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1)))
+    policy = make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1))
+    layout = layout_of(policy)
     if layout == ROOM_LAYOUT and world in OPEN_GROUND:
         raise ValueError(f"policy {name!r} sees by LiDAR (observation layout {layout}) and needs a world.")
     if layout == OBSERVATION_LAYOUT and world not in OPEN_GROUND:
         raise ValueError(f"policy {name!r} was made for open ground (observation layout {layout}), not for a world.")
+    if world in OPEN_GROUND and parameters.get("waypoints", "square") == "square" and not allow_mismatch:
+        require_task(policy, name, SQUARE, "ekf")
     if world in OPEN_GROUND:
         return dict(parameters)
     lidar = find_lidar(parameters.get("lidar", TurtlebotSimulator.Params().lidar))
     return {"waypoints": "room", "lidar_yaw": lidar.yaw, "lidar_beams": lidar.beams, **parameters}
-
-
-def _ros(value: Any) -> str:
-    """Return a parameter's value in the form of the ROS command line."""
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -21,7 +21,7 @@ class View:
     """A view of a graph, which listens from the start of its ``with`` block and is served after `open`.
 
     Args:
-        given: Parameters of the graph, of which ``namespace`` and ``lidar`` are used.
+        given: Parameters of the graph; ``namespace`` and ``lidar`` are used.
         title: Title of the page.
         host: Name or address to listen on.
         port: Port; 0 for any free port.

@@ -22,8 +22,8 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.beams import TURN
-from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, scan_of
+from turtlebot_gym.rooms.grid import GridMap, grid_of
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, write_pose
 
 HEIGHT = 0.3
@@ -97,29 +97,14 @@ def _write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
 
 
 def _read_obstacles(message: MarkerArray) -> Obstacles:
-    """Return the room from markers made by `_write_obstacles`."""
-    circles, boxes, walls = [], [], None
-    for shape in message.markers:
-        place = shape.pose
-        at = place.position.x, place.position.y
-        if shape.type == Marker.CYLINDER:
-            circles.append((*at, 0.5 * shape.scale.x))
-        elif shape.type == Marker.CUBE:
-            boxes.append((*at, shape.scale.x, shape.scale.y, 2.0 * math.atan2(place.orientation.z, place.orientation.w)))
-        elif shape.type == Marker.LINE_STRIP and len(shape.points) == 5:
-            low, high = shape.points[0], shape.points[2]
-            walls = 0.5 * (low.x + high.x), 0.5 * (low.y + high.y), 0.5 * (high.x - low.x), 0.5 * (high.y - low.y)
-    if walls is None:
+    if (room := room_of(message)) is None:
         raise ValueError("the markers show no walls")
-    return Obstacles(walls, tuple(circles), tuple(boxes))
+    return room
 
 
 def _read_grid(message: OccupancyGrid) -> GridMap:
-    info = message.info
-    if len(message.data) != info.height * info.width:
-        raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
-    cells = np.array(message.data, np.int8).reshape(info.height, info.width)
-    return GridMap(cells=cells, resolution=float(str(np.float32(info.resolution))), origin=read_pose(info.origin))
+    read_pose(message.info.origin)  # refuses what is not a pose
+    return grid_of(message)
 
 
 def _write_grid(grid: GridMap, header: Header) -> OccupancyGrid:

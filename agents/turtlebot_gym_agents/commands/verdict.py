@@ -1,0 +1,101 @@
+"""What an evaluation says, in one sentence for each comparison: what decides first, and each difference by its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
+from turtlebot_gym_agents.evaluation.metrics import Interval, side
+
+
+def verdicts(evaluations: Mapping[str, Evaluation], *, size: int = 1) -> list[str]:
+    """Return a sentence for each evaluation that can be compared with an earlier one; for a single one, about itself.
+
+    Args:
+        evaluations: Label and evaluation of each, on the same seeds: of each policy in turn, in all settings.
+        size: Number of settings of each policy. Policies are compared with the first one in the same setting; a single policy
+            in its settings, with the first of them.
+    """
+    rows = list(evaluations.items())
+    if len(rows) == 1:
+        return [_alone(*rows[0])]
+    base = size if len(rows) > size else 1
+    return [_compared(*rows[at], *rows[at % base]) for at in range(base, len(rows))]
+
+
+def _alone(name: str, one: Evaluation) -> str:
+    if _by_time(one):
+        return f"{name} reaches {_ends(metrics.mean(one.episodes.reached), 2)} waypoints."
+    s = one.summary()
+    if "goals" in s:
+        return f"{name} truly reaches {_ends(s['goals'], 1, 100.0)} % of the goals, {_ends(s['goals_an_hour'], 1)} an hour."
+    parts = [f"{name} reaches the goal in {_ends(s['success'], 1, 100.0)} % of the episodes"]
+    if one.episodes.success.any():
+        parts.append(f"in {_ends(s['time_to_goal'], 2)} s")
+    if "collision" in s:
+        parts.append(f"and collides in {_ends(s['collision'], 1, 100.0)} %")
+    return f"{', '.join(parts)}."
+
+
+def _compared(name: str, one: Evaluation, other_name: str, other: Evaluation) -> str:
+    a, b = one.episodes, other.episodes
+    if _by_time(one):
+        more = _more(metrics.mean(a.reached - b.reached), 2, "more", "fewer")
+        return f"{name} reaches {more} waypoints than {other_name}." if more else _equal(name, other_name, "waypoints reached")
+    if a.given.max() > 1 and np.isfinite(a.clearance).all():
+        more = _more(metrics.mean(a.arrivals.astype(float) - b.arrivals), 2, "more", "fewer")
+        return f"{name} truly reaches {more} goals an episode than {other_name}." if more else _equal(name, other_name, "goals")
+    goals = metrics.paired_share_difference(a.success, b.success)
+    time = paired(one, other)
+    slower = _more(time, 2, "s slower", "s faster")
+    reaching = _more(goals, 1, "points more", "points fewer", 100.0)
+    parts = []
+    if reaching:
+        parts.append(f"{name} reaches {reaching} of the goals than {other_name}")
+    parts += _collisions(one, other) if reaching else []
+    if slower and parts:
+        parts.append(f"it is {slower}, a failure counted as the time limit")
+    elif slower:
+        parts.append(f"{name} is {slower} than {other_name}")
+    elif not parts:
+        parts.append(f"{name} is neither faster nor slower than {other_name} ({_ends(time, 2)} s)")
+    if not reaching:
+        every = bool(a.success.all() and b.success.all())
+        parts.append("both reach every goal" if every else f"no difference in goals reached ({_ends(goals, 1, 100.0)} points)")
+        parts += _collisions(one, other)
+    return f"{'; '.join(parts)}."
+
+
+def _collisions(one: Evaluation, other: Evaluation) -> list[str]:
+    a, b = one.episodes, other.episodes
+    if not np.isfinite(a.clearance).all():
+        return []
+    if not (a.collision.any() or b.collision.any()):
+        return ["neither collides"]
+    difference = metrics.paired_share_difference(a.collision, b.collision)
+    more = _more(difference, 1, "points more", "points less", 100.0)
+    return [f"it collides {more} often" if more else f"no difference in collisions ({_ends(difference, 1, 100.0)} points)"]
+
+
+def _by_time(one: Evaluation) -> bool:
+    return one.config.get("switch") == "time"
+
+
+def _equal(name: str, other: str, what: str) -> str:
+    return f"{name} and {other} do not differ in {what}."
+
+
+def _more(difference: Interval, digits: int, above: str, below: str, factor: float = 1.0) -> str:
+    """Return the size of a difference by its interval and on which side it lies; nothing if the interval contains 0."""
+    if not side(difference):
+        return ""
+    low, high = sorted(abs(factor * end) for end in difference[1:])
+    return f"{low:.{digits}f} to {high:.{digits}f} {above if difference.low > 0.0 else below}"
+
+
+def _ends(interval: Interval, digits: int, factor: float = 1.0) -> str:
+    value, low, high = (factor * number for number in interval)
+    return f"{low:.{digits}f} to {high:.{digits}f}" if np.isfinite(low + high) else f"{value:.{digits}f}"
