@@ -1,6 +1,6 @@
 """A ROS domain for each test process, so that its kernels and nodes receive no messages from others; hypothesis' profile.
 
-Also the comparison of a batch with plain Python, for tests of all areas.
+Also the comparison of a batch with plain Python, and files of maps, for tests of all areas.
 """
 
 import os
@@ -65,6 +65,33 @@ def in_step():
     Actions are drawn between two bounds, or by a policy from observations and a generator. Others follow an episode that ends.
     """
     return _in_step
+
+
+EMPTY = np.pad(np.full((58, 58), 254, np.uint8), 1)
+"""Pixels of an empty hall within walls."""
+
+
+def _write_map(folder, pixels=EMPTY, *, image="map.pgm", **given):
+    """Write a map, and return the path of its YAML file."""
+    if isinstance(pixels, str):
+        (folder / image).write_text(pixels)
+    elif image.endswith(".pgm") and pixels.ndim == 2:  # by hand: P5
+        (folder / image).write_bytes(b"P5\n# made here\n%d %d\n255\n" % pixels.shape[::-1] + pixels.tobytes())
+    else:
+        pytest.importorskip("PIL.Image").fromarray(pixels).save(folder / image)
+    given = {
+        "image": image, "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    } | given  # fmt: skip
+    path = folder / "map.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in given.items() if value is not None))
+    return path
+
+
+@pytest.fixture(scope="session")
+def write_map():
+    """Return a function that writes a map, by default of an empty hall."""
+    return _write_map
 
 
 def pytest_unconfigure():

@@ -31,13 +31,9 @@ VALUES = {0: 100, 254: 0, 205: -1}
 
 
 @pytest.fixture
-def hall(tmp_path):
+def hall(tmp_path, write_map):
     """The path of the map, turned by 0.7 rad."""
-    (tmp_path / "hall.pgm").write_bytes(b"P5\n%d %d\n255\n" % HALL.shape[::-1] + HALL.tobytes())
-    (tmp_path / "hall.yaml").write_text(
-        f"image: hall.pgm\nresolution: 0.1\norigin: {list(ORIGIN)}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    return tmp_path / "hall.yaml"
+    return write_map(tmp_path, HALL, resolution=0.1, origin=list(ORIGIN))
 
 
 def over_the_wire(message):

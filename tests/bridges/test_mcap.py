@@ -78,15 +78,9 @@ def test_a_log_is_read_by_mcaps_own_library(tmp_path):
 
 
 @pytest.fixture
-def hall(tmp_path):
+def hall(tmp_path, write_map):
     """The path of a map of an empty hall of 6 m by 6 m."""
-    wall, side = (0, 59), range(60)
-    pixels = bytes(0 if row in wall or column in wall else 254 for row in side for column in side)
-    (tmp_path / "hall.pgm").write_bytes(b"P5\n60 60\n255\n" + pixels)
-    (tmp_path / "hall.yaml").write_text(
-        "image: hall.pgm\nresolution: 0.1\norigin: [-3, -3, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    return tmp_path / "hall.yaml"
+    return write_map(tmp_path, resolution=0.1, origin=[-3, -3, 0])
 
 
 def test_a_recorded_drive_opens_by_the_book(runner, peer, wait_for, launch, hall, tmp_path, monkeypatch):

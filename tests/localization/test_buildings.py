@@ -105,19 +105,16 @@ def test_scans_with_a_pose_of_their_own_count_where_the_rows_of_a_drive_are_fart
     assert np.array_equal(seen.time[where], drive.time)
 
 
-def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, tmp_path, capsys):
-    image = pytest.importorskip("PIL.Image")
+def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, tmp_path, write_map, capsys):
     drive, chart = stretch
     recorded, side = drive.recorded, float(chart.frame[4])
-    log, map_file, result = tmp_path / "log.npz", tmp_path / "map.yaml", tmp_path / "result.json"
+    log, result = tmp_path / "log.npz", tmp_path / "result.json"
     centimetres = np.rint(recorded.ranges * 100.0).astype(np.uint16)
     columns = {"time": recorded.time, "odometry": recorded.odometry, "ranges_cm": centimetres}
     np.savez(log, **columns, reference_row=drive.rows, reference=drive.reference)
     shades = np.where(chart.field == 0.0, 0, np.where(np.isnan(chart.field), 205, 254)).astype(np.uint8)
-    image.fromarray(shades[::-1]).save(tmp_path / "map.png")
-    limits = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    corner = f"[{chart.frame[0]}, {chart.frame[1]}, 0.0]"
-    map_file.write_text(f"image: map.png\nresolution: {side}\norigin: {corner}\n{limits}")
+    corner = [*chart.frame[:2].tolist(), 0.0]
+    map_file = write_map(tmp_path, shades[::-1], resolution=side, origin=corner, free_thresh=0.25)
     written = ["--json", str(result), "--plot", str(tmp_path / "path.png")]
     assert main(["localize", str(log), "--map", str(map_file), *written]) == 0
     content = json.loads(result.read_text())

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.rooms.drawing import capacity
@@ -52,24 +51,6 @@ def cast_all() -> Callable[..., None]:
     return compiled(_cast_all, "rays in tests")
 
 
-def _write_map(folder, pixels=None, *, image="map.pgm", **said):
-    """Write a map, and return the path of its YAML file."""
-    pixels = HALL if pixels is None else pixels
-    if isinstance(pixels, str):
-        (folder / image).write_text(pixels)
-    elif image.endswith(".pgm") and pixels.ndim == 2:  # by hand: P5
-        (folder / image).write_bytes(b"P5\n# made here\n%d %d\n255\n" % pixels.shape[::-1] + pixels.tobytes())
-    else:
-        Image.fromarray(pixels).save(folder / image)
-    said = {
-        "image": image, "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-    } | said  # fmt: skip
-    path = folder / "map.yaml"
-    path.write_text("".join(f"{key}: {value}\n" for key, value in said.items() if value is not None))
-    return path
-
-
 HALL = np.full((60, 80), 254, np.uint8)
 HALL[0, :] = HALL[-1, :] = HALL[:, 0] = HALL[:, -1] = 0
 HALL[:40, 38:42] = 0
@@ -77,13 +58,7 @@ HALL[30:34, 60:] = 205
 """A hall of 8 m by 6 m with a wall in it and unknown ground, at a resolution of 0.1 m."""
 
 
-@pytest.fixture(scope="session")
-def write_map() -> Callable[..., Path]:
-    """Return a function that writes a map, by default of the hall."""
-    return _write_map
-
-
 @pytest.fixture
-def hall(tmp_path) -> Path:
+def hall(tmp_path, write_map) -> Path:
     """Return the file of the hall's map."""
-    return _write_map(tmp_path, resolution=0.1, origin=[-4.0, -3.0, 0.3])
+    return write_map(tmp_path, HALL, resolution=0.1, origin=[-4.0, -3.0, 0.3])

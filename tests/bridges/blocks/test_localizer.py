@@ -55,14 +55,10 @@ class Drive:
 
 
 @pytest.fixture
-def drive(tmp_path):
+def drive(tmp_path, write_map):
     pixels = np.where(GRID.cells[::-1] == 100, 0, 254).astype(np.uint8)
-    (tmp_path / "hall.pgm").write_bytes(b"P5\n120 100\n255\n" + pixels.tobytes())
-    text = (
-        "image: hall.pgm\nresolution: 0.05\norigin: [-1.5, -2.5, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    (tmp_path / "hall.yaml").write_text(text)
-    return lambda **parameters: Drive(tmp_path / "hall.yaml", **parameters)
+    path = write_map(tmp_path, pixels, origin=list(GRID.origin))
+    return lambda **parameters: Drive(path, **parameters)
 
 
 def test_it_stays_where_the_robot_is_and_ties_the_odometry_to_the_map(drive):
