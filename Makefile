@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin/
-DATA ?= ../shared/data
+DATA ?= $(if $(wildcard data/wifibot1.txt),data,../shared/data)
 OUT ?= out
 READY := $(VENV)/.ready
 
@@ -32,7 +32,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 --plot $(OUT)/square_by_time.png --force
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
 		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png --force; \
-	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
+	else echo "There is no recorded drive in $(DATA): the replay is left out: turtlebot-gym data fetch gets one."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
 	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume

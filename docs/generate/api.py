@@ -14,6 +14,8 @@ ELSEWHERE = {
     "turtlebot_gym.systems.options": "environments.md",
 }
 """Modules that are described on the pages of the environments."""
+SEARCHED = "---\nsearch:\n  boost: 0.3\n---\n\n"
+"""A search names these pages after those that explain."""
 
 
 def row(name):
@@ -24,6 +26,7 @@ def row(name):
 def write(page):
     """Write the page of a module or a package, and those under it."""
     with mkdocs_gen_files.open(page.path, "w") as file:
+        file.write(SEARCHED)
         package = page.modules or page.under
         if page.name in ELSEWHERE:
             print(
@@ -45,6 +48,7 @@ def write(page):
 for package, title in PACKAGES.items():
     contents = pages(package)
     with mkdocs_gen_files.open(f"reference/{package}.md", "w") as file:
+        file.write(SEARCHED)
         print(f"# API: {package}\n\n{title}\n\n| package or module | |\n|---|---|", file=file)
         print(*(row(page.name) for page in contents), sep="\n", file=file)
         print(f"\n::: {package}\n    options:\n      members: []", file=file)

@@ -2,7 +2,7 @@
 
 Formulas become MathML, which browsers draw without a script; links to ``reference/PACKAGE.md#NAME`` find the page that
 describes the name; links to notebooks find their pages; the API's pages enter the navigation; and each picture gets its size,
-a link to itself and a box in which it scrolls where the screen is narrow.
+a link to itself and a box as wide as the page at most.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ CELL = re.compile(
     r"<td([^>]*)>(\s*[+<~\u2212-]?\d[\d.,\s()%+\u00b1\u00d7\u2212-]*(?:e[+-]?\d+)?(?: ?[a-zA-Z/\u00b2%]{1,6})?\s*)</td>"
 )
 """A cell of a table that holds a number, with its interval and its unit."""
-WIDE = 1.4
-"""A picture that is so many times wider than high keeps its size on a narrow screen, and is scrolled."""
 TITLE = re.compile(r' title="([^"]*)"')
 IMG = re.compile(r'<img [^>]*?src="([^"#]+)[^>]*>')
 
@@ -84,8 +82,7 @@ def on_page_content(content: str, *, page: Any, config: Any, files: Any) -> str:
         tag = found[0].replace("<img ", f'<img width="{width}" height="{height}" loading="lazy" ', 1)
         title = TITLE.search(found[0])
         caption = f"<figcaption>{title[1]}</figcaption>" if title else ""
-        kind = "picture wide" if width > WIDE * height else "picture"
-        return f'<figure class="{kind}" style="--width: {width}px"><a href="{found[1]}">{tag}</a>{caption}</figure>'
+        return f'<figure class="picture"><a href="{found[1]}">{tag}</a>{caption}</figure>'
 
     return PICTURE.sub(boxed, content)
 

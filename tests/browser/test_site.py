@@ -8,6 +8,7 @@ import functools
 import http.server
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -54,6 +55,13 @@ PICTURES = """async () => {
     return shown.filter((one) => !one.naturalWidth).map((one) => one.src)
 }"""
 """Pictures that are not there."""
+CUT = """() => [...document.querySelectorAll(".md-content .highlight:not(.output) pre")]
+    .filter((one) => one.scrollWidth > one.clientWidth + 1 || one.firstElementChild?.scrollWidth > one.clientWidth + 1)
+    .map((one) => one.textContent.trim().slice(0, 60))"""
+"""Commands and code of which a part is beyond the edge."""
+CROPPED = """() => [...document.querySelectorAll(".md-content figure img")]
+    .filter((one) => one.getBoundingClientRect().right > document.documentElement.clientWidth + 1).map((one) => one.src)"""
+"""Figures that are not whole."""
 LINES = """() => [...document.querySelectorAll(".md-content table:not([class]) td.number")].filter((one) => {
     const style = getComputedStyle(one)
     return one.clientHeight && one.firstChild && (() => {
@@ -76,6 +84,8 @@ class Seen(NamedTuple):
     """By width and scheme."""
     missing: list[str]
     broken: list[str]
+    cut: list[str]
+    cropped: list[str]
     errors: list[str]
     outside: list[str]
     inside: list[str]
@@ -138,6 +148,7 @@ class Visitor:
     def look(self, name, folder, schemes=("light", "dark")):
         """Go through widths and schemes, and return what is found; keep two pictures if there is a folder for them."""
         overflowing, missing, ground = {}, [], {}
+        cut, cropped = [], []
         height = self.page.evaluate("document.documentElement.scrollHeight")
         for size, width in WIDTHS.items():
             self.page.set_viewport_size({"width": width, "height": HEIGHT})
@@ -145,6 +156,8 @@ class Visitor:
                 self.page.emulate_media(color_scheme=scheme)
                 self.page.wait_for_function(SHOWN, arg=scheme)
                 missing += self.page.evaluate(PICTURES)
+                cut += self.page.evaluate(CUT)
+                cropped += self.page.evaluate(CROPPED)
                 overflowing[f"{size}, {scheme}"] = self.page.evaluate(OVERFLOWING)
                 ground[scheme] = self.page.evaluate("getComputedStyle(document.body).backgroundColor")
                 if folder is not None and (size, scheme) in (("wide", "light"), ("narrow", schemes[-1])):
@@ -153,6 +166,8 @@ class Visitor:
             overflowing={each: found for each, found in overflowing.items() if found},
             missing=missing,
             broken=self.page.evaluate(LINES),
+            cut=cut,
+            cropped=cropped,
             errors=list(self.errors),
             outside=[url for url in self.asked if self._outside(url)],
             inside=[url for url in self.asked if not self._outside(url)],
@@ -200,6 +215,8 @@ WRONG = {
     "complains": lambda one: one.errors,
     "lacks a picture": lambda one: one.missing,
     "breaks a number in a table": lambda one: one.broken,
+    "cuts code off": lambda one: one.cut,
+    "crops a figure": lambda one: one.cropped,
     "is too long": lambda one: one.height > TALLEST,
     "shows a formula's source": lambda one: one.dollars,
     "was not asked for": lambda one: not one.inside,
@@ -241,6 +258,8 @@ def test_the_views_of_the_gallery_draw(visitor):
         ("<table class='x'><tr><td style='min-width: 2000px'>wide</td></tr></table>", "overflowing"),
         ("<p style='overflow: hidden; white-space: nowrap'>" + "cut " * 400 + "</p>", "overflowing"),
         ("<img src='nowhere.png'>", "missing"),
+        ("<figure><img style='width: 2000px; max-width: none; height: 1px'></figure>", "cropped"),
+        ("<div class='highlight'><pre style='white-space: pre'>" + "long " * 400 + "</pre></div>", "cut"),
         ("<img src='https://example.org/picture.png'>", "outside"),
     ],
 )
@@ -249,3 +268,34 @@ def test_what_is_wrong_is_noticed(visitor, added, noticed):
     visitor.page.evaluate("html => document.querySelector('.md-content article').insertAdjacentHTML('beforeend', html)", added)
     visitor.page.wait_for_timeout(300)
     assert getattr(visitor.look("", None), noticed)
+
+
+def test_the_search_finds_a_word_in_pages_that_are_files(browser, site):
+    page, asked, errors = browser.new_page(viewport={"width": 1400, "height": 900}), [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto((site / "index.html").as_uri())
+    page.click("[data-md-component=search-query]")
+    for word, found in (("wheelbarrow", "No matching documents"), ("covariance", "matching documents")):
+        page.keyboard.press("Control+A")
+        page.keyboard.type(word)
+        page.locator(".md-search-result__meta", has_text=found).wait_for(timeout=60_000)
+    page.locator(".md-search-result__item a").first.wait_for()
+    first = page.locator(".md-search-result__item a").first
+    first.click()
+    page.wait_for_load_state()
+    assert page.url.startswith(site.as_uri())
+    assert "covariance" in page.inner_text(".md-content").casefold()
+    assert not [url for url in asked if urlsplit(url).scheme not in ("file", "data", "blob", "about")]
+    assert not errors
+    page.close()
+
+
+def test_the_drive_on_the_first_page_plays(browser, site):
+    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+    page.goto((site / "index.html").as_uri())
+    view = page.locator("iframe.view").content_frame
+    view.locator("html[data-ready]").wait_for(state="attached", timeout=60_000)
+    view.locator("#play").click()
+    view.locator("#clock").get_by_text(re.compile(r"^[1-9]\.\d / ")).wait_for(timeout=20_000)
+    page.close()

@@ -112,5 +112,5 @@ def test_the_first_block_is_what_a_user_copies():
     first = blocks_of(ROOT / "README.md")[0].text
     targets = (ROOT / "Makefile").read_text(encoding="utf-8")
     commands = [line.partition("#")[0].split() for line in first.splitlines()]
-    assert commands[:3] == [["make", "demo"], ["make", "test"], ["source", ".venv/bin/activate"]]
+    assert commands[:3] == [["make", "demo"], ["make", "test"], [".", ".venv/bin/activate"]]
     assert all(re.search(rf"^{name}:", targets, re.MULTILINE) for tool, name in commands if tool == "make")

@@ -102,14 +102,14 @@ def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDAr
                 grey = np.asarray(image).astype(np.float64) / 65535.0
                 return grey, np.ones(grey.shape, np.bool_)
             alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
-            pixels = np.asarray(image.convert("RGBA" if alpha else "RGB")).astype(np.float64)
+            pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
     except FileNotFoundError as error:
         raise ValueError(f"There is no image {str(path)!r} for the map.") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
     channels = pixels if blended else pixels[:, :, :3]
-    opaque = pixels[:, :, 3] == 255.0 if alpha else np.ones(pixels.shape[:2], np.bool_)
-    return channels.sum(axis=2) / (255.0 * channels.shape[2]), opaque
+    opaque = pixels[:, :, 3] == 255 if alpha else np.ones(pixels.shape[:2], np.bool_)
+    return channels.sum(axis=2, dtype=np.uint16) / (255.0 * channels.shape[2]), opaque
 
 
 def _occupancy(

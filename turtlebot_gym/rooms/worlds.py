@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.validation import choose, did_you_mean, made, refusal, shown
+from turtlebot_gym.validation import FINITE, Numbers, choose, did_you_mean, made, refusal, shown
 from turtlebot_gym.values import Pose
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
@@ -77,12 +76,9 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
 
 def _pose(name: str, value: Any) -> Pose:
     try:
-        pose = Pose(*map(float, value))
-    except (TypeError, ValueError):
-        pose = Pose(math.nan, math.nan, math.nan)
-    if not all(map(math.isfinite, pose)):
-        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {shown(value)}.")
-    return pose
+        return Pose(*Numbers(FINITE, 3).check(name, value))
+    except ValueError:
+        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {shown(value)}.") from None
 
 
 def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:

@@ -31,6 +31,7 @@ from turtlebot_gym_agents.commands.console import (
     write_anywhere,
 )
 from turtlebot_gym_agents.commands.counts import REGISTRY
+from turtlebot_gym_agents.commands.data import Data
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
@@ -222,6 +223,7 @@ COMMANDS: dict[str, type[_Command]] = {
     "tune-baseline": TuneBaseline,
     "export": Export,
     "study": Study,
+    "data": Data,
     "benchmark": Benchmark,
     "compile": Compile,
 }
