@@ -45,12 +45,12 @@ Rule = Callable[[list[Told]], NDArray[np.bool_]]
 
 def within(radius: float, times: int = 1) -> Rule:
     """Return the rule that the belief is within a radius a number of times in a row."""
-    return lambda told: np.all([one.believed < radius for one in told[-times:]], axis=0) & (len(told) >= times)
+    return lambda history: np.all([one.believed < radius for one in history[-times:]], axis=0) & (len(history) >= times)
 
 
 def likely(probability: float) -> Rule:
     """Return the rule that the position is within the radius with a probability, by the filter's covariance."""
-    return lambda told: inside(told[-1].believed, told[-1].deviation) >= probability
+    return lambda history: inside(history[-1].believed, history[-1].deviation) >= probability
 
 
 def inside(distance: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:

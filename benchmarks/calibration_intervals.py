@@ -156,11 +156,11 @@ def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
     names = list(dict.fromkeys(name for drive in drives for name in drive["estimates"]))
     parameters, hits, count = {}, 0, 0
     for name in names:
-        told = [drive["estimates"][name] for drive in drives if name in drive["estimates"]]
-        errors = np.array([estimate["value"] - estimate["true"] for estimate in told])
+        estimates = [drive["estimates"][name] for drive in drives if name in drive["estimates"]]
+        errors = np.array([estimate["value"] - estimate["true"] for estimate in estimates])
         if np.abs(errors).max() < CERTAIN:
             continue
-        holds = [estimate["holds"] for estimate in told]
+        holds = [estimate["holds"] for estimate in estimates]
         interval = stats.binomtest(sum(holds), len(holds)).proportion_ci(0.99)
         parameters[name] = {
             "drives": len(holds), "coverage": float(np.mean(holds)), "interval": [float(interval.low), float(interval.high)],
@@ -189,10 +189,11 @@ def finished(judge: Any, wanted: list[tuple[int, str]], kept: Path, processes: i
 def show(name: str, row: dict[str, Any]) -> None:
     """Print the summary of a setting."""
     print(f"{name}: {row['all']:.4f}, right {row['right']}")
-    for key, told in row["parameters"].items():
-        low, high = told["interval"]
+    for key, parameter in row["parameters"].items():
+        low, high = parameter["interval"]
         mark = "" if low <= 0.95 <= high else "   <- not 95 %"
-        print(f"    {key:20} {told['coverage']:.3f} of {told['drives']}, bias {told['bias'] / told['spread']:+.2f} sd{mark}")
+        bias = parameter["bias"] / parameter["spread"]
+        print(f"    {key:20} {parameter['coverage']:.3f} of {parameter['drives']}, bias {bias:+.2f} sd{mark}")
 
 
 @dataclass(frozen=True, kw_only=True)

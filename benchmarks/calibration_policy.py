@@ -91,8 +91,8 @@ def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
             driven = evaluate(
                 str(run / "policy.onnx"), env=SQUARE, episodes=config.episodes, noise=str(files["truth"]), filter=own
             )
-            told = driven.summary()
-            times[side].append({"time": float(driven.times().mean()), "success": told["success"].value})
+            summary = driven.summary()
+            times[side].append({"time": float(driven.times().mean()), "success": summary["success"].value})
     means = {side: float(np.mean([row["time"] for row in rows])) for side, rows in times.items()}
     return {
         "turn_scale": values["turn_scale"],

@@ -121,7 +121,7 @@ def drive(p: Parameters, system: System, on_square: bool, config: Config, done: 
     }
 
 
-def told(interval: Any, digits: int) -> str:
+def shown(interval: Any, digits: int) -> str:
     """Return an interval for the table."""
     return f"{interval.value:.{digits}f} ± {0.5 * (interval.high - interval.low):.{digits}f}"
 
@@ -139,8 +139,8 @@ def main() -> None:
         system = naive(system_of(p)) if is_naive else system_of(p)
         with progress(round(config.seconds / DT)) as done:
             row = results[name] = drive(p, system, on_square, config, done)
-        numbers = [told(row[key], 4) for key in ("position", "position_rms", "position_at_end", "heading")]
-        table.add_row(name, *numbers, told(row["nees"], 2), f"{row['cpu_microseconds']:.2f}")
+        numbers = [shown(row[key], 4) for key in ("position", "position_rms", "position_at_end", "heading")]
+        table.add_row(name, *numbers, shown(row["nees"], 2), f"{row['cpu_microseconds']:.2f}")
     print_tables(table)
     if config.json is not None:
         write_json(config.json, {"cases": results}, config=settings_of(config))

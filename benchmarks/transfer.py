@@ -184,15 +184,15 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
         policies.add_row(first["env"].removeprefix("turtlebot_gym/TurtleBot"), first["policy"], first["noise"], *counts, *cells)
     filters = Table("noise", "floor", "filter", "position, m", "over matched", "heading, rad", "NEES")
     for row in found["filters"]:
-        numbers = f"{row['position'].value:.3f}", told(row["over_matched"]), f"{row['heading'].value:.3f}"
+        numbers = f"{row['position'].value:.3f}", shown(row["over_matched"]), f"{row['heading'].value:.3f}"
         filters.add_row(row["noise"], row["floor"], row["filter"], *numbers, f"{row['nees'].value:.1f}")
     drifts = Table("floor", "drift of wheel odometry, m per metre", "rad per metre")
     for row in found["drift"]:
-        drifts.add_row(row["floor"], told(row["position"], 4), told(row["heading"], 4))
+        drifts.add_row(row["floor"], shown(row["position"], 4), shown(row["heading"], 4))
     return [policies, filters, drifts]
 
 
-def told(interval: Interval, digits: int = 2) -> str:
+def shown(interval: Interval, digits: int = 2) -> str:
     """Return a number with its interval."""
     value, low, high = (f"{number:.{digits}f}" for number in interval)
     return f"{value} ({low}, {high})"

@@ -79,7 +79,7 @@ def inputs_of(command: Any) -> Iterator[object]:
 def _kinds_of(command: type) -> Mapping[str, Output]:
     """Return the fields of a command that name outputs, each with its kind."""
     marks = {name: getattr(hint, "__metadata__", ()) for name, hint in get_type_hints(command, include_extras=True).items()}
-    return {name: mark for name, found in marks.items() for mark in found if isinstance(mark, Output)}
+    return {name: mark for name, metadata in marks.items() for mark in metadata if isinstance(mark, Output)}
 
 
 def require_file(path: Path) -> None:

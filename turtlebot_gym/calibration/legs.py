@@ -99,9 +99,9 @@ def leg_of(drive: Drive, *, turns: float = math.nan, loop: bool = False, **measu
         raise ValueError("a part of a drive needs two rows, got fewer.")
     if loop:
         measured |= {"x": 0.0, "y": 0.0}
-    said = float(steps_of(drive).turn.sum())
+    turn = float(steps_of(drive).turn.sum())
     if math.isfinite(turns) or loop:
-        count = math.copysign(turns, said) if math.isfinite(turns) else round(said / (2.0 * math.pi))
+        count = math.copysign(turns, turn) if math.isfinite(turns) else round(turn / (2.0 * math.pi))
         measured["turn"] = 2.0 * math.pi * count
     return Leg(drive=drive, **measured)
 

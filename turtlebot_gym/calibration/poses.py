@@ -163,17 +163,17 @@ def fit_poses(drive: Drive, truth: Scanned, start: Noise, integrator: str | None
     Raises:
         ValueError: If fewer than `FEWEST` of the poses are `APART`.
     """
-    found = None
+    fitted = None
     for apart in APART:
         due = _spaced(drive, apart)
         if due.sum() < FEWEST:
             break
-        found = _fitted(drive, due, truth, start, integrator)._replace(segment=apart if apart > APART[0] else 0.0)
-        if found.verdict.is_good and not found.verdict.is_correlated:
+        fitted = _fitted(drive, due, truth, start, integrator)._replace(segment=apart if apart > APART[0] else 0.0)
+        if fitted.verdict.is_good and not fitted.verdict.is_correlated:
             break
-    if found is None:
+    if fitted is None:
         raise ValueError(f"only {int(known(drive.truth).sum())} true poses are known, too few of them {APART[0]:g} m apart.")
-    return found
+    return fitted
 
 
 def nees_of(drive: Drive, truth: Scanned, noise: Noise, integrator: str, apart: float) -> Array:

@@ -108,9 +108,9 @@ def _fitted(legs: Sequence[Leg], paths: Sequence[Steps], start: Noise, free: NDA
             parts = [W @ each[s] for W, each, s in zip(whiten, off, seen, strict=True)]
             return np.concatenate([*parts, roots * (x - usual[free])])
 
-        found = least_squares(rest, wheels[free], x_scale=TYPICAL[:3][free])
-        wheels[free], z = found.x, found.fun[: -int(free.sum())]
-        info[np.ix_(free, free)] = found.jac.T @ found.jac
+        solution = least_squares(rest, wheels[free], x_scale=TYPICAL[:3][free])
+        wheels[free], z = solution.x, solution.fun[: -int(free.sum())]
+        info[np.ix_(free, free)] = solution.jac.T @ solution.jac
     covariance = np.zeros((3, 3))
     covariance[np.ix_(free, free)] = np.linalg.inv(info[np.ix_(free, free)])
     return _Fit(wheels, covariance, float(z @ z))
@@ -171,9 +171,9 @@ def _estimate(fit: _Fit, at: int, remedy: str) -> Estimate:
 
 def _require_likely(leg: Leg, path: Steps) -> None:
     distance, _, _, turn = _driven(path, USUAL[:3]).measured
-    for name, measured, said, least in (("distance", leg.distance, distance, 0.2), ("turn", leg.turn, turn, 1.0)):
-        if abs(measured) > least and not RATIOS[0] < said / measured < RATIOS[1]:
-            text = f"the {name} by tape is {measured:.4g}, and by odometry {said:.4g} (m, rad)"
+    for name, measured, driven, least in (("distance", leg.distance, distance, 0.2), ("turn", leg.turn, turn, 1.0)):
+        if abs(measured) > least and not RATIOS[0] < driven / measured < RATIOS[1]:
+            text = f"the {name} by tape is {measured:.4g}, and by odometry {driven:.4g} (m, rad)"
             raise ValueError(f"{text}: is it of this part of the log, and in the right unit?")
 
 

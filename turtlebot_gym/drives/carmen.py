@@ -186,14 +186,14 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
         label: Label of the drive.
         remarks: What was noticed so far.
     """
-    times, is_set, said = continued(np.array([line.time for line in lines]), str(path))
+    times, is_set, notes = continued(np.array([line.time for line in lines]), str(path))
     resets = np.cumsum(is_set)
     wheels = [at for at, line in enumerate(lines) if line.scan is None and line.laser is None]
     # The lines of a laser and of the wheels are written in the order of their arrival, each with stamps in order.
     rows = np.array(wheels if len(wheels) > 1 else range(len(lines)), np.intp)
     keep = increasing(times[rows])
     if not keep.all():
-        said.append(f"{path}: {(~keep).sum()} of {len(keep)} rows have a time that does not increase: left out")
+        notes.append(f"{path}: {(~keep).sum()} of {len(keep)} rows have a time that does not increase: left out")
     true = [at for at, line in enumerate(lines) if line.true]
     rows = rows[keep]
     rows = rows[_spaced(times[rows], np.isin(times[rows], times[true]))]
@@ -208,7 +208,7 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
         true_state=_truth(times[true], np.array([lines[at].true for at in true]).reshape(-1, 3), time),
         joined=np.diff(resets[rows], prepend=resets[rows[0]]) == 0,
         around=Surroundings(label),
-        remarks=(*remarks, *said),
+        remarks=(*remarks, *notes),
     )
     scans = [(at, lines[at]) for at in range(len(lines)) if lines[at].scan]
     first = np.searchsorted(time, times[[at for at, _ in scans]]).tolist()

@@ -130,9 +130,9 @@ def difference(here: dict[str, Any], there: dict[str, Any]) -> str:
     if there["version"] != here["version"]:
         return f"turtlebot_gym {there['version']}, here it is {here['version']}"
     for name, version in here["libraries"].items():
-        found = there["libraries"].get(name)
-        if found != version:
-            return f"{name} {found}, here it is {version}" if found else f"no {name}, here it is {version}"
+        other = there["libraries"].get(name)
+        if other != version:
+            return f"{name} {other}, here it is {version}" if other else f"no {name}, here it is {version}"
     return "" if there["code"] == here["code"] else "turtlebot_gym with other code than here"
 
 

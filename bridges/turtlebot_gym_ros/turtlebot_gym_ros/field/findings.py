@@ -121,13 +121,13 @@ def judge_clock(name: str, arrivals: ArrayLike, stamps: ArrayLike) -> Finding:
     The largest lead of a stamp before its arrival, that of the least delayed message, is the lead of the clock minus the least
     delay; what a message lacks of it is its delay beyond that.
     """
-    came, stamped = np.asarray(arrivals, np.float64), np.asarray(stamps, np.float64)
+    arrived, stamped = np.asarray(arrivals, np.float64), np.asarray(stamps, np.float64)
     name = f"clock of {name}"
-    if not len(came):
+    if not len(arrived):
         return Finding(name, SKIPPED, "No message with a stamp came.")
     if not stamped.all():
         return Finding(name, REFUSED, "Messages have no stamp.", (), "Nodes cannot tell how old they are: mend the driver.")
-    leads = stamped - came
+    leads = stamped - arrived
     lead, late = float(leads.max()), float(np.percentile(leads.max() - leads, 99.0))
     figures = (Figure("lead", lead, "s"), Figure("delay beyond the least, 99 %", late, "s"))
     side = "ahead of" if lead > 0.0 else "behind"
@@ -257,15 +257,15 @@ def judge_measure(name: str, unit: str, *, by_odometry: float, measured: float |
         measured: What the person measured; None if nothing.
         uncertainty: Half of the 95 % interval of that measurement.
     """
-    said = Figure("by odometry", by_odometry, unit)
+    odometry = Figure("by odometry", by_odometry, unit)
     if measured is None:
-        return Finding(name, SKIPPED, "Nobody measured it.", (said,))
+        return Finding(name, SKIPPED, "Nobody measured it.", (odometry,))
     if abs(by_odometry) <= 10.0 * uncertainty:
         text = f"By odometry the robot moved by {by_odometry:.3g} {unit}: too little to compare."
-        return Finding(name, REFUSED, text, (said,), "Did the wheels turn? Does the guard let commands pass?")
+        return Finding(name, REFUSED, text, (odometry,), "Did the wheels turn? Does the guard let commands pass?")
     share, off = measured / by_odometry, uncertainty / abs(by_odometry)
     figures = (
-        said, Figure("measured", measured, unit, measured - uncertainty, measured + uncertainty),
+        odometry, Figure("measured", measured, unit, measured - uncertainty, measured + uncertainty),
         Figure("measured over odometry", share, "", share - off, share + off),
     )  # fmt: skip
     if abs(share - 1.0) > WITHIN + off:

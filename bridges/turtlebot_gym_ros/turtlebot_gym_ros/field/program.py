@@ -114,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         field: Field | None = None
         try:
             field = _field(ending, options, folder, answers, numbers)
-            walk(field, seen, told=_tell)
+            walk(field, seen, report=_tell)
         except KeyboardInterrupt:
             seen.append(Finding("the end", REFUSED, "It was interrupted: the robot was stopped."))
         except (RuntimeError, OSError, ValueError) as error:

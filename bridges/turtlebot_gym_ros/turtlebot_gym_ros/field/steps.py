@@ -168,9 +168,9 @@ def drive_a_square(at: Field) -> list[Finding]:
 
 def time_the_chain(at: Field) -> list[Finding]:
     """Time odometry to the command that rests on it, which has its stamp."""
-    came = {each.stamp: each.arrival for each in at.listener.heard["odom"]}
+    arrivals = {each.stamp: each.arrival for each in at.listener.heard["odom"]}
     commands = at.listener.heard.get("cmd_vel_in", [])
-    ages = [each.arrival - came[each.stamp] for each in commands if each.stamp and each.stamp in came]
+    ages = [each.arrival - arrivals[each.stamp] for each in commands if each.stamp and each.stamp in arrivals]
     return [findings.judge_latency(ages)]
 
 
@@ -205,8 +205,8 @@ def _by_tape(at: Field) -> tuple[Noise | None, list[Finding]]:
         fitted = calibrate_by_tape(at.measured)
     except ValueError as error:
         return None, [Finding("by tape", SKIPPED, str(error))]
-    found = {name: each for name, each in fitted.estimates.items() if each.is_determined}
-    figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in found.items())
+    estimates = {name: each for name, each in fitted.estimates.items() if each.is_determined}
+    figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in estimates.items())
     return fitted.noise, [Finding("by tape", FINE, "The wheels' scales, for the preset `wheel`.", figures)]
 
 
@@ -251,7 +251,7 @@ ESSENTIAL = ("/odom", "odometry", "wheels", "guard", "emergency stop", "a press"
 """Findings without which nothing moves, beside the clocks."""
 
 
-def walk(at: Field, seen: list[Finding], told: Callable[[Finding], Any] = lambda finding: None) -> None:
+def walk(at: Field, seen: list[Finding], report: Callable[[Finding], Any] = lambda finding: None) -> None:
     """Take all steps, and add their findings to ``seen`` as they come; on an interruption they stay there."""
     for step in STEPS:
         if step.amount and not getattr(at, step.amount):
@@ -264,7 +264,7 @@ def walk(at: Field, seen: list[Finding], told: Callable[[Finding], Any] = lambda
             new = step.run(at)
         for finding in new:
             seen.append(finding)
-            told(finding)
+            report(finding)
 
 
 def _missing(seen: Sequence[Finding]) -> list[str]:

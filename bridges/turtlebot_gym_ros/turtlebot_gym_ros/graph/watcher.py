@@ -112,11 +112,11 @@ class Watcher:
     def _add(self, stamp: float) -> None:
         rooms, grids = self.listener["obstacles"].values, self.listener["map"].values
         now, old = Surroundings("live", room=rooms[-1] if rooms else None, grid=grids[-1] if grids else None), self._around
-        came = old.grid is None and now.grid is not None
-        came |= now.room is not None and (
+        is_new = old.grid is None and now.grid is not None
+        is_new |= now.room is not None and (
             old.room is None or (now.room.walls, now.room.boxes) != (old.room.walls, old.room.boxes)
         )
-        begins = not 0.0 < stamp - self._last <= LEAP or self._rows >= LONGEST or came
+        begins = not 0.0 < stamp - self._last <= LEAP or self._rows >= LONGEST or is_new
         if begins:
             self._first, self._rows, self._last, self._around = stamp, 0, -math.inf, now
         rows = self.listener.rows(np.array([stamp]), after=self._last, held=0.0, around=self._around, start=self._first)
