@@ -35,6 +35,7 @@ class RoomDrive(NamedTuple):
     noise: str = "tutorial"
     seed: int = 0
     localizer: str | None = None
+    goals: int | None = None
 
 
 class SquareDrive(NamedTuple):
@@ -90,13 +91,14 @@ def live(drive: SquareDrive, steps: int, **options: Any) -> Drive:
         return first(graph.trajectory(), steps)
 
 
-def room_episode(given: RoomDrive) -> Drive:
-    """Return the environment's episode, from its start to its end."""
+def room_episode(given: RoomDrive, steps: int = ROOM_STEPS) -> Drive:
+    """Return the environment's episode, from its start to its end, after a number of steps at the latest."""
     options = given._asdict()
     policy, seed = make_policy(options.pop("policy")), options.pop("seed")
     if isinstance(policy, PolicyWithMemory):
         policy.reset(np.ones((), np.bool_))
-    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", max_episode_steps=ROOM_STEPS, **options)
+    name = "Rooms" if given.goals is None else "Missions"
+    env = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=steps, **options)
     observation, info = env.reset(seed=seed)
     infos, ended = [info], False
     while not ended:
@@ -110,7 +112,8 @@ def room_episode(given: RoomDrive) -> Drive:
 
 def room_live(drive: RoomDrive, steps: int, **options: Any) -> Drive:
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
-    with Graph(**drive._asdict(), goal_tolerance=0.0, **options) as graph:
+    given = {name: value for name, value in drive._asdict().items() if value is not None}
+    with Graph(**given, goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
         return first(graph.trajectory(), steps)
 

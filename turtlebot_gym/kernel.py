@@ -69,6 +69,24 @@ def lower(row: Any, by: Any, more: int) -> None:
     np.minimum(row, by + more, out=row)
 
 
+def relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> bool:
+    """Shorten the paths of a row, shape (n,), by a step from the row behind it, and return whether any became shorter.
+
+    Args:
+        row: Lengths of paths; the first and the last stay.
+        behind: Those of the row behind it.
+        least: Least lengths, by which cells are blocked.
+        straight: Length of a step to the cell ahead.
+        diagonal: Length of a step to its neighbours.
+    """
+    inner = row[1:-1]
+    length = np.minimum(behind[1:-1] + straight, np.minimum(behind[:-2], behind[2:]) + diagonal)
+    length = np.maximum(np.minimum(inner, length), least[1:-1])
+    shorter = bool((length != inner).any())
+    inner[:] = length
+    return shorter
+
+
 def scratch(size: int) -> Any:
     """Return room for ``size`` numbers; compiled code uses `compiled_scratch`."""
     return [0.0] * size
@@ -117,6 +135,16 @@ def _lower_each(row, by, more):  # without types, as numba wants of what stands 
         row[k] = min(row[k], by[k] + more)
 
 
+def _relax_each(row, behind, least, straight, diagonal):
+    shorter = False
+    for k in range(1, len(row) - 1):
+        length = min(behind[k] + straight, min(behind[k - 1], behind[k + 1]) + diagonal)
+        length = max(min(row[k], length), least[k])
+        shorter = shorter | (length != row[k])
+        row[k] = length
+    return shorter
+
+
 if HAS_NUMBA:
     from numba import int64
 
@@ -129,4 +157,5 @@ if HAS_NUMBA:
     _inlined(plus, lambda a, b: lambda a, b: _add(int64(a), int64(b)))
     _inlined(split, lambda x: lambda x: _split(x))
     _inlined(borrowed, lambda array: lambda array: _without_owner(array))
+    _inlined(relax, lambda row, behind, least, straight, diagonal: _relax_each)
     _inlined(lower, lambda row, by, more: _lower_each)  # whole slices would bring numpy's checks of shapes with them

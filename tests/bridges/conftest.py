@@ -162,6 +162,25 @@ def busy():
     return busy
 
 
+@pytest.fixture(scope="session")
+def interfaces(tmp_path_factory):
+    """The environment variables by which a process has nav2_msgs and tf2_msgs, built as a user builds them, and kept."""
+    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
+        return {}
+    from turtlebot_gym_ros.interfaces import build
+
+    try:
+        wheel = build()
+    except ValueError as error:
+        pytest.skip(f"nav2_msgs and tf2_msgs cannot be built: {error}")
+    folder = tmp_path_factory.mktemp("interfaces")
+    install = ("-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check", "--prefix", str(folder), str(wheel))
+    subprocess.run([sys.executable, *install], check=True)
+    (package,) = folder.glob("**/nav2_msgs/__init__.py")
+    paths = {"PYTHONPATH": package.parents[1], "LD_LIBRARY_PATH": folder / "lib"}
+    return {name: os.pathsep.join(filter(None, (str(path), os.environ.get(name)))) for name, path in paths.items()}
+
+
 @pytest.fixture
 def read_bag():
     def read(folder):

@@ -157,6 +157,18 @@ def test_the_localizer_in_the_graph_is_the_environments(compare, hall):
 
 
 @pytest.mark.nightly
+@pytest.mark.parametrize(("policy", "goals"), [("vfh", 5), ("ppo-rooms", 5)])
+def test_a_mission_in_the_graph_is_the_environments(compare, policy, goals):
+    """Goals in turn in an office, each given when the localizer believes that the one before is reached."""
+    drive = compare.RoomDrive(policy=policy, world="office", noise="wheel", seed=1, localizer="match", goals=100)
+    expected = compare.room_episode(drive, 500)
+    assert len(expected.time) == 501
+    assert len({*map(tuple, expected.reference.tolist())}) >= goals
+    differ = compare.room_differences(expected, compare.room_live(drive, 500))
+    assert max(differ.values()) == 0.0, differ
+
+
+@pytest.mark.nightly
 def test_a_robot_finds_itself_and_drives_to_rvizs_goal(hall, peer, wait_for):
     goals, poses = peer.speak("goal_pose", PoseStamped), peer.hear("amcl_pose", PoseWithCovarianceStamped)
     parameters = {"policy": "vfh", "noise": "wheel", "localizer": "match", "start": "unknown", "when_lost": "stop"}

@@ -28,6 +28,8 @@ IN_GAZEBO = PACKAGE / "launch" / "gazebo.launch.xml"
 """It starts no node of its own, and includes the robot's."""
 IN_SIMULATION = {"enable_stamped_cmd_vel": "true", "require_emergency_stop": "false", "start_enabled": "true"}
 """What is otherwise there than on a robot."""
+PROGRAMS = {"bringup", "watch", "status", "field_test", "interfaces"}
+"""Programs without parameters of nodes."""
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
 SHELLS = {name: load(name) for name in BLOCKS}
 ROS_OWN = {"use_sim_time", "start_type_description_service"}
@@ -71,7 +73,7 @@ def test_config_has_every_parameter(runner, config, name):
 
 
 def test_config_names_all_nodes_of_the_graph():
-    assert {name for path in CONFIGS for name in configured(path)} == {*NODES} - {"bringup", "watch", "status", "field_test"}
+    assert {name for path in CONFIGS for name in configured(path)} == {*NODES} - PROGRAMS
 
 
 def test_on_a_robot_nothing_moves_before_it_is_enabled():

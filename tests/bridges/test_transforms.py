@@ -1,4 +1,4 @@
-"""Poses on /tf, mounts on /tf_static: with a stand-in for tf2_msgs, which PyPI does not have, and the refusal without it."""
+"""Poses on /tf, mounts on /tf_static: with a stand-in for tf2_msgs, and the refusal without it."""
 
 import math
 import sys
@@ -151,5 +151,6 @@ def test_without_a_ros_installation_it_is_refused_on_one_line(launch):
     _, stderr = process.communicate(timeout=30.0)
     assert process.returncode == 2
     assert stderr == (
-        "error: publish_tf needs tf2_msgs, which a ROS installation has and PyPI does not: source one, or leave it false.\n"
+        "error: publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with python -m "
+        "turtlebot_gym_ros interfaces.\n"
     )

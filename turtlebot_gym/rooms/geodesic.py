@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import kernel, relax, sqrt
 from turtlebot_gym.rooms.cells import distance_to_cells, is_on_map, to_cells
 from turtlebot_gym.rooms.rays import distance_to_circle, distance_to_turned_box, distance_to_walls
 from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
@@ -113,12 +113,7 @@ def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
     """
     shorter = False
     for row in range(first, last, step):
-        behind, here, bound = lengths[row - step], lengths[row], least[row]
-        for column in range(1, lengths.shape[1] - 1):
-            length = min(behind[column] + _STRAIGHT, min(behind[column - 1], behind[column + 1]) + _DIAGONAL)
-            length = max(min(here[column], length), bound[column])
-            shorter = shorter | (length != here[column])
-            here[column] = length
+        shorter = relax(lengths[row], lengths[row - step], least[row], _STRAIGHT, _DIAGONAL) | shorter
     return shorter
 
 

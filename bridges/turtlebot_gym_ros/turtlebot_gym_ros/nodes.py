@@ -77,6 +77,9 @@ NODES = {
     "field_test": Entry(
         "field.program:main", "guides a person through the first afternoon with a robot", "field test", is_block=False
     ),
+    "interfaces": Entry(
+        "interfaces:main", "builds nav2_msgs and tf2_msgs, which PyPI lacks, into this environment", "messages", is_block=False
+    ),
     "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}

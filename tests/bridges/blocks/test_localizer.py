@@ -115,6 +115,17 @@ def test_a_lost_robot_stops_unless_told_otherwise(drive, when_lost):
     assert it.error < 0.1
 
 
+def test_after_steps_that_were_skipped_it_goes_on_from_where_the_wheels_have_led(drive):
+    it = drive()
+    it.go(2.0)
+    for _ in range(30):  # without a scan no step is taken
+        sent = it.plant.step(0.1, COMMAND)
+        it.scan = sent.get("scan", it.scan._replace(age=it.scan.age + 0.1))
+    assert it.node.step(0.0, sent["odometry"], it.scan, GRID)
+    assert it.go(2.0) == 20
+    assert it.error < 0.05
+
+
 def test_without_a_scan_that_says_anything_it_is_unsure(drive):
     it = drive()
     it.go(1.0)

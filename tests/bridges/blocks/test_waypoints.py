@@ -1,15 +1,19 @@
 """The reference: what is published, and when it changes."""
 
 import math
+import re
 
+import numpy as np
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.systems import Episode, Options, make_parameters
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
-from turtlebot_gym_ros.blocks import WaypointGenerator
+from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator
 from turtlebot_gym_ros.blocks.waypoints import _load_waypoints
+from turtlebot_gym_ros.node.errand import Failure
 
 
 def generator(**parameters):
@@ -128,3 +132,122 @@ def test_a_malformed_file_is_refused(tmp_path, name, text, said):
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=said):
         generator(waypoints=str(tmp_path / name))
+
+
+# Goals on their way.
+
+
+def rooms():
+    """Two rooms of 2 m by 2 m beside each other, without a door between them; everything else is unknown."""
+    cells = np.full((60, 90), -1, np.int8)
+    for left in (2, 46):
+        cells[2:46, left : left + 44] = 100
+        cells[4:44, left + 2 : left + 42] = 0
+    return GridMap(cells=cells, resolution=0.05)
+
+
+GRID, HERE, BESIDE = rooms(), (1.0, 1.0), (3.0, 1.0)
+
+
+def on_map(**parameters):
+    """Return a generator in the map's frame, at `HERE`."""
+    node = generator(frame="map", **parameters)
+    node.step(0.1, at(*HERE), None, map=GRID)
+    return node
+
+
+def test_a_goal_of_an_action_is_reached_when_the_controller_is_done_with_it():
+    node, goal = on_map(), Pose(1.8, 1.0, 0.0)
+    errand = node.send(goal, awaited=True)
+    assert node.step(0.1, at(1.6, 1.0), None) == {"reference": goal, "following": goal}
+    assert errand.is_active
+    assert (errand.left, errand.time) == (pytest.approx(0.2, abs=0.1), 0.1)
+    controller = VelocityController(VelocityController.Params())
+    for x in (1.69, 1.71):  # the radius of 0.15 m, less 0.05 m
+        node.step(0.1, at(x, 1.0), None)
+        assert (controller.step(0.1, at(x, 1.0), goal, goal) == {}) == (errand.state == "reached") == (x == 1.71)
+
+
+@pytest.mark.parametrize(
+    ("goal", "code", "said"),
+    [
+        (BESIDE, Failure.NO_WAY, r"no way from the robot at \(1.00, 1.00\) to the goal \(3.00, 1.00\)"),
+        ((1.0, 2.25), Failure.OCCUPIED, "no room for a robot of radius 0.105 m"),
+        ((-3.0, 1.0), Failure.OUTSIDE_MAP, "outside of the map"),
+    ],
+)
+@pytest.mark.parametrize("awaited", [True, False])
+def test_a_goal_without_a_way_is_refused_before_driving_and_an_earlier_one_stays(goal, code, said, awaited):
+    node, earlier = on_map(), Pose(1.0, 1.8, 0.0)
+    first = node.send(earlier)
+    if awaited:
+        errand = node.send(Pose(*goal, 0.0), awaited=True)
+        assert (errand.state, errand.code) == ("failed", code)
+    assert reference(node, at(*HERE), None if awaited else Pose(*goal, 0.0)) == earlier
+    assert re.search(said, node.notice)
+    assert first.is_active
+    assert first.left == pytest.approx(0.8, abs=0.1)
+    reference(node, at(*HERE), Pose(*HERE, 0.0))
+    assert node.notice is None
+
+
+def test_without_a_map_any_goal_is_taken_and_without_an_estimate_the_way_is_judged_when_there_is_one():
+    node = generator(frame="map")
+    node.step(0.1, at(*HERE), None)
+    assert node.send(Pose(*BESIDE, 0.0), awaited=True).is_active
+    node.step(0.1, None, None, map=GRID)
+    errand = node.send(Pose(*BESIDE, 0.0))
+    assert errand.is_active
+    stays = reference(node, at(*HERE))
+    assert (errand.code, stays) == (Failure.NO_WAY, Pose(*HERE, 0.0))
+
+
+def test_another_goal_takes_the_place_of_one_and_so_does_a_reset():
+    node = on_map()
+    errands = [node.send(Pose(1.8, 1.0, 0.0), awaited=True), node.send(Pose(1.0, 1.8, 0.0), awaited=True)]
+    assert [each.is_active for each in errands] == [False, True]
+    assert errands[0].reason == "another goal took its place"
+    node.reset()
+    assert errands[1].reason == "the node was reset"
+
+
+@pytest.mark.parametrize("tolerance", [0.15, 0.0])
+def test_a_robot_whose_goal_is_cancelled_stays_where_it_is(tolerance):
+    node = on_map(goal_tolerance=tolerance)
+    errand = node.send(Pose(1.8, 1.0, 0.0), awaited=True)
+    node.step(0.1, at(1.3, 1.0), None)
+    node.cancel(errand)
+    here = Pose(1.3, 1.0, 0.0)
+    assert node.step(0.1, at(1.31, 1.0), None) == ({"reference": here, "following": here} if tolerance else {})
+    assert errand.state == "cancelled"
+    if tolerance:
+        assert VelocityController(VelocityController.Params()).step(0.1, at(1.31, 1.0), here, here) == {}
+    assert reference(node, at(1.31, 1.0), Pose(1.8, 1.0, 0.0)).x == 1.8  # until there is another goal
+
+
+def test_what_is_awaited_is_given_up_with_the_reason():
+    def drive(seconds, estimates, **parameters):
+        node = on_map(patience=5.0, time_limit=20.0, **parameters)
+        errand, other = node.send(Pose(1.8, 1.0, 0.0), awaited=True), on_map(patience=5.0).send(Pose(1.8, 1.0, 0.0))
+        for k in range(round(10 * seconds)):
+            node.step(0.1, estimates(0.1 * k), None)
+        assert other.is_active  # nobody waits for it
+        return errand
+
+    errand = drive(5.2, lambda time: at(*HERE))
+    assert (errand.code, errand.reason.partition(":")[0]) == (Failure.NO_PROGRESS, "no progress for 5 s")
+    errand = drive(5.2, lambda time: None)
+    assert (errand.code, errand.reason) == (Failure.NOT_LOCALIZED, "lost: no estimate for 5 s")
+    assert drive(8.0, lambda time: at(*HERE) if time > 4.0 else None).is_active  # it was found, and may go on
+    errand = drive(20.2, lambda time: at(1.0 + 0.03 * time, 1.0))
+    assert (errand.code, errand.reason) == (Failure.TIMEOUT, "it took longer than 20 s")
+
+
+def test_the_time_left_follows_from_the_way_and_the_speed():
+    node = on_map()
+    errand = node.send(Pose(1.8, 1.0, 0.0), awaited=True)
+    node.step(0.1, at(*HERE), None)
+    assert errand.time_left == pytest.approx(errand.left / 0.2108)
+    for k in range(40):
+        node.step(0.1, at(1.0 + 0.01 * k, 1.0), None)
+    assert errand.time_left == pytest.approx(4.1, rel=0.2)  # 0.4 m at 0.1 m/s

@@ -15,6 +15,7 @@ from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.seek import look, nowhere
 from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
+from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_filter, make_noise
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import aim
@@ -53,8 +54,8 @@ class Localizer:
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
     ``seat`` (`Fix`, on ``initialpose``, optional), and without a map's file ``map`` (`GridMap`, on ``map``).
     Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
-    ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp, in the frame ``frame``; and with ``publish_tf`` the
-    transform from ``frame`` to ``odom_frame`` on ``/tf``.
+    ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp, in the frame ``frame``; with ``publish_tf`` the transform
+    from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once.
     Parameters: those of `Params`.
     """
 
@@ -106,8 +107,10 @@ class Localizer:
         self.trigger = On("odometry", max_gap=params.max_gap)
         self.inputs = {**self.inputs, "odometry": replace(self.inputs["odometry"], frame=params.odom_frame)}
         self._grid: GridMap | None = None
+        self._unsaid: GridMap | None = None
         if params.map:
             self._take_map(read_map(params.map).map)
+            self._unsaid, self.outputs = self._grid, {**self.outputs, "map": Output(topic="map", type=GridMap, latched=True)}
         else:
             self.inputs = {**self.inputs, "map": Input(topic="map", type=GridMap, max_age=None, latched=True)}
         if params.publish_tf:
@@ -152,7 +155,12 @@ class Localizer:
         if self._located is None:
             after = self._begin(odometry, scan)
         else:
-            self._tick(dt)
+            if dt > 0.0:
+                self._tick(dt)
+            else:  # steps were skipped: how long ago the beams of a scan were measured is not known until the next one
+                dt = self._dt or REFERENCE_PERIOD
+                rest(self._trail, self._time, odometry.pose)
+                self._measured = self._time - scan.age
             before, drift = self._odometry, drift_of(self._odometry.twist, self._tuning, dt)
             after = move(self._located, before.pose, odometry.pose, odometry.twist, drift, self._q)
             if odometry.measured:
@@ -160,7 +168,8 @@ class Localizer:
         if seat is not None:
             after = self._take_seat(after, seat)
         self._located, self._odometry = self._correct(after, scan), odometry
-        return self._answer(self._located, odometry)
+        drawn, self._unsaid = self._unsaid, None
+        return self._answer(self._located, odometry) | ({"map": drawn} if drawn else {})
 
     def _begin(self, odometry: Odometry, scan: Aged) -> Located:
         """Return the belief at the first odometry; scans from before it are not used."""

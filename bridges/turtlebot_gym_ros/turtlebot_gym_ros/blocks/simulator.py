@@ -12,12 +12,12 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import MujocoBurger, make_plant
-from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.lidar import DRIVERS, Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Episode, Options
-from turtlebot_gym.tasks import NAV, ROOM
+from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
@@ -79,6 +79,7 @@ class TurtlebotSimulator:
     With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, on a floor with ``friction``, and its odometry
     comes from its wheels. In a ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a
     LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot drives on.
+    With ``goals`` it gives several goals in turn, as `TurtleBotMissions-v0` does.
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Odometry`, on ``odom``: the measured pose, marked if it dropped
@@ -86,7 +87,8 @@ class TurtlebotSimulator:
     stamped with the time of the measurement). In a room also ``scan`` (`Scan`, on ``scan``, each as soon as it is complete,
     with the LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
     ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and if the world
-    is a map, ``map`` (`GridMap`, on ``map``), once. Parameters: those of `Params`. A reset begins the next episode.
+    is a map, or with a ``localizer``, ``map`` (`GridMap`, on ``map``), once an episode. Parameters: those of `Params`. A reset
+    begins the next episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,6 +122,12 @@ class TurtlebotSimulator:
         world or of a map's YAML file."""
         lidar: str = "lds01"
         """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
+        goals: Annotated[int, Range(0, 2**31, whole=True)] = 0
+        """Number of goals that a world gives in turn, each when the one before is reached by belief or given up after a minute;
+        0 for a single one."""
+        localizer: str = ""
+        """Localizer by whose belief goals in turn are reached, as in the environment, and for which the map of a drawn room is
+        published: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file. Empty for the filter's belief."""
         speaks_as: Annotated[str, Names(("none", *SPEECHES))] = "none"
         """Recorded robot whose messages it imitates, "turtlebot3" or "turtlebot4", with its LiDAR and rate of odometry whatever
         ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
@@ -141,6 +149,8 @@ class TurtlebotSimulator:
             if self.in_room and self.plant != "unicycle":
                 raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
             self.physics()
+            if self.goals and not self.in_room:
+                raise ValueError("goals must be 0 without a world: goals in turn are drawn in a room.")
             if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
 
@@ -173,7 +183,8 @@ class TurtlebotSimulator:
     def __init__(self, params: Params) -> None:
         speech, driver = params.speech, DRIVERS[params.speech.lidar] if params.speech else None
         lidar, period = (speech.lidar, speech.period) if speech else (params.lidar, params.period)
-        task = replace(ROOM if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
+        room = replace(MISSION, laps=params.goals) if params.goals else ROOM
+        task = replace(room if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
         p, _, plan, _ = Options(
             task=task,
             robot=params.robot,
@@ -184,6 +195,7 @@ class TurtlebotSimulator:
             plant=params.physics() or "unicycle",
             world=params.world if params.in_room else None,
             lidar=(driver.lidar if driver else lidar) if params.in_room else None,
+            localizer=params.localizer or None,
         ).setup()
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
@@ -197,10 +209,11 @@ class TurtlebotSimulator:
                 **ROOM_OUTPUTS,
                 "scan": replace(ROOM_OUTPUTS["scan"], mount=mount, states_mount=speech is not None),
             }
-        self._map = plan.map if plan else None
-        if self._map:
-            self.outputs = {**self.outputs, **MAP_OUTPUTS}
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
+        self._draws_map = bool(p.localizer) and not (plan and plan.map)
+        self._map = _drawn_map(self._episode.scene) if self._draws_map else (plan.map if plan else None)
+        if self._map:
+            self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
@@ -219,6 +232,8 @@ class TurtlebotSimulator:
     def reset(self) -> None:
         """Begin the next episode."""
         self._episode.reset()
+        if self._draws_map:
+            self._map = _drawn_map(self._episode.scene)
         self._uncertainty.reset()
         self._waiting.clear()
         self._begun = False
@@ -261,7 +276,7 @@ class TurtlebotSimulator:
         at, room = int(episode.world.steps), episode.world.room
         if room.collided and self.notice is None:
             self.notice = f"contact after {at * dt:.1f} s: the environment's episode ends here."
-        said: dict[str, Any] = {"goal": episode.waypoints[0], "clearance": Clearance(room.clearance)}
+        said: dict[str, Any] = {"goal": episode.world.course.reference, "clearance": Clearance(room.clearance)}
         if at == 0 or beams_by(at, lidar, dt) // lidar.beams > beams_by(at - 1, lidar, dt) // lidar.beams:
             beam_period = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
             is_blind = np.isinf(episode.scene.beams[2, : lidar.beams])
@@ -271,3 +286,10 @@ class TurtlebotSimulator:
         if at % SHOWN_EVERY == 0:
             said["obstacles"] = obstacles_of(episode.scene)
         return said
+
+
+def _drawn_map(scene: Any) -> GridMap:
+    """Return the map of a drawn room that the environment's localizer has, of which its field says which cells are occupied."""
+    x, y, cosine, sine, resolution = scene.field_frame.tolist()
+    cells = np.where(scene.field < 0.0, OCCUPIED, FREE)
+    return GridMap(cells=cells, resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))

@@ -12,29 +12,45 @@ from typing import Annotated, Any
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import load
 from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
-from turtlebot_gym.validation import POSITIVE, Range, shown, typed
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, shown, typed
 from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.blocks.ways import Ways
 from turtlebot_gym_ros.node.block import Every, Input, Output
+from turtlebot_gym_ros.node.errand import Errand, Failure
+
+MAP_FRAME = "map"
+"""Frame in which a map says where there is a way."""
 
 
 class WaypointGenerator:
     """Publish the waypoint to reach and the one after it periodically, so that a loss of the node is visible.
 
     It steps by the clock; in lock-step it answers each estimate, and its rule is then the environment's with
-    ``arrival="belief"``. By time, the clock starts with the first estimate; the last waypoint stays. A pose from RViz replaces
-    all waypoints. A reset restarts with the first one.
+    ``arrival="belief"``. By time, the clock starts with the first estimate; the last waypoint stays. A reset restarts with the
+    first one.
 
-    Inputs: ``estimate`` (`Estimate`, on ``estimate``; optional), ``goal`` (`Pose`, on ``goal_pose``; optional), and if
-    ``waypoints`` is "room", ``room_goal`` (`Pose`, on ``room_goal``; optional). Outputs: ``reference`` (`Pose`, on
-    ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame. Parameters: those of `Params`.
+    A goal takes the place of all waypoints: a pose from RViz, or a goal of the action ``navigate_to_pose``, if ``nav2_msgs`` is
+    installed. In the frame ``map`` it is refused if the map on the topic ``map``, if there is one, has no way to it. A goal of
+    the action is reached when the controller is done with it, by the same estimate and rule; it is given up, with the reason,
+    without an estimate or progress for ``patience``, and after ``time_limit``. Cancelled or given up, the robot stays where it
+    is.
+
+    Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), if ``waypoints`` is
+    "room", ``room_goal`` (`Pose`, on ``room_goal``), and in the frame ``map``, ``map`` (`GridMap`, on ``map``). Outputs:
+    ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame. Parameters:
+    those of `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
         """Parameters of the waypoints."""
 
+        frame: str = "odom"
+        """World frame. Poses in other frames are refused."""
         waypoints: str = "square"
         """"square", the tutorial's; "room", the goal of the simulator's room; or the path of a YAML or CSV file with x, y (m)
         and theta (rad)."""
@@ -48,6 +64,14 @@ class WaypointGenerator:
         """Number of rounds through the waypoints."""
         relative: bool = False
         """Whether waypoints are relative to the first estimate instead of the world frame."""
+        robot: str = "burger"
+        """The robot that needs room on its way to a goal: a name in `turtlebot_gym.robots.ROBOTS`."""
+        goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
+        """Distance to an action's goal within which it is reached, m, as in velocity_controller; with 0 it is ``radius``."""
+        patience: Annotated[float, POSITIVE.of("s")] = 30.0
+        """Time without an estimate, or without coming nearer, after which an action's goal is given up, s."""
+        time_limit: Annotated[float, NON_NEGATIVE.of("s")] = 600.0
+        """Time after which an action's goal is given up, s; 0 for no limit."""
         period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
         """Period of publishing, s."""
 
@@ -68,30 +92,93 @@ class WaypointGenerator:
         if in_room:
             room_goal = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
             self.inputs = {**self.inputs, "room_goal": room_goal}
+        if params.frame == MAP_FRAME:
+            grid = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
+            self.inputs = {**self.inputs, "map": grid}
         given = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
         task, self._waypoints = Options(task="square", waypoints=given, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
+        self._params, self._robot = params, make_robot(params.robot)
+        self._target = replace(task, radius=params.goal_tolerance or params.radius)
+        self._map: GridMap | None = None
+        self._ways: Ways | None = None
+        self._errand: Errand | None = None
+        self.notice: str | None = None
+        """Why the last goal was refused or given up, if so."""
         self.trigger = Every(params.period, answers="estimate")
         self.reset()
 
     def reset(self) -> None:
         """Restart with the first waypoint."""
+        if self._errand:
+            self._errand.end("failed", Failure.OTHER, "the node was reset")
+        self._errand, self._here, self._rests, self.notice = None, None, False, None
         self._poses: Sequence[Pose] = () if self._relative or self._in_room else self._waypoints
         self._room_goal: Pose | None = None
         self._laps = self._task.laps
         self._visited = 0
         self._steps = 0
 
-    def step(self, dt: float, estimate: Estimate | None, goal: Pose | None, room_goal: Pose | None = None) -> dict[str, Pose]:
+    def send(self, goal: Pose, *, awaited: bool = False) -> Errand:
+        """Take a goal in place of all waypoints and of an earlier goal, unless it is refused: then these stay.
+
+        Args:
+            goal: The goal in the world frame.
+            awaited: Whether somebody waits for the outcome.
+        """
+        errand = Errand(goal=goal, awaited=awaited, speed=self._robot.max_linear)
+        why = None
+        if self._map is not None and (self._ways is None or self._ways.grid is not self._map):  # it takes long, so not before
+            self._ways = Ways(self._map, self._robot.radius)
+        if self._ways:
+            why = self._ways.lead_to(goal, self._here, self._target.radius)
+        if why:
+            errand.end("failed", *why)
+            self.notice = f"goal refused: {errand.reason}"
+            if self._ways and self._errand and self._errand.is_active:  # the ways lead to the earlier goal again
+                self._ways.lead_to(self._errand.goal, None, self._target.radius)
+            return errand
+        if self._errand:
+            self._errand.end("failed", Failure.OTHER, "another goal took its place")
+        self._errand, self.notice = errand, None
+        self._head_for(goal)
+        return errand
+
+    def _head_for(self, goal: Pose) -> None:
+        self._poses, self._laps, self._visited, self._steps, self._rests = (goal,), 1.0, 0, 0, False
+
+    def cancel(self, errand: Errand) -> None:
+        """Give up a goal, if it is still on its way, and let the robot stay where it is."""
+        if errand.is_active:
+            errand.end("cancelled")
+            self._stay()
+
+    def _stay(self) -> None:
+        """Let the robot stay where it is: the controller is done at once, and without a pose it has no reference."""
+        pose = self._here if self._params.goal_tolerance > 0.0 else None
+        self._poses, self._laps, self._visited, self._rests = () if pose is None else (pose,), 1.0, 0, True
+
+    def step(
+        self,
+        dt: float,
+        estimate: Estimate | None,
+        goal: Pose | None,
+        room_goal: Pose | None = None,
+        map: GridMap | None = None,
+    ) -> dict[str, Pose]:
         """Return the waypoint to reach and the one after it; nothing before they are known."""
+        self._here = None if estimate is None else Pose(*estimate.belief.mean[:3])
+        self._map = map
         if room_goal is not None and room_goal != self._room_goal:  # the goal of another episode
             self._room_goal = room_goal
-            goal = room_goal if goal is None else goal
+            self._head_for(room_goal)
         if goal is not None:
-            self._poses, self._laps, self._visited, self._steps = (goal,), 1.0, 0, 0
+            self.send(goal)
+        if self._errand and self._errand.is_active:
+            self._attend(self._errand, dt, estimate)
         if not self._poses:
-            if estimate is None or self._in_room:
+            if estimate is None or self._in_room or self._rests:
                 return {}
             origin = estimate.belief.mean
             self._poses = [_compose(Pose(origin.x, origin.y, origin.theta), pose) for pose in self._waypoints]
@@ -100,6 +187,22 @@ class WaypointGenerator:
             self._visited += 1
         following = self._poses[min(self._visited + 1, last) % len(self._poses)]
         return {"reference": self._poses[self._visited % len(self._poses)], "following": following}
+
+    def _attend(self, errand: Errand, dt: float, estimate: Estimate | None) -> None:
+        """Follow a goal on its way: reached by belief, or given up if somebody waits for it."""
+        errand.time += dt
+        if estimate is not None and self._here is not None:
+            left = self._ways.left(self._here) if self._ways else None
+            if self._ways and left is None and errand.pose is None:  # a robot that was lost when the goal was given
+                errand.end("failed", *self._ways.no_way(self._here, errand.goal))
+            errand.at(self._here, math.dist(self._here[:2], errand.goal[:2]) if left is None else left)
+            if believed_to_arrive(estimate.belief.mean, errand.goal, self._target):
+                errand.end("reached")
+        if errand.awaited and (why := errand.overdue(self._params.patience, self._params.time_limit)):
+            errand.end("failed", *why)
+        if errand.state == "failed":
+            self.notice = f"goal given up: {errand.reason}"
+            self._stay()
 
     def _is_done_with(self, dt: float, estimate: Estimate | None) -> bool:
         steps, timed = self._steps, by_time(self._task)

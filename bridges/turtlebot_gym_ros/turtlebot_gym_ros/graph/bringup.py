@@ -108,11 +108,12 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default tutorial)")
     parser.add_argument("--filter", help="matched (default), calibrated, tutorial, gated, mixture, slip or scale")
     parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default none)")
-    parser.add_argument("--localizer", help="with the world of a map, localize by scans instead: match, robot, or FILE.yaml")
+    parser.add_argument("--localizer", help="with a world, localize by scans instead: match, robot, or FILE.yaml")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
     )
+    parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default one)")
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
     parser.add_argument(
         "--as", dest="speaks_as", choices=list(SPEECHES), help="send what this recorded robot sends: gaps, its clock, its rates"

@@ -51,8 +51,8 @@ class Graph:
     its command, so that the drive is bit-identical to the environment's with the same seed, on any machine. A person's commands
     belong to no step: teleoperation runs in real time by default, and on a faster or slower clock otherwise.
 
-    With a ``world`` the simulator is in a room, and the waypoint is the room's goal. With a ``localizer``, in the world of a
-    map, the estimate is the localizer's, in the frame ``map``, instead of the filter's.
+    With a ``world`` the simulator is in a room, and the waypoint is the room's goal; with ``goals`` it gives several in turn.
+    With a ``localizer`` the estimate is the localizer's, in the frame ``map``, instead of the filter's.
 
     Args:
         mode: "autonomous" or "teleoperation".

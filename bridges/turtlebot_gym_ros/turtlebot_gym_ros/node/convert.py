@@ -48,7 +48,10 @@ SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 
 
-NO_TF = "publish_tf needs tf2_msgs, which a ROS installation has and PyPI does not: source one, or leave it false."
+NO_TF = (
+    "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with python -m turtlebot_gym_ros "
+    "interfaces."
+)
 """Refusal of a node that would publish on ``/tf``."""
 
 

@@ -36,6 +36,7 @@ from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
 from turtlebot_gym_ros.node.drives import Hands, make_drive
 from turtlebot_gym_ros.node.feed import Feed, resting_on
+from turtlebot_gym_ros.node.navigate import MISSING, NavigateToPose, SendsGoals
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
@@ -155,8 +156,19 @@ class Shell:
                 blocked=math.inf if lock_step else 0.5, sees=sees,
                 group=Swift if swift else None,
             )  # fmt: skip
+        self._action = self._offer(block) if isinstance(block, SendsGoals) else None
         ignores_clock = lock_step or self._drive.sets_clock
         self._ros_clock = RosClock(node, ignore=ignores_clock, jumped=self._jumped, now=self._now())
+
+    def _offer(self, block: SendsGoals) -> NavigateToPose | None:
+        """Offer the action that sends a block to goals, if its messages are installed."""
+        read = partial(self._feeds["goal"].read, frame=self.common.world)
+        try:
+            return NavigateToPose(self.node, block, read, self.common.world)
+        except ModuleNotFoundError:
+            if not self.common.lock_step:
+                self._log.info(MISSING)
+            return None
 
     def _resting_on(self) -> int:
         """Return the stamp of a command, ns: outside lock-step, that of the measurement on which it rests."""
@@ -225,6 +237,8 @@ class Shell:
             return self._move(switch, ticket, messages, stamp)
         self._trouble = None
         self.outputs.publish_answer(messages, stamp)
+        if self._action:
+            self._action.look()
         return True
 
     def _move(self, switch: Switch, ticket: object, messages: Mapping[str, Any], stamp: int) -> bool:
@@ -334,6 +348,8 @@ class Shell:
             self.switch.close()
         self.outputs.flush()
         self._ros_clock.close()
+        if self._action:
+            self._action.close()
         self.node.destroy_node()
 
 

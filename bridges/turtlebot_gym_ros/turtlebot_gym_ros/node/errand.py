@@ -1,0 +1,101 @@
+"""A goal on its way: how far the robot has come, and how it ends. Does not depend on ROS."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from turtlebot_gym.values import Pose
+
+CLOSER = 0.1
+"""Distance by which the way must become shorter to count as progress, m."""
+LOST = 1.0
+"""Gap in the estimates after which the time for progress counts anew, s."""
+
+
+class Failure(IntEnum):
+    """Why a goal was not reached: the codes by which Nav2's servers tell it.
+
+    References:
+        Nav2, ``nav2_msgs/action``: ``ComputePathToPose`` (200 to 299), ``FollowPath`` (100 to 199), ``NavigateToPose`` (9000 to
+        9099), ROS 2 Jazzy and Kilted.
+    """
+
+    NONE = 0
+    NO_PROGRESS = 105
+    OUTSIDE_MAP = 204
+    OCCUPIED = 206
+    NO_WAY = 208
+    OTHER = 9000
+    NOT_LOCALIZED = 9002
+    TIMEOUT = 9003
+
+
+@dataclass(kw_only=True)
+class Errand:
+    """A goal, how far the robot is, and the outcome."""
+
+    goal: Pose
+    """In the world frame."""
+    awaited: bool = False
+    """Whether somebody waits for the outcome, as an action's client does: then it is given up if it takes too long."""
+    state: str = "active"
+    """"active", "reached", "failed" or "cancelled"."""
+    code: Failure = Failure.NONE
+    """Kind of the failure."""
+    reason: str = ""
+    """Why it failed, one line."""
+    time: float = 0.0
+    """Time since it was given, s."""
+    pose: Pose | None = None
+    """The robot's pose when it was last known."""
+    left: float = math.inf
+    """Length of the way from there to the goal, m."""
+    speed: float = 0.0
+    """Highest speed of the robot, m/s."""
+    length: float | None = None
+    """Length of the way when it was first known, m."""
+    nearest: float = math.inf
+    """Shortest way so far, m ..."""
+    since: float = 0.0
+    """... and the time since which it has not become shorter by `CLOSER`, s."""
+    known: float = 0.0
+    """Time at which the robot's pose was last known, s."""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it has not ended."""
+        return self.state == "active"
+
+    def end(self, state: str, code: Failure = Failure.NONE, reason: str = "") -> None:
+        """End it, unless it has ended."""
+        if self.is_active:
+            self.state, self.code, self.reason = state, code, reason
+
+    def at(self, pose: Pose, left: float) -> None:
+        """Take the robot's pose, and the length of its way to the goal, m."""
+        if self.length is None:
+            self.length = left
+        if self.time - self.known > LOST:
+            self.since = self.time
+        self.pose, self.left, self.known = pose, left, self.time
+        if left < self.nearest - CLOSER:
+            self.nearest, self.since = left, self.time
+
+    @property
+    def time_left(self) -> float:
+        """Time to the goal at the mean speed so far, at first at the robot's highest one, s."""
+        way = 0.0 if self.length is None else self.length - self.left
+        speed = way / self.time if way > CLOSER and self.time > 0.0 else self.speed
+        return self.left / speed if speed > 0.0 and math.isfinite(self.left) else 0.0
+
+    def overdue(self, patience: float, limit: float) -> tuple[Failure, str] | None:
+        """Return why it takes too long, if so: no estimate or no progress for ``patience``, or the time limit; s."""
+        if self.time - self.known > patience:
+            return Failure.NOT_LOCALIZED, f"lost: no estimate for {patience:g} s"
+        if self.time - self.since > patience:
+            return Failure.NO_PROGRESS, f"no progress for {patience:g} s: is velocity_controller enabled, and the way free?"
+        if 0.0 < limit < self.time:
+            return Failure.TIMEOUT, f"it took longer than {limit:g} s"
+        return None

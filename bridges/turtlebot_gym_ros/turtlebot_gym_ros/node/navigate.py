@@ -1,0 +1,123 @@
+"""The action ``navigate_to_pose``: a second door to a block's goals, beside their topic, for clients that await the outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol, runtime_checkable
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action.server import ActionServer, CancelResponse
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.node.errand import Errand, Failure
+from turtlebot_gym_ros.node.geometry import write_pose
+
+NAME = "navigate_to_pose"
+MISSING = (
+    f"the action {NAME} is not offered, since nav2_msgs is missing: install it with ROS (ros-DISTRO-nav2-msgs), or build it "
+    "into this environment with python -m turtlebot_gym_ros interfaces."
+)
+"""Remark of a node that would offer the action."""
+
+
+@runtime_checkable
+class SendsGoals(Protocol):
+    """A block that takes goals one at a time, in its world frame; its input ``goal`` is their topic."""
+
+    def send(self, goal: Pose, *, awaited: bool = False) -> Errand:
+        """Take a goal in place of an earlier one; what is returned may have failed already."""
+        ...
+
+    def cancel(self, errand: Errand) -> None:
+        """Give up a goal."""
+        ...
+
+
+class _Server(ActionServer):
+    """An action server whose goals are executed elsewhere, and only end here.
+
+    rclpy would await the outcome in a coroutine that its executor resumes each time it wakes.
+    """
+
+    def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
+        """Do nothing when the execution of a goal begins."""
+
+    def finish(self, goal_handle: Any, end: Callable[[Any], Any]) -> None:
+        """Let ``end(goal_handle)`` set the final state of a goal, and send the result that it returns."""
+        super().notify_execute(goal_handle, end)
+
+
+class NavigateToPose:
+    """The server of the action, ``nav2_msgs/action/NavigateToPose``.
+
+    A goal that is refused is accepted and aborted at once, since a rejection has no reason: the result carries the code of Nav2
+    for it, in later distributions than Jazzy also the text, which the node logs in any case.
+
+    Args:
+        node: The node.
+        block: The block that takes the goals.
+        read: Returns the pose of a message, or raises `ValueError` if it is refused.
+        frame: The world frame.
+    """
+
+    def __init__(self, node: Node, block: SendsGoals, read: Callable[[PoseStamped], Pose], frame: str) -> None:
+        from nav2_msgs.action import NavigateToPose as Action  # type: ignore[import-not-found]
+
+        self._node, self._block, self._read, self._frame, self._action = node, block, read, frame, Action
+        self._open: list[tuple[Any, Errand]] = []
+        self._server = _Server(
+            node, Action, NAME, execute_callback=lambda handle: None, handle_accepted_callback=self._take,
+            cancel_callback=self._cancel,
+        )  # fmt: skip
+
+    def _take(self, handle: Any) -> None:
+        try:
+            errand = self._block.send(self._read(handle.request.pose), awaited=True)
+        except ValueError as error:
+            self._node.get_logger().warning(f"{NAME}: refused: {error}")
+            errand = Errand(goal=Pose(0.0, 0.0, 0.0))
+            errand.end("failed", Failure.NOT_LOCALIZED, str(error))
+        handle.execute()
+        self._open.append((handle, errand))
+        self.look()
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        for other, errand in self._open:
+            if other is handle:
+                self._block.cancel(errand)
+        return CancelResponse.ACCEPT
+
+    def look(self) -> None:
+        """Tell the clients how far the robot has come, or the outcome; call this after each step."""
+        over = [pair for pair in self._open if not pair[1].is_active]
+        self._open = [pair for pair in self._open if pair[1].is_active]
+        for handle, errand in over:
+            self._server.finish(handle, partial(self._end, errand))
+        for handle, errand in self._open:
+            if errand.pose is not None:
+                handle.publish_feedback(self._feedback(errand, errand.pose))
+
+    def _feedback(self, errand: Errand, pose: Pose) -> Any:
+        told = self._action.Feedback()
+        told.current_pose.header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self._frame)
+        write_pose(told.current_pose.pose, pose)
+        told.navigation_time = Duration(seconds=errand.time).to_msg()
+        told.estimated_time_remaining = Duration(seconds=errand.time_left).to_msg()
+        told.distance_remaining = errand.left
+        return told
+
+    def _end(self, errand: Errand, handle: Any) -> Any:
+        {"reached": handle.succeed, "failed": handle.abort, "cancelled": handle.canceled}[errand.state]()
+        told = self._action.Result()
+        for name, value in (("error_code", int(errand.code)), ("error_msg", errand.reason)):
+            if hasattr(told, name):  # by distribution
+                setattr(told, name, value)
+        return told
+
+    def close(self) -> None:
+        """Withdraw the action."""
+        self._server.destroy()

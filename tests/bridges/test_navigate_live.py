@@ -1,0 +1,137 @@
+"""Goals from RViz and from clients of navigate_to_pose, in a building of three rooms: real messages, processes and DDS."""
+
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from std_msgs.msg import Header
+
+from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.node.errand import Failure
+
+pytestmark = pytest.mark.nightly
+CLIENT = Path(__file__).with_name("navigate_client.py")
+SIDE, DOOR = 0.05, 1.0
+ROOM = 3.0
+"""Length and width of each room, m; a fourth one has no door."""
+DOORS = (1.0, 2.0)
+"""Places of the doors along the walls between the rooms, m."""
+
+
+def centre(room):
+    """Return the middle of a room, of which 3 has no door."""
+    return ROOM * (room + 0.5), 0.5 * ROOM
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory, write_map):
+    """The map of four rooms in a row, with a pillar each, as `map_server` takes it."""
+    cells = np.zeros((round(ROOM / SIDE), round(4 * ROOM / SIDE)), np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 1
+    for wall, door in zip((1, 2, 3), (*DOORS, math.inf), strict=True):
+        at = round(wall * ROOM / SIDE)
+        cells[:, at - 1 : at + 1] = 1
+        if door < math.inf:
+            cells[round((door - 0.5 * DOOR) / SIDE) : round((door + 0.5 * DOOR) / SIDE), at - 1 : at + 1] = 0
+    for room, (x, y) in enumerate(((0.7, 2.3), (1.2, 0.6), (2.2, 0.7), (1.5, 1.0))):
+        row, column = round(y / SIDE), round((room * ROOM + x) / SIDE)
+        cells[row - 3 : row + 3, column - 3 - room : column + 3 + room] = 1
+    return write_map(tmp_path_factory.mktemp("building"), np.where(cells[::-1] == 1, 0, 254).astype(np.uint8), resolution=SIDE)
+
+
+@pytest.fixture(params=["vfh", "ppo-rooms"])
+def robot(request, building, interfaces, monkeypatch):
+    """The graph in real time, in processes that have the built messages; the robot is in the first three rooms."""
+    for name, value in interfaces.items():
+        monkeypatch.setenv(name, value)
+    parameters = {"policy": request.param, "noise": "wheel", "localizer": "match", "publish_tf": True}
+    with Graph(world=str(building), processes=True, speed=1.0, seed=2, **parameters) as graph:
+        graph.wait_until(lambda graph: graph.time > 2.0)  # its first reset has been heard
+        assert graph.latest["true_state"].x < 3 * ROOM
+        yield graph
+
+
+@pytest.fixture
+def send(launch, interfaces):
+    """Run a client to its end, and return what it heard."""
+
+    def sent(*arguments):
+        process = launch(str(CLIENT), *map(str, arguments), **interfaces)
+        out, err = process.communicate(timeout=240.0)
+        assert process.returncode == 0, err
+        return [json.loads(line) for line in out.splitlines()]
+
+    return sent
+
+
+def told(heard, name):
+    return [each[name] for each in heard if name in each]
+
+
+def test_goals_lead_through_three_rooms_or_end_with_the_reason(robot, send, peer, wait_for):
+    commands, goals = [], peer.speak("goal_pose", PoseStamped)
+    peer.node.create_subscription(
+        TwistStamped, "cmd_vel", lambda message: commands.append((time.monotonic(), message.twist)), 100
+    )
+    ends = sorted((0, 2), key=lambda room: math.dist(robot.latest["true_state"][:2], centre(room)))
+
+    # An unreachable goal is refused before the robot drives there, and so is one in another frame.
+    before = robot.latest["reference"]
+    refused = send(*centre(3))
+    assert (told(refused, "status"), told(refused, "code")) == ([GoalStatus.STATUS_ABORTED], [Failure.NO_WAY])
+    robot.wait_until(lambda graph: "no way from the robot" in graph.reports["waypoint_generator"][1])
+    foreign = send(*centre(1), "odom")
+    assert (told(foreign, "status"), told(foreign, "code")) == ([GoalStatus.STATUS_ABORTED], [Failure.NOT_LOCALIZED])
+    assert robot.latest["reference"] == before
+
+    # Cancel stops it within 0.5 s.
+    cancelled = send(*centre(ends[1]), "map", 5.0)
+    assert told(cancelled, "status") == [GoalStatus.STATUS_CANCELED]
+    (asked,) = (each["at"] for each in cancelled if "cancels" in each)
+    moving = [at for at, twist in commands if twist.linear.x or twist.angular.z]
+    assert any(asked - 1.0 < at < asked for at in moving)
+    assert max(moving) - asked < 0.5
+    assert max(at for at, _ in commands) > asked
+
+    # RViz's goal leads to one end of the building, and the action's from there through all rooms to the other.
+    goal = PoseStamped(header=Header(frame_id="map"))
+    goal.pose.position.x, goal.pose.position.y = centre(ends[0])
+    goals.publish(goal)
+    robot.wait_until(lambda graph: math.dist(graph.latest["true_state"][:2], centre(ends[0])) < 0.2, timeout=120.0)
+    heard = send(*centre(ends[1]))
+    assert told(heard, "status") == [GoalStatus.STATUS_SUCCEEDED]
+    assert math.dist(robot.latest["true_state"][:2], centre(ends[1])) < 0.2
+    assert {int(x // ROOM) for x in told(heard, "x")} == {0, 1, 2}
+    left, times = told(heard, "left"), told(heard, "navigation_time")
+    assert left[0] > 2 * ROOM > 1.0 > left[-1]
+    assert times == sorted(times)
+    assert times[-1] > 20.0
+    assert {*told(heard, "recoveries")} == {0}
+    assert {*told(heard, "frame")} == {"map"}
+    remaining = told(heard, "estimated_time_remaining")
+    assert remaining[0] > 20.0 > 5.0 > remaining[-1] > 0.0
+
+
+@pytest.mark.parametrize("robot", ["vfh"], indirect=True)
+def test_transforms_from_map_to_odom_and_to_the_robot_are_the_pose_in_the_map(robot, launch, interfaces):
+    out, err = launch(str(CLIENT.with_name("tf_listener.py")), "8", **interfaces).communicate(timeout=60.0)
+    heard = {
+        (name, stamp): (frame, complex(x, y), theta) for name, frame, stamp, x, y, theta in map(json.loads, out.splitlines())
+    }
+    assert {(name, frame) for (name, _), (frame, *_) in heard.items()} == {
+        ("odom", "map"), ("base_footprint", "odom"), ("pose", "map"),
+    }, err  # fmt: skip
+    ahead, compared = 100_000_000, 0
+    for name, stamp in heard:
+        tied, wheels = heard.get(("odom", stamp + ahead)), heard.get(("base_footprint", stamp))
+        if name == "pose" and tied and wheels:
+            _, place, theta = heard[name, stamp]
+            assert abs(tied[1] + np.exp(1j * tied[2]) * wheels[1] - place) < 1e-9
+            assert abs(np.exp(1j * (tied[2] + wheels[2])) - np.exp(1j * theta)) < 1e-9
+            compared += 1
+    assert compared > 20
