@@ -127,7 +127,8 @@ def test_launch_starts_rviz_only_if_asked_and_with_its_file(launch_file):
     viewers = [node for node in launch_file.iter("node") if node.get("name") in ("rviz2", "visualization")]
     assert [node.get("if") for node in viewers] == ["$(var rviz)"] * 2
     file = f"$(find-pkg-share turtlebot_gym_ros)/{RVIZ.relative_to(PACKAGE)}"
-    assert viewers[1].get("args") == f"-d {file} -f $(var frame_prefix)odom"
+    frame = "$(var frame)" if "frame" in {each.get("name") for each in launch_file.iter("let")} else "odom"  # that of goals
+    assert viewers[1].get("args") == f"-d {file} -f $(var frame_prefix){frame}"
 
 
 def topics_of(name):

@@ -86,7 +86,7 @@ class Localizer:
         max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
         """Gap in the odometry after which it starts anew, s."""
         publish_tf: bool = False
-        """Whether to publish the transform from ``frame`` to ``odom_frame``; needs a ROS installation."""
+        """Whether to publish the transform from ``frame`` to ``odom_frame``; needs ``tf2_msgs``."""
 
         def __post_init__(self) -> None:
             typed(self, "")

@@ -114,7 +114,7 @@ class TurtlebotSimulator:
         """Whether in lock-step time also waits for the recorder of a `Graph`, which reports its progress on ``recorded``."""
         publish_tf: bool = False
         """Whether to publish the odometry's pose on ``/tf`` too, and the LiDAR's mount on ``/tf_static``, as a robot's bring-up
-        does; needs a ROS installation."""
+        does; needs ``tf2_msgs``."""
         random_start: bool = False
         """Whether an episode starts at a pose drawn by the navigation task instead of at the origin."""
         world: str = "open"
