@@ -50,6 +50,8 @@ BASES: dict[str, list[str]] = {
     "tune": ["--config", "broken.yaml", "--out", "search"],
     "export": ["model.zip", "--allow-pickle"],
     "study": ["list.yaml", "--out", "study"],
+    "check": ["binary.csv"],
+    "data": ["list"],
     "benchmark": ["--check", "empty.json"],
     "compile": ["--system", "nothing"],
 }

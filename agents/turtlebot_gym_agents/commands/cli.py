@@ -31,6 +31,7 @@ from turtlebot_gym_agents.commands.console import (
     write_anywhere,
 )
 from turtlebot_gym_agents.commands.counts import REGISTRY
+from turtlebot_gym_agents.commands.course import Check
 from turtlebot_gym_agents.commands.data import Data
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
@@ -223,6 +224,7 @@ COMMANDS: dict[str, type[_Command]] = {
     "tune-baseline": TuneBaseline,
     "export": Export,
     "study": Study,
+    "check": Check,
     "data": Data,
     "benchmark": Benchmark,
     "compile": Compile,

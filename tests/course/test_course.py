@@ -1,0 +1,95 @@
+"""The exercises: an untouched, a half right and a right solution of each is recognized."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.commands.course import NUMBERS
+from turtlebot_gym_agents.course.checks import CHECKS
+
+SOLUTIONS = Path(__file__).parent / "solutions"
+HALF = {
+    1: ("wrapped(z[2] - x[2])", "z[2] - x[2]", [True, False, True, True, False]),
+    2: ("*np.var(slip, axis=0).tolist()", "*(np.var(slip, axis=0) * (1.0, 0.04)).tolist()", [True, False, False, True]),
+    3: ("margin=0.03, sight=0.8", "", [True, False, True]),
+    4: ("if pressed:\n            self.last_press = now", "self.last_press = now if pressed else -math.inf",
+        [True, True, True, True, False, False]),
+}  # fmt: skip
+"""What of a right solution becomes what, and which of its checks hold then."""
+
+
+def checked(path, capsys):
+    """Return the status and, for each check, whether it is right."""
+    try:
+        status = main(["check", str(path)])
+    except SystemExit as stop:
+        status = stop.code
+    said = capsys.readouterr()
+    assert not said.err, said.err
+    *lines, last = said.out.splitlines()
+    right = [line.startswith("  right") for line in lines]
+    assert last == f"{sum(right)} of {len(lines)} are right."
+    return status, right
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in NUMBERS])
+def test_a_right_solution_is_right_and_its_code_is_not_in_the_package(number, capsys):
+    status, right = checked(SOLUTIONS / f"exercise{number}.py", capsys)
+    assert (status, right) == (0, [True] * len(CHECKS[number]))
+
+
+@pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in HALF])
+def test_half_a_solution_learns_which_half(number, here, capsys):
+    whole = (SOLUTIONS / f"exercise{number}.py").read_text(encoding="utf-8")
+    before, after, expected = HALF[number]
+    assert before in whole
+    (here / "half.py").write_text(whole.replace(before, after), encoding="utf-8")
+    assert checked(here / "half.py", capsys) == (1, expected)
+
+
+@pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in NUMBERS])
+def test_an_exercise_as_it_is_given_out_is_not_right(number, here, capsys):
+    assert main(["check", "--write", str(number)]) == 0
+    assert f"turtlebot-gym check exercise{number}.py" in capsys.readouterr().out
+    status, right = checked(here / f"exercise{number}.py", capsys)
+    assert status == 1
+    assert not all(right)
+    assert main(["check", "--write", str(number)]) == 2  # not written over
+    assert "exists already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ([], "name the FILE.py to check, or write one"),
+        (["nowhere.py"], "There is no file 'nowhere.py'."),
+        (["--write", "5"], "write must be one of 1, 2, 3, 4, got 5."),
+        (["broken.py"], "broken.py: SyntaxError"),
+        (["other.py"], "EXERCISE must be one of 1, 2, 3, 4, got None."),
+    ],
+)
+def test_what_is_no_solution_is_refused_in_one_line(arguments, told, here, capsys):
+    (here / "broken.py").write_text("def (")
+    (here / "other.py").write_text("x = 1")
+    assert main(["check", *arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
+
+
+def test_an_error_in_a_solution_is_a_hint_with_its_line(here, capsys):
+    shutil.copy(SOLUTIONS / "exercise1.py", here / "mine.py")
+    text = (here / "mine.py").read_text(encoding="utf-8").replace("return np.array([", "return np.nothing([")
+    (here / "mine.py").write_text(text, encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main(["check", "mine.py"])
+    out = capsys.readouterr().out
+    assert "AttributeError: module 'numpy' has no attribute 'nothing'" in out
+    assert "mine.py, line 13)" in out
