@@ -268,13 +268,16 @@ class Agrees:
         return None
 
 
+ESSENTIAL = tuple(name for step in steps.STEPS for name in step.essential)
+
+
 @pytest.fixture
 def taken(monkeypatch, tmp_path):
     """Take steps that find given things, and return which moved the robot, what was found, and the field."""
 
     def take(found, agrees=True, moved=lambda at: [Finding("a straight", FINE, "")]):
         moves, seen, at = [], [], Field(listener=cast(Listener, None), person=Agrees(agrees), robot="burger", folder=tmp_path)
-        look = Step("listening", lambda at: list(found), needs_robot=False)
+        look = Step("listening", lambda at: list(found), needs_robot=False, essential=ESSENTIAL)
         move = Step("a straight", lambda at: [moves.append(at), *moved(at)][1:], "It will drive {distance:g} m")
         monkeypatch.setattr(steps, "STEPS", (look, move))
         walk(at, seen)
@@ -284,7 +287,12 @@ def taken(monkeypatch, tmp_path):
 
 
 class TestNothingMoves:
-    GOOD = tuple(Finding(name, FINE, "") for name in (*steps.ESSENTIAL, "clock of /odom"))
+    GOOD = tuple(Finding(name, FINE, "") for name in ESSENTIAL)
+
+    def test_every_essential_is_known_before_the_first_motion(self):
+        first = next(at for at, step in enumerate(steps.STEPS) if step.asks)
+        assert {name for step in steps.STEPS[:first] for name in step.essential} == set(ESSENTIAL)
+        assert set(ESSENTIAL) == {"/odom", "clock of /odom", "odometry", "wheels", "guard", "emergency stop", "a press"}
 
     def test_it_moves_where_all_is_well_and_the_person_agrees(self, taken):
         moves, seen, at = taken(self.GOOD)
@@ -292,15 +300,20 @@ class TestNothingMoves:
         assert at.person.asked == ["a_straight"]
         assert findings.passed(seen)
 
+    def test_a_robot_with_a_namespace_moves_too(self, taken):
+        assert len(taken([each._replace(name=each.name.replace("/", "/robot1/")) for each in self.GOOD])[0]) == 1
+
     def test_a_person_who_does_not_agree_keeps_it_standing(self, taken):
         moves, seen, _ = taken(self.GOOD, agrees=False)
         assert moves == []
         assert (seen[-1].verdict, seen[-1].text) == (SKIPPED, "The person did not agree.")
 
-    @pytest.mark.parametrize("verdict", [REFUSED, SKIPPED])
-    @pytest.mark.parametrize("name", [*steps.ESSENTIAL, "clock of /odom"])
-    def test_each_essential_that_is_missing_keeps_it_standing(self, taken, name, verdict):
-        found = [each._replace(verdict=verdict) if each.name == name else each for each in self.GOOD]
+    @pytest.mark.parametrize("verdict", [REFUSED, SKIPPED, None])
+    @pytest.mark.parametrize("namespace", ["", "/robot1"])
+    @pytest.mark.parametrize("name", ESSENTIAL)
+    def test_each_essential_that_is_not_fine_or_never_came_keeps_it_standing(self, taken, name, namespace, verdict):
+        verdicts = {each.name: verdict if each.name == name else FINE for each in self.GOOD}
+        found = [Finding(each.replace("/", f"{namespace}/"), told, "") for each, told in verdicts.items() if told]
         moves, seen, at = taken(found)
         assert moves == []
         assert at.person.asked == []

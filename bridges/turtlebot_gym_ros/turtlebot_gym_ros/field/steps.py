@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -231,13 +232,15 @@ class Step(NamedTuple):
     """Field that says how much to drive; with 0 the step is left out."""
     needs_robot: bool = True
     """Whether it is left out where something essential was refused."""
+    essential: tuple[str, ...] = ()
+    """Findings of this step without which nothing moves later; topics without their namespace."""
 
 
 STEPS = (
-    Step("listening", hear, needs_robot=False),
-    Step("wheels", meet_the_wheels, needs_robot=False),
-    Step("emergency stop", find_the_button, needs_robot=False),
-    Step("a press", try_the_button),
+    Step("listening", hear, needs_robot=False, essential=("/odom", "clock of /odom", "odometry")),
+    Step("wheels", meet_the_wheels, needs_robot=False, essential=("wheels", "guard")),
+    Step("emergency stop", find_the_button, needs_robot=False, essential=("emergency stop",)),
+    Step("a press", try_the_button, essential=("a press",)),
     Step("recording", record),
     Step("a straight", drive_straight, "The robot will drive {distance:g} m straight ahead. Mark its place", "distance"),
     Step("a turn", turn_round, "The robot will turn by {turn:g} degrees on the spot. Mark its heading", "turn"),
@@ -247,16 +250,15 @@ STEPS = (
     Step("calibration", calibrate),
 )
 """The steps in order."""
-ESSENTIAL = ("/odom", "odometry", "wheels", "guard", "emergency stop", "a press")
-"""Findings without which nothing moves, beside the clocks."""
 
 
 def walk(at: Field, seen: list[Finding], report: Callable[[Finding], Any] = lambda finding: None) -> None:
     """Take all steps, and add their findings to ``seen`` as they come; on an interruption they stay there."""
+    needed: list[str] = []
     for step in STEPS:
         if step.amount and not getattr(at, step.amount):
             new = [Finding(step.name, SKIPPED, f"Left out: --{step.amount} is 0.")]
-        elif step.needs_robot and (missing := _missing(seen)):
+        elif step.needs_robot and (missing := _missing(needed, seen)):
             new = [Finding(step.name, SKIPPED, f"Left out without: {', '.join(missing)}.")]
         elif step.asks and not at.person.confirm(step.name.replace(" ", "_"), step.asks.format(**vars(at))):
             new = [Finding(step.name, SKIPPED, "The person did not agree.")]
@@ -265,11 +267,10 @@ def walk(at: Field, seen: list[Finding], report: Callable[[Finding], Any] = lamb
         for finding in new:
             seen.append(finding)
             report(finding)
+        needed += step.essential
 
 
-def _missing(seen: Sequence[Finding]) -> list[str]:
-    """Return the essential findings that are not as they must be."""
-    verdicts = {finding.name: finding.verdict for finding in seen}
-    clocks = [name for name in verdicts if name.startswith("clock of") and name.endswith("odom")]
-    names = [name for name in (*ESSENTIAL, *clocks) if name in verdicts]
-    return [name for name in names if verdicts[name] not in (FINE, WARNING)]
+def _missing(needed: Sequence[str], seen: Sequence[Finding]) -> list[str]:
+    """Return the essential findings that did not come, or are not as they must be."""
+    verdicts = {re.sub("/.*/", "/", finding.name): finding.verdict for finding in seen}
+    return [name for name in needed if verdicts.get(name) not in (FINE, WARNING)]
