@@ -4,6 +4,9 @@ Each room is driven four times in lock-step: by perfect messages and by those of
 collision monitor. The first contact or arrival by the true pose ends a drive. Differences are paired by room, and their
 intervals hold 95 %. Finished drives are kept under `out/`, so an interrupted run resumes.
 
+In lock-step messages change nothing, so all rooms are driven by the nodes' code in one process, which takes a ninth of the
+time. The first ``live`` rooms are driven in the live graph, too, and must end at the same time in the same way.
+
 The guard's decisions are those of its node, 50 a second, in simulated time, on the robot: between simulator and wheels.
 """
 
@@ -26,11 +29,12 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from turtlebot_gym.values import STOP, Command
+from turtlebot_gym.tasks import ROOM, arrived
+from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.evaluation.metrics import Interval, paired_share_difference, share
 from turtlebot_gym_agents.provenance import provenance, settings_of, write_json
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.graph.bringup import room_metrics
 from turtlebot_gym_ros.node.block import Aged
 from turtlebot_gym_ros.nodes import load
@@ -49,6 +53,8 @@ LAST = 10.0
 """Time before the end of a drive over which its reason is looked for, s."""
 GUARD = 0.02
 """Period of the guard, s."""
+ENDS = ("goal reached", "collision", "end of the episode", "least clearance")
+"""What drives in the live graph must have in common with those without it."""
 ARMS = ((False, False), (True, False), (False, True), (True, True))
 """Whether the simulator speaks like the robot, and whether the guard's collision monitor is on."""
 
@@ -61,6 +67,8 @@ class Config:
     """Number of rooms."""
     guarded: int = 200
     """Number of rooms that are driven behind the guard, too."""
+    live: int = 200
+    """Number of rooms that are driven in the live graph, too."""
     world: str = "dense"
     """The kind of rooms."""
     policy: str = "ppo-rooms"
@@ -125,11 +133,18 @@ def load_guarded(name: str) -> Any:
     return Guarded if name == "turtlebot_simulator" else load(name)
 
 
-def drive(config: Config, speaks: bool, guarded: bool, seed: int) -> dict[str, Any]:
+def drive(config: Config, speaks: bool, guarded: bool, live: bool, seed: int) -> dict[str, Any]:
     """Drive a room to its end, and return how it ended."""
-    options: dict[str, Any] = {"world": config.world, "policy": config.policy, "seed": seed, "goal_tolerance": 0.0}
-    options["speaks_as"] = config.speaks_as if speaks else "none"
-    options["safety_margin"] = config.safety_margin if guarded else 0.0
+    simulator = {"world": config.world, "seed": seed, "speaks_as": config.speaks_as if speaks else "none"}
+    margin = config.safety_margin if guarded else 0.0
+    controller = {"policy": config.policy, "goal_tolerance": 0.0, "safety_margin": margin}
+    ended = in_the_graph(guarded, **simulator, **controller) if live else alone(guarded, simulator, controller)
+    verdicts = Counter(Guarded.driven.verdicts) if guarded else Counter[str]()
+    return {"speaks": speaks, "guarded": guarded, "live": live, "seed": seed, **ended, "verdicts": dict(verdicts)}
+
+
+def in_the_graph(guarded: bool, **options: Any) -> dict[str, float]:
+    """Drive a room in the live graph."""
     with patch("turtlebot_gym_ros.graph.graph.load", load_guarded if guarded else load), Graph(**options) as graph:
         until, ended = 0.0, {"goal reached": 0.0, "collision": 0.0}
         while until < LONGEST and not (ended["goal reached"] or ended["collision"]):
@@ -138,8 +153,30 @@ def drive(config: Config, speaks: bool, guarded: bool, seed: int) -> dict[str, A
             trajectory = graph.trajectory()
             trajectory = trajectory[: np.searchsorted(trajectory.time, LONGEST + 1e-6)]
             ended = room_metrics(trajectory)
-    verdicts = Counter(Guarded.driven.verdicts) if guarded else Counter[str]()
-    return {"speaks": speaks, "guarded": guarded, "seed": seed, **ended, "verdicts": dict(verdicts)}
+    return ended
+
+
+def alone(guarded: bool, simulator: dict[str, Any], controller: dict[str, Any]) -> dict[str, float]:
+    """Drive a room by the code of the graph's nodes, each step of the simulator followed by those of filter and controller."""
+    make = Guarded if guarded else TurtlebotSimulator
+    robot = make(make.Params(**simulator, own_clock=False))
+    filter_, policy = KalmanFilter(KalmanFilter.Params()), VelocityController(VelocityController.Params(**controller))
+    period, command, scan, least = robot.trigger.period, None, Aged(None, 0.0), np.inf
+    mount = robot.outputs["scan"].mount
+    seen_from, there, touches, at = mount and Pose(mount.x, mount.y, mount.yaw), False, False, 0
+    for at in range(round(LONGEST / period) + 1):
+        said = {name: each if isinstance(each, Aged) else Aged(each, 0.0) for name, each in robot.step(period, command).items()}
+        goal, clearance = said["goal"].value, said["clearance"].value.distance
+        least, there, touches = min(least, clearance), arrived(said["truth"].value, goal, ROOM), clearance < 0.0
+        if at and (there or touches):
+            break
+        scan = said.get("scan", scan._replace(age=scan.age + period))._replace(mount=seen_from)
+        believed = filter_.step(period if at else 0.0, said["odometry"].value)
+        if believed and at % round(policy.trigger.period / period) == 0:
+            dt = policy.trigger.period
+            command = policy.step(dt, believed["estimate"], goal, None, scan, believed["nis"]).get("command", command)
+    ended = {"goal reached": there and not touches, "collision": touches, "end of the episode": at * period}
+    return {name: float(value) for name, value in {**ended, "least clearance": least}.items()}
 
 
 def enter(numbers: Any) -> None:
@@ -157,8 +194,9 @@ def drives(config: Config) -> Iterator[dict[str, Any]]:
     done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
     yield from done
     number = {False: config.drives, True: config.guarded}
-    there = {(row["speaks"], row["guarded"], row["seed"]) for row in done}
-    asked = [(*arm, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
+    there = {(row["speaks"], row["guarded"], row["live"], row["seed"]) for row in done}
+    asked = [(*arm, False, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
+    asked += [(speaks, guarded, True, seed) for speaks, guarded, _, seed in asked if seed < FIRST + config.live]
     tasks = [task for task in asked if task not in there]
     spawn = multiprocessing.get_context("spawn")
     numbers = spawn.Queue()
@@ -174,11 +212,15 @@ def drives(config: Config) -> Iterator[dict[str, Any]]:
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the shares of successes and contacts in each arm, and the differences between plain and imitated messages."""
-    by_arm = {
-        arm: sorted((row for row in rows if (row["speaks"], row["guarded"]) == arm), key=lambda row: row["seed"])
-        for arm in ARMS
-    }
-    result: dict[str, Any] = {}
+    rows = sorted(rows, key=lambda row: row["seed"])
+    without = {(row["speaks"], row["guarded"], row["seed"]): row for row in rows if not row["live"]}
+    by_arm = {arm: [row for row in without.values() if (row["speaks"], row["guarded"]) == arm] for arm in ARMS}
+    live = [row for row in rows if row["live"]]
+    same = [
+        np.allclose([row[key] for key in ENDS], [without[row["speaks"], row["guarded"], row["seed"]][key] for key in ENDS])
+        for row in live
+    ]
+    result: dict[str, Any] = {"live": {"drives": len(live), "same end": sum(same)}}
     for guarded in (False, True):
         events = {}
         for speaks in (False, True):
@@ -208,7 +250,8 @@ def main() -> None:
     config = tyro.cli(Config, description=__doc__)
     result = summary(list(drives(config)))
     table = Table("messages, guard", "success, %", "contacts", "least clearance, m", title=f"{config.policy} in {config.world}")
-    for name, arm in result.items():
+    print("In the live graph: {drives} drives, of which {same end} ended as without it.".format_map(result["live"]))
+    for name, arm in list(result.items())[1:]:
         interval = Interval(**(arm.get("success") or arm))
         text = "{:.1f} [{:.1f}, {:.1f}]".format(*(100.0 * value for value in interval[:3]))
         table.add_row(name, text, *((str(arm["contacts"]), f"{arm['least clearance']:.3f}") if "contacts" in arm else ()))

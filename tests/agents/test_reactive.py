@@ -229,6 +229,16 @@ def test_the_safety_layer_drives_the_nearest_arc_that_is_free_and_changes_nothin
     assert 50 < changed < 1500
 
 
+def test_a_robot_inside_the_margins_of_two_posts_goes_on_between_them_down_to_the_least_margin():
+    posts = np.ones(SECTORS)
+    posts[[8, 28]] = 0.17 / SIGHT  # 0.06 m beside it, a little ahead
+    inside = sight(shares=posts)
+    assert layered(1.0, 0.0, inside, margin=0.08, way_out=0.0)[0] == 1.0
+    assert layered(1.0, 0.0, inside, margin=0.08, least_margin=0.08, way_out=0.0)[0] == 0.0
+    posts[[8, 28]] = 0.15 / SIGHT
+    assert layered(1.0, 0.0, sight(shares=posts), margin=0.08, way_out=0.0)[0] == 0.0
+
+
 def least_clearance(drive, *, delay, robots=300, steps=60, seed=0):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 
@@ -300,11 +310,11 @@ def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_i
         assert not own
 
 
-@pytest.mark.parametrize("number", ["reserve", "margin", "margin_behind", "lag"])
+@pytest.mark.parametrize("number", ["reserve", "margin", "margin_behind", "least_margin", "lag"])
 def test_every_number_of_the_safety_layer_tells_and_is_checked(number):
-    rows = random_sights(300)
-    forward = -1.0 if number == "margin_behind" else 1.0
-    assert (layered(forward, 0.5, rows, **{number: 0.05}) != layered(forward, 0.5, rows, **{number: 0.5})).any()
+    rows, forward = random_sights(300), -1.0 if number == "margin_behind" else 1.0
+    one, other = ({"margin": 0.5, number: value} for value in (0.05, 0.5))
+    assert (layered(forward, 0.5, rows, **one) != layered(forward, 0.5, rows, **other)).any()
     with pytest.raises(ValueError, match=number):
         layered(1.0, 0.5, rows, **{number: -1.0})
 

@@ -25,13 +25,16 @@ def test_differences_are_those_of_the_same_rooms():
     ends = ((1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
     rows = [
         {
-            "speaks": speaks, "guarded": guarded, "seed": seed, "goal reached": goal, "collision": 1.0 - goal,
+            "speaks": speaks, "guarded": guarded, "live": False, "seed": seed, "goal reached": goal, "collision": 1.0 - goal,
             "end of the episode": 9.0, "least clearance": goal - 0.5, "verdicts": {},
         }
         for (speaks, guarded), goals in zip(as_robot.ARMS, ends, strict=True)
         for seed, goal in reversed(list(enumerate(goals)))
     ]  # fmt: skip
-    found = as_robot.summary(rows)
+    live = [{**row, "live": True} for row in rows[:3]]
+    live[1] = {**live[1], "end of the episode": 9.1}
+    found = as_robot.summary(rows + live)
+    assert found["live"] == {"drives": 3, "same end": 2}
     assert found["difference, bare"]["value"] == pytest.approx(-1.0 / 3.0)
     assert found["difference, monitor"]["value"] == 0.0
     assert (found["robot, bare"]["contacts"], found["robot, monitor"]["contacts"]) == (2, 0)

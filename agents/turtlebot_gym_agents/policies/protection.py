@@ -23,6 +23,8 @@ TURNS = np.linspace(-1.0, 1.0, 17)
 """Turning rates to try besides the commanded one, as shares of the limit."""
 TURNING = 0.3
 """Weight of a change of the turning rate, as a share of its limit, beside one of the speed."""
+NEARER = 0.01
+"""Way by which a robot inside a margin may come nearer to an obstacle in the reserve, m: the error of a range."""
 
 
 @dataclass(eq=False)
@@ -31,6 +33,9 @@ class SafetyLayer:
 
     A round robot can turn on the spot without contact, so there always is one. Where nothing else is left, the policy's wish
     leads nowhere: then `VectorFieldHistogramPolicy` steers for ``way_out``, within the same arcs.
+
+    In a passage that is a little too narrow the robot is inside the margins of both sides. There it may go on: inside the
+    margin of an obstacle, down to ``least_margin``, an arc is free that does not lead nearer to it by `NEARER`.
 
     An obstacle is assumed anywhere in its sector, at the sector's range. A Burger's LiDAR sees nothing nearer than 0.12 m, and
     so up to 0.047 m from the robot's back, which ``margin_behind`` covers.
@@ -53,12 +58,14 @@ class SafetyLayer:
     margin: Annotated[float, NON_NEGATIVE] = 0.02
     """Clearance to keep around the robot, m ..."""
     margin_behind: Annotated[float, NON_NEGATIVE] = 0.05
-    """... and when it drives backwards, m."""
+    """... and when it drives backwards, m ..."""
+    least_margin: Annotated[float, NON_NEGATIVE] = 0.05
+    """... and that it keeps in any case if the others are larger, m."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
     """Mean age of the beams beyond the stated age of the scan, s."""
-    way_out: Annotated[float, NON_NEGATIVE] = 1.0
+    way_out: Annotated[float, NON_NEGATIVE] = 4.0
     """Time for which geometry steers after the policy's wish has stopped the robot, s."""
 
     def __post_init__(self) -> None:
@@ -106,5 +113,7 @@ class SafetyLayer:
     def _admits(self, actions: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.bool_]:
         """Return whether no contact with points (..., n) is near on the arcs of actions (..., 2)."""
         v, omega = actions[..., :1] * self._robot.max_linear, actions[..., 1:] * self._robot.max_angular
-        radius = self._robot.radius + np.where(v < 0.0, self.margin_behind, self.margin)
+        margin = np.where(v < 0.0, self.margin_behind, self.margin)
+        kept = np.maximum(np.abs(points) - self._robot.radius - NEARER, self.least_margin)
+        radius = self._robot.radius + np.minimum(margin, kept)
         return time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve
