@@ -60,6 +60,7 @@ class Robot:
         import rclpy.node
         from rclpy.context import Context
         from rclpy.executors import SingleThreadedExecutor
+        from rclpy.impl.implementation_singleton import rclpy_implementation
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         self.domain, self.has_buttons = domain, buttons
@@ -97,7 +98,8 @@ class Robot:
 
         def spin() -> None:
             while not self.over.is_set():
-                executor.spin_once(timeout_sec=0.05)
+                with contextlib.suppress(rclpy_implementation.InvalidHandle):  # of what a fault has just destroyed
+                    executor.spin_once(timeout_sec=0.05)
 
         self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._run)]
         for thread in self.threads:

@@ -1,7 +1,9 @@
 """The guard as a real process on real DDS; what it decides is tested in test_arbiter and test_collision."""
 
 import math
+import os
 import signal
+import subprocess
 import time
 
 import pytest
@@ -130,6 +132,12 @@ def test_the_standby_sends_zeros_soon_after_the_last_command_of_a_guard_that_die
     assert probe.sent[zero] - probe.sent[zero - 1] < 0.5  # and within 0.3 s in benchmarks/standby.json
     time.sleep(1.5)
     assert set(probe.heard[zero:]) == {STOP}
+
+
+def test_guard_and_standby_run_before_ordinary_processes_where_they_may(driving):
+    permitted = subprocess.run(["chrt", "--rr", "2", "true"], check=False).returncode == 0
+    priorities = [os.sched_getparam(process.pid).sched_priority for process in driving()]
+    assert priorities == ([1, 2] if permitted else [0, 0])
 
 
 def test_without_its_standby_the_guard_stands_and_goes_on_with_it(driving, launch, probe):

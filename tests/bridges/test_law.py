@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import STOP
+from turtlebot_gym_ros.base import sent
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, _Sender
 from turtlebot_gym_ros.node import feed
 from turtlebot_gym_ros.robot import arbiter
@@ -230,6 +231,7 @@ DEFECTS = {
     "old: the measurement does not count": (Ages, "age", age_of_sending),
     "old: a lead hides it": (_Sender, "lead", lambda original: lambda self, now, offset: -1e9),
     "old: a lead that has jumped counts at once": (_Sender, "is_unsettled", lambda original: lambda self, now: False),
+    "old: a lead is forgotten too soon": (sent, "DRIFT", lambda original: 0.5),
     "old: a command is stamped when it is sent": (feed, "resting_on", stamped_now),
     "old: the clock set back": (SystemClock, "look", present_offset_only),
     "old: undated after a gap": (Arbiter, "hear", all_dated),
