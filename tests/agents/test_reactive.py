@@ -19,7 +19,7 @@ from turtlebot_gym_agents.policies.sight import UNSEEN, arc, look, time_to_conta
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 BURGER = ROBOTS["burger"]
-IN_ROOMS = ("vfh", "gap", "dwa")
+IN_ROOMS = ("vfh", "gap", "dwa", "planner")
 ANGLES = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
 
 
@@ -239,28 +239,30 @@ def test_a_robot_inside_the_margins_of_two_posts_goes_on_between_them_down_to_th
     assert layered(1.0, 0.0, sight(shares=posts), margin=0.08, way_out=0.0)[0] == 0.0
 
 
-def least_clearance(drive, *, delay, robots=300, steps=60, seed=0):
+def least_clearance(drive, *, delay, blind=0.0, robots=300, steps=60, seed=0):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 
     Args:
         drive: The policy, from observations to actions.
         delay: Steps by which commands are late.
+        blind: Distance within which the LiDAR sees nothing, m.
         robots: Number of robots.
         steps: Number of steps.
         seed: Seed of the posts.
     """
     random = np.random.default_rng(seed)
     posts = random.uniform(-1.2, 1.2, (robots, 40)) + 1j * random.uniform(-1.2, 1.2, (robots, 40))
-    posts[np.abs(posts) < BURGER.radius + 0.03] = UNSEEN
+    posts[np.abs(posts) < max(BURGER.radius + 0.03, blind)] = UNSEEN
     at, heading = np.zeros(robots, complex), np.zeros(robots)
     commands, least = [np.zeros((robots, 2))] * (delay + 1), np.inf
     for _ in range(steps):
         seen = (posts - at[:, None]) * np.exp(-1j * heading)[:, None]
         sector = np.round(np.angle(seen) / (2.0 * np.pi) * SECTORS).astype(int) % SECTORS
         shares = np.ones((robots, SECTORS))
-        np.minimum.at(shares, (np.arange(robots)[:, None], sector), np.minimum(np.abs(seen) / SIGHT, 1.0))
+        ranges = np.where(np.abs(seen) < blind, np.inf, np.abs(seen))
+        np.minimum.at(shares, (np.arange(robots)[:, None], sector), np.minimum(ranges / SIGHT, 1.0))
         belief = np.tile(sight()[:13], (robots, 1))
-        belief[:, 5:7] = commands[-1]
+        belief[:, 5:7] = commands[-1 - delay]
         commands.append(np.asarray(drive(np.column_stack([belief, shares, np.zeros(robots)]).astype(np.float32)), float))
         v, omega = commands[-1 - delay].T * np.array([[BURGER.max_linear], [BURGER.max_angular]])
         for _ in range(10):
@@ -290,6 +292,14 @@ def test_within_the_layer_nobody_touches_a_post_from_where_a_stop_was_possible(d
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=delay) > 0.0
 
 
+@pytest.mark.parametrize("delay", [0, 1])
+def test_within_the_layer_nobody_touches_a_post_that_came_too_near_for_the_lidar(delay, monkeypatch):
+    """An LDS-02 sees nothing below 0.16 m; without a memory of such posts the robots touch them."""
+    assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) > 0.0
+    monkeypatch.setattr(SafetyLayer, "_remembered", lambda self, rows: rows)
+    assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) < -0.01
+
+
 def test_a_layer_that_admits_every_arc_is_noticed(monkeypatch):
     monkeypatch.setattr(SafetyLayer, "_admits", lambda self, actions, points: np.ones(actions.shape[:-1], bool))
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=0) < -0.05
@@ -299,8 +309,8 @@ def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_i
     """A robot that only wants to drive straight into a wall: it turns along it, and then may try again."""
     ahead = lambda rows: np.broadcast_to(np.float32([1.0, 0.0]), (*rows.shape[:-1], 2))  # noqa: E731
     layer, wall, free = (
-        SafetyLayer(ahead, way_out=0.3),
-        *(np.array([sight((2.0, 1.0), shares=s)] * 2) for s in (wall_ahead(0.13), None)),
+        SafetyLayer(ahead, way_out=0.3, margin=0.07),
+        *(np.array([sight((2.0, 1.0), shares=s)] * 2) for s in (wall_ahead(0.2), None)),
     )
     assert (layer(wall)[:, 1] != 0.0).all()
     layer.reset(np.array([False, True]))

@@ -66,9 +66,9 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
     """
 
     policy: tuple[str, ...] = ("proportional", "bearing")
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
-    policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or module:callable for
-    one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), tuned ones
+    (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or
+    module:callable for one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
     details: bool = False
@@ -136,9 +136,9 @@ class Video(Writing, Driven):
     """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
 
     policy: str = "bearing"
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa), tuned ones (FILE.json),
-    policies shipped with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for one of your
-    own; NAME+safety drives within a safety layer."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), tuned ones
+    (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for
+    one of your own; NAME+safety drives within a safety layer."""
     out: Annotated[Path, Output((".gif", ".mp4"))] = Path("episode.gif")
     """Output file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
     seed: int = 0

@@ -68,7 +68,7 @@ class TuneBaseline(Writing, Setting):
     """
 
     policy: str = "bearing"
-    """The baseline: proportional, bearing, corner, polar, rotate-drive-rotate, and for rooms vfh, gap or dwa."""
+    """The baseline: proportional, bearing, corner, polar, rotate-drive-rotate, and for rooms vfh, gap, dwa or planner."""
     tries: int = 40
     """Total number of tries, earlier ones included; the first one has the baseline's defaults."""
     episodes: int = 2000

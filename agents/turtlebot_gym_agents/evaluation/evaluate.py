@@ -26,6 +26,7 @@ from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
 from turtlebot_gym_agents.policies.fit import require_layout, require_task
+from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 ORACLE = "oracle"
@@ -235,9 +236,14 @@ def _record(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int]
     running = np.ones(envs.num_envs, np.bool_)
     if isinstance(policy, PolicyWithMemory):
         policy.reset(running.copy())
-    rows = [_row(info, running)]
+    rows, driven = [_row(info, running)], np.arange(envs.num_envs)
+    actions = np.zeros((envs.num_envs, 2), np.float32)
     while running.any():
-        observations, _, terminated, truncated, info = envs.step(policy(observations))
+        if isinstance(policy, ShrinkingPolicy) and running[driven].sum() < 0.8 * len(driven):
+            policy.keep(running[driven])
+            driven = driven[running[driven]]
+        actions[driven] = policy(observations[driven])
+        observations, _, terminated, truncated, info = envs.step(actions)
         rows.append(_row(info, running))
         running = running & ~(terminated | truncated)
         progress(int(running.size - running.sum()))

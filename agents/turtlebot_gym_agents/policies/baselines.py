@@ -17,6 +17,7 @@ from turtlebot_gym_agents.policies.geometric import (
     ProportionalPolicy,
     RotateDriveRotatePolicy,
 )
+from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy, layout_of
 from turtlebot_gym_agents.policies.reactive import DynamicWindowPolicy, FollowTheGapPolicy, VectorFieldHistogramPolicy
 
@@ -31,8 +32,9 @@ POLICIES: dict[str, type[Baseline]] = {
     "vfh": VectorFieldHistogramPolicy,
     "gap": FollowTheGapPolicy,
     "dwa": DynamicWindowPolicy,
+    "planner": PlannerPolicy,
 }
-"""Baselines by name; the last three are for rooms."""
+"""Baselines by name; the last four are for rooms."""
 
 
 def layout_of_baseline(name: str) -> int:

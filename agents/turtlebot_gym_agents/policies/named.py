@@ -42,11 +42,11 @@ def make_policy(
     """Return a policy by its name.
 
     Args:
-        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap" or
-            "dwa"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which are shipped with the
-            package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a
-            class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps any of them in a
-            `SafetyLayer`.
+        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap",
+            "dwa" or "planner"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which are
+            shipped with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the
+            policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps
+            any of them in a `SafetyLayer`.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         allow_mismatch: Whether a bundle or a tuned baseline that was made for another robot or rate may drive. Its actions are

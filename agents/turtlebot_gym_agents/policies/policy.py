@@ -31,6 +31,15 @@ class PolicyWithMemory(Policy, Protocol):
         ...
 
 
+@runtime_checkable
+class ShrinkingPolicy(PolicyWithMemory, Protocol):
+    """A policy with memory that can go on with some of its rows: evaluations then drop the episodes that have ended."""
+
+    def keep(self, mask: NDArray[np.bool_], /) -> None:
+        """Drop the rows of the memory where the mask (n,) is false."""
+        ...
+
+
 def layout_of(policy: object) -> int | None:
     """Return the observation layout of a policy, or of a class of policies; None if it states none.
 

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy
 from turtlebot_gym_agents.policies.reactive import VectorFieldHistogramPolicy
-from turtlebot_gym_agents.policies.sight import look, time_to_contact
+from turtlebot_gym_agents.policies.sight import DIRECTIONS, EDGE, HALF_SECTOR, UNSEEN, arc, look, require_sight, time_to_contact
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
 """Shares of the commanded speed to try."""
@@ -25,6 +26,11 @@ TURNING = 0.3
 """Weight of a change of the turning rate, as a share of its limit, beside one of the speed."""
 NEARER = 0.01
 """Way by which a robot inside a margin may come nearer to an obstacle in the reserve, m: the error of a range."""
+BLIND, NEAR = 0.18, 0.25
+"""Distances from the LiDAR, m: up to the first, no LiDAR for such robots may see anything, and an LDS-02 sees nothing below
+0.16 m; places up to the second are remembered."""
+SAME = 0.01
+"""Difference of two ranges up to which they are of one obstacle, m."""
 
 
 @dataclass(eq=False)
@@ -37,8 +43,9 @@ class SafetyLayer:
     In a passage that is a little too narrow the robot is inside the margins of both sides. There it may go on: inside the
     margin of an obstacle, down to ``least_margin``, an arc is free that does not lead nearer to it by `NEARER`.
 
-    An obstacle is assumed anywhere in its sector, at the sector's range. A Burger's LiDAR sees nothing nearer than 0.12 m, and
-    so up to 0.047 m from the robot's back, which ``margin_behind`` covers.
+    An obstacle is assumed anywhere in its sector, at the sector's range. One that comes too near for the LiDAR keeps its place,
+    for the policy too. What was never seen is not known: an LDS-01 sees nothing up to 0.047 m from a Burger's back, which
+    ``margin_behind`` covers.
 
     Raises:
         ValueError: If a number is out of its range, or the policy was made for open ground and sees no obstacles.
@@ -74,41 +81,80 @@ class SafetyLayer:
         """Card of the policy, if it has one."""
         self._robot = make_robot(self.robot)
         self._guide = VectorFieldHistogramPolicy(self._robot, self.dt)
-        self._left = np.zeros(())
+        self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
+        # No robot comes farther within the reserve.
+        self._reach = self._robot.radius + max(self.margin, self.margin_behind) + self._robot.max_linear * self.reserve
+        if isinstance(self.policy, ShrinkingPolicy) or not isinstance(self.policy, PolicyWithMemory):
+            self.keep = self._keep
+
+    def _keep(self, mask: NDArray[np.bool_]) -> None:
+        if isinstance(self.policy, ShrinkingPolicy):
+            self.policy.keep(mask)
+        self._guide.keep(mask)
+        self._left, self._places = self._left[mask], self._places[mask]
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
         for policy in (self.policy, self._guide):
             if isinstance(policy, PolicyWithMemory):
                 policy.reset(mask)
-        self._left = np.where(mask, 0.0, np.broadcast_to(self._left, np.shape(mask)))
+        self._left = np.where(mask, 0.0, self._left)
+        self._places = np.where(np.asarray(mask)[..., None], UNSEEN, self._places)
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
-        rows = np.asarray(observations, np.float32)
+        rows = self._remembered(require_sight(observations).astype(np.float32))
         points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x).points
-        wish, guided = (np.clip(np.asarray(policy(rows), np.float32), -1.0, 1.0) for policy in (self.policy, self._guide))
+        wish = np.clip(np.asarray(self.policy(rows), np.float32), -1.0, 1.0)
         action = self._admissible(wish, points)
         stopped = (action[..., 0] == 0.0) & (wish[..., 0] != 0.0)
         self._left = np.where(stopped, round(self.way_out / self.dt), np.maximum(self._left - 1.0, 0.0))
         out = self._left > 0.0
-        action[out] = self._admissible(guided[out], points[out])
+        self._guide.reset(~out)
+        if out.any():
+            guided = self._guide(rows)
+            action[out] = self._admissible(guided[out], points[out])
         return action
+
+    def _remembered(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return observations in which obstacles that have come too near for the LiDAR are where they were.
+
+        Places are in the robot's frame; of each half of a sector, one is remembered.
+        """
+        v, omega = rows[..., 5:6] * self._robot.max_linear, rows[..., 6:7] * self._robot.max_angular
+        (step, turn), (moved, turned) = (arc(v, omega, time) for time in (self.dt, rows[..., -1:] + self.lag))
+        places = (self._places - step) * np.conj(turn)
+        there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
+        at, away = np.round(np.angle(there) / HALF_SECTOR).astype(np.int64), np.abs(there)
+        sector = np.round(np.angle(there) / (2.0 * HALF_SECTOR)).astype(np.int64) % SECTORS
+        ranges = rows[..., -1 - SECTORS : -1] * SIGHT
+        gone = (away < BLIND) & (np.take_along_axis(ranges, sector, axis=-1) > away + SAME)
+        edges = np.minimum(ranges, np.roll(ranges, -1, axis=-1))
+        near = np.stack([ranges * DIRECTIONS, edges * DIRECTIONS * EDGE], axis=-1)
+        seen = np.where(np.abs(near) < NEAR, near, UNSEEN)
+        self._places = (seen.reshape(*ranges.shape[:-1], -1) + self.lidar_x - moved) * np.conj(turned)
+        # Of two in the same place the nearer one is kept.
+        gone = tuple(part[np.argsort(-away[gone])] for part in np.nonzero(gone))
+        self._places[(*gone[:-1], at[gone] % (2 * SECTORS))] = places[gone]
+        filled = rows.copy()
+        np.minimum.at(filled, (*gone[:-1], sector[gone] - 1 - SECTORS), away[gone] / SIGHT)
+        return filled
 
     def _admissible(self, wish: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return the admissible actions nearest to others, shape (..., 2)."""
-        action = wish.copy()
-        short = ~self._admits(wish, points)
-        wishes, there = wish[short], points[short]
+        action, points = wish.reshape(-1, 2).copy(), points.reshape(-1, points.shape[-1])
+        away = np.abs(points)
+        close = np.flatnonzero((away <= self._reach).any(axis=-1))
+        nearest = np.argsort(away[close], axis=-1)[:, : (away <= self._reach).sum(axis=-1).max(initial=1)]
+        there = np.take_along_axis(points[close], nearest, axis=-1)
+        short = ~self._admits(action[close], there)
+        close, there = close[short], there[short]
+        wishes = action[close]
         v, omega = wishes[:, :1] * SHARES, np.concatenate([wishes[:, 1:], np.tile(TURNS, (len(wishes), 1))], axis=-1)
         arcs = np.stack(np.broadcast_arrays(v[:, :, None], omega[:, None, :]), axis=-1).reshape(len(v), -1 if len(v) else 1, 2)
-        # No robot comes farther within the reserve.
-        reach = self._robot.radius + max(self.margin, self.margin_behind) + self._robot.max_linear * self.reserve
-        away = np.abs(there)
-        nearest = np.argsort(away, axis=-1)[:, : (away <= reach).sum(axis=-1).max(initial=1)]
         change = np.abs(arcs - wishes[:, None]) @ (1.0, TURNING)
-        change[~self._admits(arcs, np.take_along_axis(there, nearest, axis=-1)[:, None])] = np.inf
-        action[short] = np.take_along_axis(arcs, change.argmin(axis=-1)[:, None, None], axis=1)[:, 0]
-        return action
+        change[~self._admits(arcs, there[:, None])] = np.inf
+        action[close] = np.take_along_axis(arcs, change.argmin(axis=-1)[:, None, None], axis=1)[:, 0]
+        return action.reshape(wish.shape)
 
     def _admits(self, actions: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.bool_]:
         """Return whether no contact with points (..., n) is near on the arcs of actions (..., 2)."""

@@ -53,9 +53,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
     Raises:
         ValueError: If the observations have another layout.
     """
-    rows = np.asarray(observations, np.float64)
-    if rows.ndim == 0 or rows.shape[-1] != SIZES[ROOM_LAYOUT]:
-        raise ValueError(f"observations must have shape (..., {SIZES[ROOM_LAYOUT]}), layout {ROOM_LAYOUT}, got {rows.shape}.")
+    rows = require_sight(observations)
     shares, age = rows[..., len(Observation._fields) : -1], rows[..., -1]
     v, omega = rows[..., 5] * robot.max_linear, rows[..., 6] * robot.max_angular
     moved, turned = arc(v, omega, age + lag + dt)
@@ -63,6 +61,14 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
     if edges:
         points = np.concatenate([points * EDGE, points, points * np.conj(EDGE)], axis=-1)
     return Sight(upcoming(rows, robot, dt).waypoint, (points + lidar_x - moved[..., None]) * np.conj(turned)[..., None], omega)
+
+
+def require_sight(observations: ArrayLike) -> NDArray[np.float64]:
+    """Return observations as numbers, or raise ValueError if they have another layout."""
+    rows = np.asarray(observations, np.float64)
+    if rows.ndim == 0 or rows.shape[-1] != SIZES[ROOM_LAYOUT]:
+        raise ValueError(f"observations must have shape (..., {SIZES[ROOM_LAYOUT]}), layout {ROOM_LAYOUT}, got {rows.shape}.")
+    return rows
 
 
 def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -74,6 +74,7 @@ def differences(loop, env, steps, policy):
         ("office", "lds01", "tutorial", "vfh"),
         ("dense", "a1", "rough", "vfh"),
         ("dense", "lds01", "tutorial", "bearing+safety"),
+        ("office", "lds01", "tutorial", "planner+safety"),
         *(pytest.param(world, "lds01", "tutorial", "vfh", marks=pytest.mark.nightly) for world in ROOMS if world != "office"),
         *(pytest.param("dense", lidar, "rough", "vfh", marks=pytest.mark.nightly) for lidar in LIDARS if lidar != "a1"),
     ],

@@ -1,0 +1,167 @@
+"""A policy that remembers: VFH+ along the cheapest way over a grid of what it has seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.rooms.lidar import SECTORS
+from turtlebot_gym.tasks import Observation
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
+from turtlebot_gym_agents.policies.grid import CELL, FREE, SIDE, advance, shifted
+from turtlebot_gym_agents.policies.reactive import VectorFieldHistogramPolicy
+from turtlebot_gym_agents.policies.sight import Sight, arc
+
+_BLOCKED = 400.0
+"""Weight of a cell in which the robot would touch something; finite, since it may stand there by its evidence."""
+_LEAP = 0.5
+"""Distance that no robot drives in a step, m: it has been given another goal."""
+_PATIENCE, _STUCK = 1.2, 0.2
+"""Time over which the velocity is averaged, s, and mean share of the limit below which a robot is stuck."""
+_NEAREST = 0.3
+"""Least distance of the point to steer to, m: VFH+ ignores obstacles behind it."""
+
+
+class _Memory(NamedTuple):
+    """What each robot remembers; places are complex numbers in the frame of its grid, m, and directions are of length 1."""
+
+    grid: NDArray[np.int8]
+    """Evidence for obstacles, shape (n, `SIDE`, `SIDE`)."""
+    vain: NDArray[np.int8]
+    """Number of vain attempts to enter a cell, shape (n, `SIDE`, `SIDE`)."""
+    pace: NDArray[np.complex128]
+    """Mean velocity over `_PATIENCE`, as a share of the limit, shape (n,)."""
+    shares: NDArray[np.float64]
+    """The newest scan, shape (n, `SECTORS`)."""
+    frame: NDArray[np.complex128]
+    """Place and direction of the goal's frame, shape (n, 2)."""
+    pose: NDArray[np.complex128]
+    """Place and heading that are expected next, shape (n, 2): a grid begins where its robot is."""
+    target: NDArray[np.complex128]
+    """Point to steer to, shape (n,); NaN for the goal."""
+    steps: NDArray[np.int64]
+    """Number of steps, shape (n,)."""
+
+
+_NEW: Any = tuple(
+    map(np.asarray, (np.int8(0), np.int8(0), 1.0 + 0j, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0))
+)
+_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (), (SECTORS,), (2,), (2,), (), ())
+"""What a robot remembers at first."""
+
+
+@dataclass(eq=False, kw_only=True)
+class PlannerPolicy(VectorFieldHistogramPolicy):
+    """Remember what was seen, and steer by VFH+ to a point of the cheapest way to the goal.
+
+    The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. A way costs more near obstacles.
+    The point is the farthest one in ``preview`` to which a straight line costs hardly more than the way. Nothing is known of
+    what moves but that beams pass later.
+    """
+
+    blocked: Annotated[float, POSITIVE, Range(0.09, 0.17)] = 0.13
+    """Distance from an occupied cell within which the robot would touch it, m."""
+    berth: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.2
+    """Further distance over which cells cost more, m."""
+    fear: Annotated[float, NON_NEGATIVE, Range(0.5, 10.0, log=True)] = 3.0
+    """By how many times a cell costs more at the least distance."""
+    preview: Annotated[float, POSITIVE, Range(0.5, 4.0)] = 2.0
+    """Length of the way in which the point lies, m."""
+    detour: Annotated[float, POSITIVE, Range(1.0, 1.5)] = 1.15
+    """How many times the way's cost a straight line to the point may have."""
+    period: Annotated[float, POSITIVE, Range(0.1, 1.0)] = 0.3
+    """Time between plans, s."""
+    margin: Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)] = 0.03
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        wide = min(int(np.ceil((self.blocked + self.berth) / CELL)), 8)
+        at = CELL * np.arange(-wide, wide + 1)
+        away = np.hypot(at[:, None], at)
+        near = np.round(FREE * self.fear * np.clip(1.0 - (away - self.blocked) / self.berth, 0.0, 1.0))
+        self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.float32)
+        self._memory = self._forgotten(0)
+
+    @staticmethod
+    def _forgotten(count: int) -> _Memory:
+        return _Memory._make(np.full((count, *shape), new, new.dtype) for shape, new in zip(_SHAPES, _NEW, strict=True))
+
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        """Forget everything where an episode begins."""
+        super().reset(mask)
+        rows = np.ravel(mask)
+        if len(rows) != len(self._memory.steps):
+            self._memory = self._forgotten(len(rows))
+        for part, new in zip(self._memory, _NEW, strict=True):
+            part[rows] = new
+
+    def keep(self, mask: NDArray[np.bool_]) -> None:
+        super().keep(mask)
+        self._memory = _Memory._make(part[mask] for part in self._memory)
+
+    def _look(self, observations: ArrayLike) -> Sight:
+        """Return a policy's view, with the point to steer to in the place of the goal."""
+        to = super()._look(observations)
+        point = self._point(np.asarray(observations, np.float64).reshape(to.goal.size, -1)).reshape(to.goal.shape)
+        away = np.abs(point)
+        farther = point * (np.maximum(away, _NEAREST) / np.maximum(away, 1e-9))
+        return to._replace(goal=np.where(np.isnan(away), to.goal, farther))
+
+    def _point(self, rows: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the point to steer to when the next command acts, in the body frame, shape (n,); NaN for the goal."""
+        if len(rows) != len(self._memory.steps):
+            self._memory = self._forgotten(len(rows))
+        memory = self._memory
+        o: Any = Observation(*rows[:, : len(Observation._fields)].T)
+        heading = o.cos_turn - 1j * o.sin_turn  # in the goal's frame
+        place = -o.distance * (o.cos_bearing + 1j * o.sin_bearing) * heading
+        self._anchor(place, heading)
+        place, heading = memory.frame[:, 0] + memory.frame[:, 1] * place, memory.frame[:, 1] * heading
+        v, omega = o.v * self._robot.max_linear, o.omega * self._robot.max_angular
+        # By the LiDAR, a scan is stamped at its beginning or at its end: when it is new, its beams are 0.1 s old on average.
+        moved, turned = arc(-v, -omega, np.maximum(rows[:, -1], 0.2) - 0.1)
+        there = place + heading * moved
+        scans = np.stack([there.real, there.imag, np.angle(heading * turned)], axis=-1)
+        shares = rows[:, len(Observation._fields) : -1]
+        due = memory.steps % max(round(self.period / self.dt), 1) == 0
+        memory.pace[:] += (o.v * heading - memory.pace) * self.dt / _PATIENCE
+        stuck = due & (np.abs(memory.pace) < _STUCK)
+        goals, targets = _pairs(memory.frame[:, 0]), _pairs(memory.target)
+        reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
+        new = (shares != memory.shares).any(axis=-1)
+        advance()(
+            memory.grid, memory.vain, scans, reaches, shares, new, _pairs(place), goals, due, stuck, self._stamp, self.preview,
+            self.detour, targets,
+        )  # fmt: skip
+        memory.pace[stuck] = 1.0
+        moved, turned = arc(v, omega, self.dt)
+        memory.target[:], memory.shares[:] = targets @ (1.0, 1j), shares
+        memory.pose[:, 0], memory.pose[:, 1] = place + heading * moved, heading * turned
+        memory.steps[:] += 1
+        return (memory.target - memory.pose[:, 0]) * np.conj(memory.pose[:, 1])
+
+    def _anchor(self, place: NDArray[np.complex128], heading: NDArray[np.complex128]) -> None:
+        """Keep the grid where it is if the goal is another one, and its robot near its middle.
+
+        Args:
+            place: The robot's in the goal's frame, shape (n,).
+            heading: Its heading.
+        """
+        memory = self._memory
+        frame, (expected, direction) = memory.frame, memory.pose.T
+        leap = ~(np.abs(frame[:, 0] + frame[:, 1] * place - expected) < _LEAP)
+        leap |= (frame[:, 1] * heading * np.conj(direction)).real < np.cos(1.0)
+        frame[leap, 1] = (direction * np.conj(heading))[leap]
+        frame[leap, 0] = (expected - frame[:, 1] * place)[leap]
+        for n in np.flatnonzero(np.maximum(np.abs(expected.real), np.abs(expected.imag)) > 0.25 * SIDE * CELL):
+            rows, columns = round(expected[n].imag / CELL), round(expected[n].real / CELL)
+            memory.grid[n], memory.vain[n] = (shifted(part[n], rows, columns) for part in (memory.grid, memory.vain))
+            for part in (frame[n, :1], memory.pose[n, :1], memory.target[n : n + 1]):
+                part -= CELL * (columns + 1j * rows)
+
+
+def _pairs(points: NDArray[np.complex128]) -> NDArray[Any]:
+    return np.stack([points.real, points.imag], axis=-1)

@@ -1,0 +1,162 @@
+"""The policy that plans: its grid, its ways, what it remembers, and that a batch may go on with some of its rows."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+import pytest
+
+from turtlebot_gym import ROBOTS
+from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
+from turtlebot_gym.tasks import observe
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies import grid, make_policy
+from turtlebot_gym_agents.policies.grid import CELL, OCCUPIED, SIDE
+from turtlebot_gym_agents.policies.planner import PlannerPolicy
+from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
+
+ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+NOTHING = np.ones(SECTORS)
+WALL = np.ones(SECTORS)
+"""A wall across the way, 0.8 m ahead, which is longer on the right."""
+WALL[-6:], WALL[:3] = (0.8 / SIGHT / np.cos(np.radians(10.0 * k)) for k in (np.arange(6, 0, -1), np.arange(3)))
+
+
+def sight(goal=(2.0, 0.0, 0.0), *, at=(0.0, 0.0, 0.0), shares=NOTHING):
+    """Return what is observed at a pose by a robot that stands."""
+    belief = observe(State(*at, 0.0, 0.0), (0.05, 0.1), 1.0, Pose(*goal), Pose(*goal), ROBOTS["burger"])
+    return np.concatenate([belief, shares, [0.2]]).astype(np.float32)
+
+
+def cells(policy, row=0):
+    """Return the places of occupied cells in the frame of the first goal that was given, as complex numbers."""
+    memory = policy._memory
+    down, along = np.nonzero(memory.grid[row] >= OCCUPIED)
+    places = CELL * (along + 0.5 - SIDE // 2 + 1j * (down + 0.5 - SIDE // 2))
+    return (places - memory.frame[row, 0]) / memory.frame[row, 1]
+
+
+def test_the_cheapest_ways_are_dijkstras():
+    random = np.random.default_rng(2)
+    weights = np.where(random.random((17, 12)) < 0.4, 400.0, random.integers(4, 20, (17, 12))).astype(np.float32)
+    costs, queue = {}, [(0, 5, 7)]
+    while queue:
+        cost, i, j = heapq.heappop(queue)
+        if (i, j) not in costs:
+            costs[i, j] = cost
+            for a in range(max(i - 1, 0), min(i + 2, 15)):
+                for b in range(max(j - 1, 0), min(j + 2, 12)):
+                    heapq.heappush(queue, (cost + (7 if a != i and b != j else 5) * int(weights[a + 1, b]), a, b))
+    ways = grid.spread(weights, 5, 7)[1:-1, 1:-1]
+    np.testing.assert_array_equal(ways, [[costs[i, j] for j in range(12)] for i in range(15)])
+
+
+def test_machine_code_is_plain_python_to_the_bit():
+    random, policy = np.random.default_rng(3), PlannerPolicy()
+    compiled, plain = (
+        [np.zeros((2, SIDE, SIDE), np.int8), np.zeros((2, SIDE, SIDE), np.int8), np.zeros((2, 2))] for _ in range(2)
+    )
+    for _ in range(5):
+        scans, shares = random.uniform(-2.0, 2.0, (2, 3)), np.minimum(random.uniform(0.1, 1.3, (2, SECTORS)), 1.0)
+        places, goals, yes = random.uniform(-2.0, 2.0, (2, 2)), random.uniform(-9.0, 9.0, (2, 2)), np.ones(2, np.bool_)
+        for function, (seen, vain, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
+            function(
+                seen, vain, scans, np.array([3.4, 2.0]), shares, yes, places, goals, yes, yes, policy._stamp, 2.0, 1.15, targets
+            )
+        for one, other in zip(compiled, plain, strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert (compiled[0] >= OCCUPIED).sum() > 50
+    assert compiled[1].any()
+
+
+def test_a_place_is_occupied_where_beams_end_and_free_again_when_they_pass():
+    policy = PlannerPolicy()
+    for _ in range(2):
+        policy(sight(shares=WALL))
+        policy(sight(shares=WALL * np.float32(1.001)))  # a scan is entered when it is another one
+    seen = cells(policy) - (-2.0)
+    assert len(seen) > 8
+    assert seen.real == pytest.approx(0.8, abs=0.2)
+    for k in range(20):
+        policy(sight(shares=NOTHING - 1e-3 * (k % 2)))
+    assert not [place for place in cells(policy) + 2.0 if abs(place) < 1.5]
+
+
+@pytest.mark.parametrize("name", ["planner", "planner+safety"])
+def test_a_wall_is_gone_around_also_when_it_is_no_longer_seen_until_its_row_is_forgotten(name):
+    """It is shorter on the left."""
+    policy = make_policy(name)
+    for _ in range(3):
+        assert policy(np.array([sight(shares=WALL)] * 2))[:, 1].min() > 0.2
+    policy.reset(np.array([False, True]))
+    remembers, forgot = policy(np.array([sight()] * 2))[:, 1]
+    assert remembers > 0.2
+    assert forgot == pytest.approx(0.0, abs=1e-6)
+
+
+def test_another_goal_changes_neither_the_grid_nor_the_robots_place_in_it():
+    policy = PlannerPolicy()
+    policy(sight((2.0, 0.0, 0.5), shares=WALL))
+    before = policy._memory.grid.copy(), policy._memory.pose.copy()
+    policy(sight((-1.0, 2.0, -2.0), shares=WALL))
+    np.testing.assert_array_equal(policy._memory.grid, before[0])
+    np.testing.assert_allclose(policy._memory.pose, before[1], atol=1e-6)
+
+
+def test_the_grid_moves_with_its_robot():
+    policy, post = PlannerPolicy(), np.ones(SECTORS)
+    post[9] = 1.0 / SIGHT
+    for x in np.arange(0.0, 11.0, 0.25):
+        policy(sight((15.0, 0.0, 0.0), at=(x, 0.0, 0.0), shares=post if x == 5.0 else NOTHING))
+        assert np.abs(policy._memory.pose[0, 0]) < 0.3 * SIDE * CELL
+    assert cells(policy) == pytest.approx(5.0 - 15.0 + 1j, abs=0.2)
+
+
+def test_a_robot_that_does_not_get_on_tries_another_way():
+    """It stands before a wall, whatever the policy answers; the nearer end is on the left."""
+    policy, turns = PlannerPolicy(), []
+    for _ in range(150):
+        turns.append(policy(sight(shares=WALL))[1])
+    assert turns[0] > 0.2
+    assert min(turns) < -0.2
+
+
+@pytest.mark.parametrize("name", ["vfh", "planner", "vfh+safety", "planner+safety", "ppo-rooms+safety"])
+def test_a_batch_that_goes_on_with_some_rows_is_these_rows(name):
+    random = np.random.default_rng(4)
+    shares = np.minimum(random.uniform(0.04, 1.3, (30, 6, SECTORS)), 1.0)
+    rows = np.array([[sight(shares=each) for each in step] for step in shares])
+    kept, (whole, part) = np.array([True, False, True, True, False, False]), (make_policy(name) for _ in range(2))
+    assert isinstance(whole, ShrinkingPolicy)
+    for policy, mask in ((whole, np.ones(6, np.bool_)), (part, np.ones(3, np.bool_))):
+        policy.reset(mask)
+    for step in rows[:15]:
+        np.testing.assert_allclose(whole(step)[kept], part(step[kept]), rtol=0.0, atol=1e-6)
+    whole.keep(kept)
+    for step in rows[15:]:
+        np.testing.assert_allclose(whole(step[kept]), part(step[kept]), rtol=0.0, atol=1e-6)
+
+
+def test_episodes_do_not_depend_on_whether_a_batch_goes_on_with_some_rows():
+    class Whole:
+        def __init__(self, policy):
+            self.reset, self._drive = policy.reset, policy
+
+        def __call__(self, observations):
+            return self._drive(observations)
+
+    every = Whole(make_policy("vfh+safety"))
+    assert not isinstance(every, ShrinkingPolicy)
+    one, other = (evaluate(driver, env=ROOMS, world="dense", episodes=12, seed=3) for driver in ("vfh+safety", every))
+    np.testing.assert_array_equal(one.episodes.time, other.episodes.time)
+    np.testing.assert_array_equal(one.episodes.path, other.episodes.path)
+
+
+def test_in_an_office_memory_finds_the_doors():
+    """40 offices. With a success of 0.985 and 0.8, a bound is missed by fewer than one seed in a thousand."""
+    told = {name: evaluate(name, env=ROOMS, world="office", episodes=40, seed=3).episodes for name in ("vfh", "planner+safety")}
+    assert told["planner+safety"].success.mean() >= 0.9
+    assert told["vfh"].success.mean() < 0.99
+    assert not told["planner+safety"].collision.any()
