@@ -12,7 +12,7 @@ import pytest
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
 from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, _kinds_of, outputs_of, require_outputs
 
-READ = {"config", "against", "check", "file", "files", "log", "model", "drive", "map", "measured"}
+READ = {"entries", "config", "against", "check", "file", "files", "log", "model", "drive", "map", "measured"}
 """Options that name files to be read."""
 NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "study")}
 NEEDED["localize"] = ["drive.csv", "--map", "drive.csv"]

@@ -50,6 +50,7 @@ BASES: dict[str, list[str]] = {
     "tune": ["--config", "broken.yaml", "--out", "search"],
     "export": ["model.zip", "--allow-pickle"],
     "study": ["list.yaml", "--out", "study"],
+    "protocol": ["table", "empty.json"],
     "check": ["binary.csv"],
     "data": ["list"],
     "benchmark": ["--check", "empty.json"],

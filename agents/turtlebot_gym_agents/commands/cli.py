@@ -37,6 +37,7 @@ from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.learning import Export, Train, Tune
 from turtlebot_gym_agents.commands.localize import Localize
+from turtlebot_gym_agents.commands.protocol import Entry
 from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.commands.study import Study, TuneBaseline
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
@@ -224,6 +225,7 @@ COMMANDS: dict[str, type[_Command]] = {
     "tune-baseline": TuneBaseline,
     "export": Export,
     "study": Study,
+    "protocol": Entry,
     "check": Check,
     "data": Data,
     "benchmark": Benchmark,
