@@ -165,24 +165,25 @@ def _emit_call(typing_context, address, arguments):
 
 def _place(context, builder, signature, arguments):
     data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
-    return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
+    return data, builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
 
 
-def loading(example: Any, leaves: Sequence[int | float | bool]) -> Callable[..., Any]:
+def loading(example: Any, leaves: Sequence[Any]) -> Callable[..., Any]:
     """Return the intrinsic ``load(buffer, at)`` of `kernel.access`."""
     loaded = typeof(example)
 
     def type_load(typing_context, buffer, at):
         def emit(context, builder, signature, arguments):
-            first, rest = _place(context, builder, signature, arguments), iter(leaves)
+            (data, first), rest = _place(context, builder, signature, arguments), iter(leaves)
 
             def build(kind):
                 if isinstance(kind, _TUPLE):
                     return context.make_tuple(builder, kind, [build(item) for item in kind.types])
                 leaf = next(rest)
-                if not isinstance(leaf, int) or isinstance(leaf, bool):
+                if isinstance(leaf, (bool, float)):
                     return context.get_constant(kind, leaf)
-                number = builder.load(builder.gep(first, [context.get_constant(types.intp, max(leaf, ~leaf))]))
+                start, offset = (data, leaf[0]) if isinstance(leaf, tuple) else (first, max(leaf, ~leaf))
+                number = builder.load(builder.gep(start, [context.get_constant(types.intp, offset)]))
                 return builder.fcmp_unordered("!=", number, number.type(0.0)) if kind == types.boolean else number
 
             return build(loaded)
@@ -192,12 +193,12 @@ def loading(example: Any, leaves: Sequence[int | float | bool]) -> Callable[...,
     return _intrinsic(type_load)
 
 
-def storing(leaves: Sequence[int | float | bool]) -> Callable[..., Any]:
+def storing(leaves: Sequence[Any]) -> Callable[..., Any]:
     """Return the intrinsic ``store(buffer, at, value)`` of `kernel.access`."""
 
     def type_store(typing_context, buffer, at, value):
         def emit(context, builder, signature, arguments):
-            first, rest = _place(context, builder, signature, arguments), iter(leaves)
+            (_, first), rest = _place(context, builder, signature, arguments), iter(leaves)
 
             def write(kind, part):
                 if isinstance(kind, _TUPLE):

@@ -111,7 +111,11 @@ def _inlined(function: Callable, make: Callable[..., Callable]) -> None:
     intrinsics.extending.overload(function, jit_options=intrinsics.INLINED)(make)
 
 
-def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int | float | bool]) -> tuple[Callable, Callable]:
+Leaf = int | float | bool | tuple[int]
+"""Where compiled code finds a number of a value, see `access`."""
+
+
+def access(load: Callable, store: Callable, example: Any, leaves: Sequence[Leaf]) -> tuple[Callable, Callable]:
     """Let a compiled loop inline two functions that load and store a value.
 
     To compile them from their Python would take numba longer than a whole step.
@@ -120,8 +124,9 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[int |
         load: ``load(buffer, at)``, as plain Python.
         store: ``store(buffer, at, value)``, as plain Python.
         example: A nested tuple of floats and bools.
-        leaves: For each number its place relative to ``at``, with its bits inverted if it is not stored; or the number itself,
-            a float or a bool, if it is a constant.
+        leaves: For each number its place relative to ``at``, with its bits inverted if it is not stored; in a tuple, its place
+            in the buffer whatever ``at`` is, where it is not stored either; or the number itself, a float or a bool, if it is a
+            constant.
     """
     if HAS_NUMBA:
         load_numbers, store_numbers = intrinsics.loading(example, leaves), intrinsics.storing(leaves)

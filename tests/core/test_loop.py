@@ -128,8 +128,7 @@ BATCH = """
 import json, os, threading, warnings
 import numpy as np
 import turtlebot_gym.compiled.batch as module
-from turtlebot_gym.compiled.loop import loops_of
-from turtlebot_gym.systems import make_parameters, system_of
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 p = make_parameters(SQUARE, noise="clean")
@@ -143,7 +142,7 @@ def stepped(number, steps=3):
 """
 CACHE = """
 x, _ = stepped(1)
-print(json.dumps([module.__file__, sum(loops_of(system_of(p)).step.stats.cache_hits.values()), x]))
+print(json.dumps([module.__file__, sum(module.Batch(1, p, SQUARE_WAYPOINTS)._loops.step.stats.cache_hits.values()), x]))
 """
 
 

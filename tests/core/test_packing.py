@@ -114,11 +114,19 @@ def test_all_parameters_have_the_same_structure(preset):
     assert shape(as_tuple(p)) == shape(as_tuple(make_parameters()))
 
 
-@pytest.mark.parametrize("tiles", [1, 3, 128, 5000])
-@pytest.mark.parametrize("size", [1, 2, 41])
-def test_each_number_of_a_tile_begins_a_cache_line_and_is_zero(tiles, size):
-    rows = aligned(tiles, size)
-    assert rows.shape == (tiles, size * TILE)
-    assert rows.flags.carray
-    assert not rows.any()
-    assert {(rows.ctypes.data + at * TILE * rows.itemsize) % 64 for at in range(tiles * size)} == {0}
+def test_what_is_shared_stands_once_ahead_of_the_tiles():
+    pack = packing(VALUE, known={"last": 6.0}, own=("pair[0]", "nested[1].flag"))
+    assert (pack.size, pack.shared, pack.ahead) == (2, (0, 1, 3, 4, 5, 6), 8)
+    buffer = np.zeros(pack.ahead + 2 * pack.size * TILE)
+    buffer[:6] = 1.0, 1.0, 3.0, 4.0, 0.0, 5.0
+    at = pack.ahead + pack.size * TILE + 7
+    buffer[[at, at + TILE]] = 2.0, 1.0
+    assert pack.load(buffer.tolist(), at) == VALUE
+    load = pack.load
+    assert numba.njit(lambda buffer, at: load(buffer, at))(buffer, at) == VALUE
+
+
+@pytest.mark.parametrize("count", [1, 2 * TILE, 5000 * TILE])
+def test_aligned_zeros_begin_a_cache_line(count):
+    room = aligned(count)
+    assert (room.shape, room.flags.carray, room.ctypes.data % 64, room.any()) == ((count,), True, 0, False)

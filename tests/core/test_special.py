@@ -14,24 +14,33 @@ from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters, system_of
-from turtlebot_gym.systems.special import GENERAL, QUIET, special_of
-from turtlebot_gym.tasks import NAV, POSE
+from turtlebot_gym.systems.special import GENERAL, QUIET, SPECIALS, special_of
+from turtlebot_gym.tasks import NAV, POSE, SQUARE
 from turtlebot_gym.values import Pose
 
 N = TILE + 5
 GOAL = (Pose(0.0, 0.0, 0.0),)
+COURSE = (*GOAL, Pose(0.4, 0.1, 1.0), Pose(0.0, 0.3, -2.0))
 HEAVY = Robot(
     max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0, reverse=False
 )
+WORN = replace(NOISES["rough"], process=replace(NOISES["rough"].process, scale=0.97, turn_scale=1.1, veer=0.02))
+DRAWN = [make_parameters(noise=("rough", WORN, "tutorial", "documented")[i % 4], delay=i % 4) for i in range(N)]
 CASES = {
-    "default": make_parameters(),
-    "clean": make_parameters(noise="clean", robot="waffle"),
-    "documented": make_parameters(POSE, noise="documented", robot=HEAVY, dt=0.05),
+    "default": (make_parameters(), GOAL),
+    "clean": (make_parameters(noise="clean", robot="waffle"), GOAL),
+    "documented": (make_parameters(POSE, noise="documented", robot=HEAVY, dt=0.05), GOAL),
+    "course": (make_parameters(SQUARE, noise="documented"), COURSE),
+    "worn": (make_parameters(noise=WORN, delay=2), GOAL),
+    "worn on a course": (make_parameters(SQUARE, noise=WORN), COURSE),
+    "drawn": (DRAWN, GOAL),
+    "drawn on a course": ([p._replace(task=SQUARE) for p in DRAWN], COURSE),
 }
+"""Parameters and waypoints, in the order of `SPECIALS` from the third on."""
 
 
-def begun(parameters, number=N):
-    batch = Batch(number, parameters, GOAL)
+def begun(parameters, number=N, waypoints=GOAL):
+    batch = Batch(number, parameters, waypoints)
     batch.seeds[:] = np.arange(number)
     batch.reset(np.ones(number, np.bool_), *batch.empty())
     return batch
@@ -64,16 +73,24 @@ def step_both(one, other, actions, *, reset_every=25):
             assert bits(one) == bits(other), at
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_a_special_loop_gives_the_bits_of_the_general_one(name):
-    special, general = begun(CASES[name]), begun([CASES[name]] * N)
-    assert (special._special, general._special) == (QUIET, GENERAL)
+def in_general(parameters, waypoints=GOAL):
+    """Return a batch that has begun with the general loop."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch_module, "special_of", lambda *arguments: GENERAL)
+        return begun(parameters, waypoints=waypoints)
+
+
+@pytest.mark.parametrize(("case", "name"), [*zip((0, 0, 0, 1, 2, 3, 4, 5), CASES, strict=True)])
+def test_a_special_loop_gives_the_bits_of_the_general_one(case, name):
+    parameters, waypoints = CASES[name]
+    special, general = begun(parameters, waypoints=waypoints), in_general(parameters, waypoints)
+    assert (special._special, general._special) == (SPECIALS[case], GENERAL)
     step_both(special, general, acting(120))
 
 
 def test_the_law_notices_a_loop_that_leaves_out_what_is_not_idle(monkeypatch):
     rough = make_parameters(noise=replace(NOISES["tutorial"], process=NOISES["rough"].process))
-    general = begun([rough] * N)
+    general = in_general(rough)
     monkeypatch.setattr(batch_module, "special_of", lambda *arguments: QUIET)
     with pytest.raises(AssertionError):
         step_both(begun(rough), general, acting(120))
@@ -82,7 +99,7 @@ def test_the_law_notices_a_loop_that_leaves_out_what_is_not_idle(monkeypatch):
 def choice(parameters, *, system=None, waypoints=1, **changes):
     of_parameters = system or system_of(parameters)
     numbers = dict(zip(layout_of(of_parameters).parameters.names, flatten(as_tuple(parameters)), strict=True))
-    return special_of(of_parameters, numbers | changes, waypoints)
+    return special_of(of_parameters, {path: np.array([value]) for path, value in (numbers | changes).items()}, waypoints)
 
 
 @pytest.mark.parametrize("path", [path for path, _ in QUIET.parameters])
@@ -90,36 +107,41 @@ def test_a_case_is_left_as_soon_as_one_of_its_parameters_differs(path):
     p = make_parameters()
     usual = dict(zip(layout_of(system_of(p)).parameters.names, flatten(as_tuple(p)), strict=True))[path]
     assert choice(p) is QUIET
-    assert choice(p, **{path: usual + 1.0 if usual < 9.0 else 5.0}) is GENERAL
+    other = choice(p, **{path: usual + 1.0 if usual < 9.0 else 5.0})
+    assert other is (GENERAL if path in dict(SPECIALS[3].parameters) else SPECIALS[2])
 
 
-def test_who_brings_a_kernel_waypoints_a_filter_or_a_system_of_his_own_gets_the_general_loop():
+def test_who_brings_a_kernel_a_filter_or_a_system_of_his_own_gets_the_general_loop():
     p = make_parameters()
-    assert choice(p, waypoints=4) is GENERAL
+    assert choice(p, waypoints=4) is SPECIALS[1]
     assert choice(p, system=system_of(p)._replace(move=lambda body, command, key, at, p: body)) is GENERAL
     assert all(choice(make_parameters(**given)) is GENERAL for given in ({"filter": "gated"}, {"observation": "truth"}))
     assert all(choice(make_parameters(robot=robot)) is QUIET for robot in ROBOTS)
     assert Batch(3, p, GOAL, system=system_of(p))._special is GENERAL
+    assert Batch(3, [p, p, p], GOAL)._special is QUIET
+    assert Batch(2, [p, make_parameters(robot="waffle")], GOAL)._special is GENERAL
 
 
-@pytest.mark.parametrize(
-    "later",
-    [
-        make_parameters(noise="rough", delay=3),
-        [make_parameters(noise=("rough", "clean", "tutorial")[i % 3], delay=i % 4) for i in range(N)],
-        make_parameters(NAV, noise="documented", robot="waffle"),
-    ],
-    ids=["others", "one for each", "still special"],
-)
+LATER = [
+    make_parameters(noise="rough", delay=3),
+    [make_parameters(noise=("rough", "clean", "tutorial")[i % 3], delay=i % 4) for i in range(N)],
+    make_parameters(NAV, noise="documented", robot="waffle"),
+    make_parameters(observation="truth"),
+]
+
+
+@pytest.mark.parametrize("later", LATER, ids=["others", "one for each", "still quiet", "no case"])
 def test_parameters_may_leave_a_case_in_the_middle_of_an_episode(later):
     actions = acting(90)
-    special, general = begun(make_parameters()), begun([make_parameters()] * N)
+    special, general = begun(make_parameters()), in_general(make_parameters())
     step_both(special, general, actions[:40], reset_every=17)
     for batch in (special, general):
-        batch.set_parameters(later if batch is special or isinstance(later, list) else [later] * N)
+        batch.set_parameters(later)
     assert bits(special) == bits(general)
     step_both(special, general, actions[40:], reset_every=17)
-    assert (special._special is QUIET) == (later == make_parameters(NAV, noise="documented", robot="waffle"))
+    expected = {0: SPECIALS[2], 1: SPECIALS[4], 2: QUIET, 3: GENERAL}[LATER.index(later)]
+    assert special._special is expected
     special.set_parameters(make_parameters())
-    general.set_parameters([make_parameters()] * N)
+    general.set_parameters(make_parameters())
     step_both(special, general, actions[:20])  # slip that has begun goes on: there is no way back
+    assert special._special is (QUIET if expected is QUIET else GENERAL)

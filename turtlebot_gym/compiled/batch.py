@@ -72,7 +72,7 @@ class Batch:
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((n_tiles, TILE + 1), np.int64)
         self._keys[:, TILE] = np.arange(n_tiles)
-        self._tiles = aligned(n_tiles, layout.world.size)
+        self._tiles = aligned(n_tiles * layout.world.size * TILE).reshape(n_tiles, -1)
         self._plan = plan
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._parallel = is_large and HAS_NUMBA and self.system.compiled
@@ -84,6 +84,8 @@ class Batch:
         self._first = self._tiles[0]
         self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
+        self._begun = False
+        """Whether an episode has begun: its world may be none of another case."""
         self.set_parameters(parameters)
 
     def _use(self, system: System) -> None:
@@ -109,7 +111,6 @@ class Batch:
         """
         same = isinstance(parameters, Parameters)
         rows = [parameters] if same else list(parameters)
-        first = rows[0]
         if self._by_parameters and any(system_of(row) != self.system for row in rows):
             raise ValueError(
                 "parameters must be for one system: the kind of filter must be the same in all, and so must the plant; "
@@ -119,31 +120,41 @@ class Batch:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
         self._addresses = {}
-        self._choose_loops(first if same else None)
+        numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
+        self._choose_loops(numbers)
         if self._around:
             self._make_room_for(
                 self._around, [parameters] * self.num_envs if isinstance(parameters, Parameters) else parameters
             )
-        table = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
+        layout = self._loops.layout.parameters
+        own = [index for index, place in enumerate(layout.places) if place >= 0]
+        table = numbers[:, own]
         table = np.repeat(table, TILE if same else np.r_[[1] * (len(rows) - 1), 1 + -len(rows) % TILE], axis=0)
-        tiles = table.reshape(-1, TILE, self.layout.parameters.size).transpose(0, 2, 1)
-        self._parameters = aligned(len(tiles), self.layout.parameters.size)
-        self._parameters.reshape(tiles.shape)[:] = tiles
+        tiles = table.reshape(len(table) // TILE, TILE, layout.size).transpose(0, 2, 1)
+        self._parameters = aligned(layout.ahead + tiles.size)
+        self._parameters[: len(layout.shared)] = numbers[0, list(layout.shared)]
+        self._parameters[layout.ahead :].reshape(tiles.shape)[:] = tiles
 
-    def _choose_loops(self, shared: Parameters | None) -> None:
-        """Use the loops of a special case, if all environments share it."""
-        special = GENERAL
-        if shared is not None and self._by_parameters and self._special != GENERAL:
-            numbers = dict(zip(self.layout.parameters.names, flatten(as_tuple(shared)), strict=True))
-            special = special_of(self.system, numbers, self.waypoints.shape[1])
-        if special == self._special:
+    def _choose_loops(self, numbers: NDArray[np.float64]) -> None:
+        """Use the loops of a special case, if one holds for some parameters, shape (1, K) or (N, K), and for the world."""
+        before, special = self._special, GENERAL
+        if self._by_parameters and not (self._begun and before == GENERAL):
+            of_each = dict(zip(self.layout.parameters.names, numbers.T, strict=True))
+            special = special_of(self.system, of_each, self.waypoints.shape[1])
+            if (
+                before is not None
+                and self._begun
+                and not ({*special.world} <= {*before.world} and {*special.same} <= {*before.same})
+            ):
+                special = GENERAL
+        if special == before:
             return
         numbers_at = self._tiles.reshape(len(self._tiles), -1, TILE)
-        if self._special is None:
+        if before is not None:
+            numbers_at[:] = numbers_at[:, self._loops.layout.world.places]
+        if not self._begun:
             for path, value in special.world:
                 numbers_at[:, self.layout.world.names.index(path)] = value
-        else:
-            numbers_at[:] = numbers_at[:, self._loops.layout.world.places]
         self._special, self._loops = special, loops_of(self.system, special)
         self._first_places = np.array(self._loops.layout.world.places) * TILE
 
@@ -176,6 +187,7 @@ class Batch:
             observations: Shape (N, K); rows outside the mask are left as they are.
             outcomes: Shape (6, N); columns outside the mask are left as they are.
         """
+        self._begun = True
         self._visit(mask, True, observations, outcomes)
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:

@@ -28,7 +28,7 @@ class _Layout(NamedTuple):
     """Layout of a system's values in a tile, and in a thread's scratch: observation, outcome and action in sequence."""
 
     parameters: Packing
-    """In a separate tile."""
+    """In a buffer of their own: what is shared, and then the tiles of what each environment has for itself."""
     world: Packing
     """The tile: the only state that is kept between steps."""
     outcome: Packing
@@ -61,7 +61,7 @@ def _layout_of(system: System, special: Special) -> _Layout:
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
     world, outcome = transition(begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
-    parameters = packing(p, known=dict(special.parameters))
+    parameters = packing(p, known=dict(special.parameters), own=special.own)
     a_world = packing(world, known=dict(special.world), same=dict(special.same))
     an_outcome, observation = packing(outcome), packing(observe(world, p))
     at_outcome = observation.size * TILE
@@ -118,27 +118,27 @@ def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
     if around is None:
 
         @kernel
-        def look_at_nothing(first, count, tile, scratch, keys, row, observations, scenes):
+        def look_at_nothing(first, count, tile, scratch, keys, parameters, origin, observations, scenes):
             """Do nothing: there are no surroundings, and the observations are already written."""
 
         return look_at_nothing
     look_round, scene_at, show_ranges = step_of(system).look_round, around.at, _show_ranges_of(system)
     show = _show_of(system, special)
-    parameters, world, outcome, _, at_outcome, *_ = layout_of(system, special)
-    load_parameters, load_world, load_outcome = parameters.load, world.load, outcome.load
+    of_parameters, world, outcome, _, at_outcome, *_ = layout_of(system, special)
+    load_parameters, load_world, load_outcome = of_parameters.load, world.load, outcome.load
     store_world, store_outcome = world.store, outcome.store
 
     @kernel
-    def look_tile(first, count, tile, scratch, keys, row, observations, scenes):
+    def look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes):
         for lane in range(count):
-            p, scene = load_parameters(row, lane), scene_at(scenes, first + lane)
+            p, scene = load_parameters(parameters, origin + lane), scene_at(scenes, first + lane)
             world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
             world, outcome = look_round(world, outcome, int(keys[lane]), p, scene)
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
             show_ranges(first + lane, scene, observations)
         for lane in range(count):
-            show(scratch, lane, load_world(tile, lane), load_parameters(row, lane))
+            show(scratch, lane, load_world(tile, lane), load_parameters(parameters, origin + lane))
 
     return look_tile
 
@@ -147,16 +147,15 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel of a tile's steps: in vectors up to looking, and one by one what is rare or has branches."""
     _, _, _, advance, retarget, _ = step_of(system)
     show, look_tile = _show_later if system.surroundings else _show_of(system, special), _look_tile_of(system, special)
-    parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
-    load_parameters, load_world, load_outcome = parameters.load, world.load, outcome.load
+    of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
+    load_parameters, load_world, load_outcome = of_parameters.load, world.load, outcome.load
     store_world, store_outcome = world.store, outcome.store
     at_reached = at_outcome + outcome.names.index("reached") * TILE
-    own = 1 if special == GENERAL else 0  # in a special case all lanes share the first one's parameters
 
     @kernel
-    def advance_tile(first, count, tile, scratch, keys, row, waypoints, observations, scenes):
+    def advance_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
         for lane in range(count):
-            p = load_parameters(row, own * lane)
+            p = load_parameters(parameters, origin + lane)
             command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
             world, outcome = advance(load_world(tile, lane), command, int(keys[lane]), waypoints.shape[1], p)
             store_world(tile, lane, world)
@@ -164,13 +163,13 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
             show(scratch, lane, world, p)
         for lane in range(count):
             if scratch[at_reached + lane] != 0.0:
-                p = load_parameters(row, own * lane)
+                p = load_parameters(parameters, origin + lane)
                 world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
                 world, outcome = retarget(world, outcome, waypoints[first + lane], p)
                 store_world(tile, lane, world)
                 store_outcome(scratch, at_outcome + lane, outcome)
                 show(scratch, lane, world, p)
-        look_tile(first, count, tile, scratch, keys, row, observations, scenes)
+        look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes)
 
     return advance_tile
 
@@ -180,13 +179,13 @@ def _drive_tile_of(system: System, special: Special) -> Callable[..., None]:
     transition, around = step_of(system).transition, system.surroundings
     assert around is not None
     scene_at, show, show_ranges = around.at, _show_of(system, special), _show_ranges_of(system)
-    parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
-    load_parameters, load_world, store_world, store_outcome = parameters.load, world.load, world.store, outcome.store
+    of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
+    load_parameters, load_world, store_world, store_outcome = of_parameters.load, world.load, world.store, outcome.store
 
     @kernel
-    def drive_tile(first, count, tile, scratch, keys, row, waypoints, observations, scenes):
+    def drive_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
         for lane in range(count):
-            p, scene = load_parameters(row, lane), scene_at(scenes, first + lane)
+            p, scene = load_parameters(parameters, origin + lane), scene_at(scenes, first + lane)
             command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
             key, course = int(keys[lane]), waypoints[first + lane]
             world, outcome = transition(load_world(tile, lane), command, key, course, p, scene)
@@ -212,7 +211,7 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
     widen, scratch_of = (prefer_wide, compiled_scratch) if is_compiled else (_do_nothing, scratch)
 
     @kernel
-    def step_tile(first, count, actions, tile, keys, row, waypoints, observations, outcomes, scenes):
+    def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile whose first environment is ``first``."""
         widen()
         scratch = scratch_of(size)
@@ -220,7 +219,7 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
         for lane in range(count):
             scratch[at_action + lane] = asked[lane, 0]
             scratch[at_action + TILE + lane] = asked[lane, 1]
-        work_tile(first, count, tile, scratch, keys, row, waypoints, observations, scenes)
+        work_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes)
         for lane in range(count):
             for k in range(n_observation):
                 shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]
@@ -237,14 +236,14 @@ def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., 
     begin, lay_out, around = step_of(system).begin, system.lay_out, system.surroundings
     scene_at, seen = (around.at, around.seen) if around else (_no_scene, 0)
     show, show_ranges = _show_of(system, special), _show_ranges_of(system)
-    parameters, world, outcome, observation, at_outcome, _, size = layout_of(system, special)
-    load_parameters, load_world, store_world, store_outcome = parameters.load, world.load, world.store, outcome.store
+    of_parameters, world, outcome, observation, at_outcome, _, size = layout_of(system, special)
+    load_parameters, load_world, store_world, store_outcome = of_parameters.load, world.load, world.store, outcome.store
     n_outcome, n_observation = outcome.size, observation.size
     scratch_of = compiled_scratch if HAS_NUMBA and system.compiled else scratch
 
     @kernel
-    def reset_lane(environment, lane, begins, tile, key, row, waypoints, observations, outcomes, scenes):
-        scratch, p, scene = scratch_of(size), load_parameters(row, lane), scene_at(scenes, environment)
+    def reset_lane(environment, lane, begins, tile, key, parameters, origin, waypoints, observations, outcomes, scenes):
+        scratch, p, scene = scratch_of(size), load_parameters(parameters, origin + lane), scene_at(scenes, environment)
         if begins:
             start, goal = lay_out(key, p, scene)
             if p.task.random:
@@ -270,28 +269,32 @@ def loops_of(system: System, special: Special = GENERAL) -> _Loops:
 @cache
 def _loops_of(system: System, special: Special) -> _Loops:
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
+    layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
+    ahead, width = layout.parameters.ahead, layout.parameters.size * TILE
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for at in range(len(tiles)):
             number = keys[at, TILE]
-            row = parameters[number if len(parameters) > 1 else 0]
+            origin = ahead + (number * width if len(parameters) > ahead + width else 0)
             count = min(TILE, len(actions) - number * TILE)
-            step_tile(number * TILE, count, actions, tiles[at], keys[at], row, waypoints, observations, outcomes, scenes)
+            tile, own = tiles[at], keys[at]
+            step_tile(number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes)
 
     def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for at in range(len(tiles)):
             number = keys[at, TILE]
-            row = parameters[number if len(parameters) > 1 else 0]
+            origin = ahead + (number * width if len(parameters) > ahead + width else 0)
             for environment in range(number * TILE, min((number + 1) * TILE, len(mask))):
                 if mask[environment]:
                     lane, visited = environment % TILE, waypoints[environment]
                     if begins:
                         keys[at, lane] = episode_key(int(seeds[environment]), int(episodes[environment]))
                     key = int(keys[at, lane])  # signed: a mix of unsigned and signed integers becomes a float
-                    reset_lane(environment, lane, begins, tiles[at], key, row, visited, observations, outcomes, scenes)
+                    reset_lane(
+                        environment, lane, begins, tiles[at], key, parameters, origin, visited, observations, outcomes, scenes
+                    )
 
-    layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     if not system.compiled:
         return _Loops(layout, step_rows, reset_rows)
-    case = "" if special == GENERAL else " without slip and delay"
+    case = f" {special.name}" if special.name else ""
     return _Loops(layout, compiled(step_rows, f"steps {place}{case}"), compiled(reset_rows, f"resets {place}{case}"))

@@ -8,16 +8,17 @@ and needs no proof that two arrays do not overlap.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import access
+from turtlebot_gym.kernel import Leaf, access
 
 TILE = 32
 """Environments per tile."""
@@ -25,15 +26,14 @@ _LINE = 64
 """Bytes of a cache line, and of the widest vector register."""
 
 
-def aligned(tiles: int, size: int) -> NDArray[np.float64]:
-    """Return zeros for tiles of ``size`` numbers per environment, shape (tiles, size * TILE), at the start of a cache line.
+def aligned(count: int) -> NDArray[np.float64]:
+    """Return so many zeros, at the start of a cache line.
 
     numpy starts large arrays 16 bytes after one; each load and store of a widest vector would then touch two lines.
     """
-    count = tiles * size * TILE
     room = np.zeros(count + _LINE // 8)
     start = -room.ctypes.data % _LINE // 8
-    return room[start : start + count].reshape(tiles, size * TILE)
+    return room[start : start + count]
 
 
 @cache
@@ -87,7 +87,7 @@ class Packing(NamedTuple):
     """Layout of a type of value in a buffer."""
 
     size: int
-    """Numbers in a value."""
+    """Numbers in a value that have a run in each tile."""
     load: Callable[[Any, int], Any]
     """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
     store: Callable[[Any, int, Any], None]
@@ -98,21 +98,38 @@ class Packing(NamedTuple):
     """Range of numbers of each tuple in the value, by its dotted path."""
     places: tuple[int, ...]
     """Place from which each number is read: its own, or that of a number equal to it."""
+    shared: tuple[int, ...] = ()
+    """Index of each number that stands once, at the start of the buffer, for all environments."""
+
+    @property
+    def ahead(self) -> int:
+        """Places before the first tile, whole cache lines."""
+        return -(-len(self.shared) // (_LINE // 8)) * (_LINE // 8)
 
 
-def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Mapping[str, str] | None = None) -> Packing:
+def packing(
+    example: Any,
+    *,
+    known: Mapping[str, float] | None = None,
+    same: Mapping[str, str] | None = None,
+    own: Collection[str] | None = None,
+) -> Packing:
     """Generate the load and store functions of a value's type.
 
     Args:
         example: A (nested) NamedTuple of numbers with the structure and the types (float, bool) of all such values.
         known: Constants by dotted path: they are neither loaded nor stored.
         same: Numbers that equal an earlier one, by dotted path: they are read from that one's place and not stored.
+        own: Numbers that each environment has for itself, by dotted path; the others stand once for all and are not stored.
+            None for all.
     """
     known, same = known or {}, same or {}
     types: dict[str, type] = {}
     names: list[str] = []
     places: list[int] = []
-    leaves: list[int | float | bool] = []
+    shared: list[int] = []
+    free = itertools.count()
+    leaves: list[Leaf] = []
     writes: list[str] = []
     slices: dict[str, slice] = {}
 
@@ -120,11 +137,17 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
         """Return the expression that reads a value, and record how to write it."""
         if not isinstance(value, tuple):
             name = path.partition(".")[2]
-            places.append(places[names.index(same[name])] if name in same else len(places))
+            is_own = own is None or name in own
+            place_of_own = len(places) if own is None else next(free) if is_own else -1
+            places.append(places[names.index(same[name])] if name in same else place_of_own)
             names.append(name)
             if name in known:
                 leaves.append(bool(known[name]) if isinstance(value, bool) else float(known[name]))
                 return repr(leaves[-1])
+            if not is_own:
+                leaves.append((len(shared),))
+                shared.append(len(names) - 1)
+                return f"(buffer[{len(shared) - 1}] != 0.0)" if isinstance(value, bool) else f"buffer[{len(shared) - 1}]"
             offset = places[-1] * TILE
             leaves.append(~offset if name in same else offset)  # inverted, even 0 says that it is read there, but not stored
             place = f"buffer[at + {offset}]"
@@ -143,9 +166,16 @@ def packing(example: Any, *, known: Mapping[str, float] | None = None, same: Map
         return expression
 
     source = "\n".join(
-        ["def load(buffer, at):", f"    return {read(example, 'value')}", "def store(buffer, at, value):", *writes]
+        [
+            "def load(buffer, at):",
+            f"    return {read(example, 'value')}",
+            "def store(buffer, at, value):",
+            *writes,
+            "    return",
+        ]
     )
     scope: dict[str, Any] = {**types, "inf": math.inf}
     exec(source, scope)  # made of field names only
     load, store = access(scope["load"], scope["store"], _in_floats(example), leaves)
-    return Packing(len(names), load, store, tuple(names), slices, tuple(places))
+    size = len(names) if own is None else next(free)
+    return Packing(size, load, store, tuple(names), slices, tuple(places), tuple(shared))

@@ -49,6 +49,11 @@ def _start(pose):
 
 
 @kernel
+def _either(which, one, other):
+    return Command(one.v if which else other.v, one.omega if which else other.omega)
+
+
+@kernel
 def obey(body, command, p):
     """Return the command in force after an interval.
 
@@ -56,23 +61,28 @@ def obey(body, command, p):
     """
     first, second, third = body.asked
     late = third if p.delay >= 3.0 else (second if p.delay >= 2.0 else first)
-    due_command = Command(late.v if p.delay >= 1.0 else command.v, late.omega if p.delay >= 1.0 else command.omega)
-    return accelerate(body.command, limit(due_command, p.robot), p.robot, p.dt)
+    return accelerate(body.command, limit(_either(p.delay >= 1.0, late, command), p.robot), p.robot, p.dt)
 
 
 @kernel
 def _move(body, command, key, at, p):
     """Move the pose with the current twist; then the twist follows the command."""
     dt, noise = p.dt, p.noise.process
-    first, second, _ = body.asked
+    first, second, third = body.asked
     now = obey(body, command, p)
     truth = body.true_state
     pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.middle)
-    wheels = advance(body.wheels, body.command.v, body.command.omega, dt, p.middle)
+    # What nothing reads is not worked out: a large batch takes as long as its memory.
+    rolled = advance(body.wheels, body.command.v, body.command.omega, dt, p.middle)
+    is_rolled, is_late = p.noise.odometry.wheel, p.delay > 0.0
+    wheels = Pose(
+        rolled.x if is_rolled else pose.x, rolled.y if is_rolled else pose.y, rolled.theta if is_rolled else pose.theta
+    )
+    asked = (_either(is_late, command, first), _either(is_late, first, second), _either(is_late, second, third))
     slip_draw, _ = uniforms(key, at, SLIP)
     slipping = slips(body.slipping, noise, slip_draw, dt)
     twist = execute(now, noise, slipping, normals(key, at, PROCESS), dt)
-    return Body(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), now, (command, first, second), wheels, slipping)
+    return Body(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), now, asked, wheels, slipping)
 
 
 @kernel

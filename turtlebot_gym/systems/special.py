@@ -8,7 +8,11 @@ those of the general loop.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.systems.open_ground import open_ground
@@ -20,13 +24,33 @@ class Special(NamedTuple):
     """Known numbers of a step, by their dotted paths; tuples of pairs stand for dicts."""
 
     parameters: tuple[tuple[str, float], ...] = ()
-    """Fixed parameters of the case; all environments share all parameters."""
+    """Fixed parameters of the case."""
     world: tuple[tuple[str, float], ...] = ()
     """Numbers of the world that never change in this case."""
     same: tuple[tuple[str, str], ...] = ()
     """Numbers of the world that always equal another one in this case."""
     waypoints: int = 0
     """Number of waypoints; 0 for any."""
+    own: tuple[str, ...] | None = None
+    """Parameters that may differ between environments; None for all."""
+    name: str = ""
+    """What the case is, for people."""
+
+    def holds(self, parameters: Mapping[str, NDArray[np.float64]], waypoints: int) -> bool:
+        """Return whether a batch is a case of this kind.
+
+        Args:
+            parameters: By dotted path, of all environments or of one that stands for all.
+            waypoints: Number of waypoints.
+        """
+        fixed = all(path in parameters and (parameters[path] == value).all() for path, value in self.parameters)
+        shared = () if self.own is None else parameters.keys() - {*self.own}
+        alike = all((parameters[path] == parameters[path][0]).all() for path in shared)
+        return fixed and alike and self.waypoints in (0, waypoints)
+
+    def allows(self, before: Special) -> bool:
+        """Return whether an episode that began in another case may go on in this one."""
+        return {*self.world} <= {*before.world} and {*self.same} <= {*before.same}
 
 
 GENERAL = Special()
@@ -36,53 +60,92 @@ _ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 _WITH_TWIST = ("xv", "xw", "yv", "yw", "tv", "tw", "vw")
 _P = "estimate.belief.covariance"
 
-QUIET = Special(
-    parameters=(
-        *((f"noise.process.{alpha}", 0.0) for alpha in _ALPHAS),
-        *((f"tuning.process.{alpha}", 0.0) for alpha in _ALPHAS),
-        *((f"{part}.process.{name}", value)
-          for part in ("noise", "tuning") for name, value in (("scale", 1.0), ("turn_scale", 1.0), ("veer", 0.0))),
-        ("noise.process.slip", 0.0),
-        ("noise.process.slip_start", 0.0),
-        ("noise.odometry.dropout_probability", 0.0),
-        ("noise.odometry.quantization[0]", 0.0),
-        ("noise.odometry.quantization[1]", 0.0),
-        ("noise.odometry.wheel", 0.0),
-        ("tuning.kind.remember_velocity", 0.0),
-        ("tuning.kind.wrap_innovation", 1.0),
-        ("tuning.kind.gate", math.inf),
-        ("task.on_belief", 0.0),
-        ("task.switch_period", math.inf),
-        ("task.laps", 1.0),
-        ("middle", 0.0),
-        ("observed", BELIEVED),
-        ("delay", 0.0),
-    ),
-    world=(
-        ("body.slipping", 0.0),
-        ("senses.odometry.measured", 1.0),
-        ("estimate.rejections", 0.0),
-        *((f"{_P}.{entry}", 0.0) for entry in _WITH_TWIST),
-    ),
-    same=(
-        *((f"body.wheels.{name}", f"body.true_state.{name}") for name in ("x", "y", "theta")),
-        *((f"{part}.{name}", f"body.true_state.{name}")
-          for part in ("body.command", "senses.odometry.twist", "estimate.belief.mean") for name in ("v", "omega")),
-        *((f"course.following.{name}", f"course.reference.{name}") for name in ("x", "y", "theta")),
-    ),
-    waypoints=1,
+_SIMPLE = (
+    *((f"noise.process.{alpha}", 0.0) for alpha in _ALPHAS),
+    *((f"tuning.process.{name}", value) for name, value in (("scale", 1.0), ("turn_scale", 1.0), ("veer", 0.0))),
+    ("tuning.process.alpha2", 0.0),
+    ("tuning.process.alpha3", 0.0),
+    ("noise.odometry.quantization[0]", 0.0),
+    ("noise.odometry.quantization[1]", 0.0),
+    ("noise.odometry.wheel", 0.0),
+    ("tuning.kind.remember_velocity", 0.0),
+    ("tuning.kind.wrap_innovation", 1.0),
+    ("tuning.kind.gate", math.inf),
+    ("task.on_belief", 0.0),
+    ("task.switch_period", math.inf),
+    ("task.laps", 1.0),
+    ("middle", 0.0),
+    ("observed", BELIEVED),
+)
+_QUIET = (
+    *(("noise.process." + name, value)
+      for name, value in (("scale", 1.0), ("turn_scale", 1.0), ("veer", 0.0), ("slip", 0.0), ("slip_start", 0.0))),
+    ("tuning.process.alpha1", 0.0),
+    ("tuning.process.alpha4", 0.0),
+    ("noise.odometry.dropout_probability", 0.0),
+    ("delay", 0.0),
 )  # fmt: skip
+_OWN = (
+    *(f"noise.process.{name}" for name in ("scale", "turn_scale", "veer", "slip", "slip_start", "slip_end")),
+    *(f"noise.odometry.{name}[{at}]" for name in ("R", "bias") for at in range(3)),
+    *(f"noise.odometry.{name}" for name in ("spike_probability", "spike", "dropout_probability")),
+    *(f"tuning.R[{at}]" for at in range(3)),
+    "tuning.process.alpha1",
+    "tuning.process.alpha4",
+    *(f"tuning.process.{name}" for name in ("slip", "slip_start", "slip_end")),
+    "delay",
+)
+"""What a training draws for each environment."""
+
+
+def _pairs(one: str, other: str, *names: str) -> Iterator[tuple[str, str]]:
+    return ((f"{one}.{name}", f"{other}.{name}") for name in names)
+
+
+_WHEELS = tuple(_pairs("body.wheels", "body.true_state", "x", "y", "theta"))
+_TWISTS = tuple(
+    pair for part in ("senses.odometry.twist", "estimate.belief.mean") for pair in _pairs(part, "body.command", "v", "omega")
+)
+_KNOWN = (("estimate.rejections", 0.0), *((f"{_P}.{entry}", 0.0) for entry in _WITH_TWIST))
+_ONE_GOAL = tuple(_pairs("course.following", "course.reference", "x", "y", "theta"))
+
+_ANY_COURSE = Special(parameters=_SIMPLE, world=_KNOWN, same=(*_WHEELS, *_TWISTS), own=(), name="by waypoints")
+_DRAWN_COURSE = _ANY_COURSE._replace(own=_OWN, name="by waypoints, drawn for each")
+_QUIET_COURSE = _ANY_COURSE._replace(
+    name="by waypoints without slip and delay",
+    parameters=_SIMPLE + _QUIET,
+    world=(*_KNOWN, ("body.slipping", 0.0), ("senses.odometry.measured", 1.0)),
+    same=(*_WHEELS, *_pairs("body.command", "body.true_state", "v", "omega"), *_TWISTS),
+)
+
+
+def _to_one_goal(special: Special) -> Special:
+    return special._replace(waypoints=1, same=special.same + _ONE_GOAL, name=special.name.replace("by waypoints", "to a goal"))
+
+
+QUIET = _to_one_goal(_QUIET_COURSE)
 """The default: one goal; commands are executed at once and exactly, all measurements arrive, and the policy observes the Kalman
 filter's belief. The wheels' pose is then the robot's, and the twist is known."""
+SPECIALS = (
+    QUIET,
+    _QUIET_COURSE,
+    _to_one_goal(_ANY_COURSE),
+    _ANY_COURSE,
+    _to_one_goal(_DRAWN_COURSE),
+    _DRAWN_COURSE,
+)
+"""The cases, each before those that it is a case of: the default, and several waypoints; slip, wrong wheels, lost measurements
+and delays; and these different in each environment. What differs is loaded for each environment, all else once for all."""
 
 
-def special_of(system: System, numbers: dict[str, float], waypoints: int) -> Special:
-    """Return the case of parameters that all environments share.
+def special_of(system: System, parameters: Mapping[str, NDArray[np.float64]], waypoints: int) -> Special:
+    """Return the first case that holds.
 
     Args:
         system: The system of the parameters.
-        numbers: The parameters by dotted path.
+        parameters: By dotted path, of all environments or of one that stands for all.
         waypoints: Number of waypoints.
     """
-    is_quiet = waypoints == QUIET.waypoints and all(numbers.get(path) == value for path, value in QUIET.parameters)
-    return QUIET if is_quiet and system == open_ground(EXTENDED_KALMAN) else GENERAL
+    if system != open_ground(EXTENDED_KALMAN):
+        return GENERAL
+    return next((special for special in SPECIALS if special.holds(parameters, waypoints)), GENERAL)

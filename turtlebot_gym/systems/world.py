@@ -14,9 +14,9 @@ class Body(NamedTuple):
     command: Command
     """The command in force, within the robot's limits."""
     asked: tuple[Command, Command, Command]
-    """The policy's last commands, as many as the longest delay, newest first."""
+    """The policy's last commands, as many as the longest delay, newest first; kept where commands are delayed."""
     wheels: Pose
-    """The pose integrated from the wheels."""
+    """The pose integrated from the wheels; the true pose where odometry does not integrate them."""
     slipping: bool
 
 
